@@ -1,0 +1,1 @@
+"""Which plans interfere, where, and exactly when: inside PostGIS."""

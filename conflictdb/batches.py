@@ -1,0 +1,207 @@
+"""Objects, pieces, pairs and results as arrays: what passes between the database and the stages.
+
+Ragged data is concatenated: item i owns rows [offset[i], offset[i + 1]).
+Units: metres, degrees for longitude, latitude and bearings, microseconds since 1970 for instants.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Track
+
+
+@dataclass(frozen=True, slots=True)
+class AreaBatch:
+    """n areas as arrays.
+
+    area_id, version : (n,) int64
+    footprint : (n,) object, shapely MultiPolygon in degrees
+    start_us, end_us : (n,) int64, SINCE_EVER_US and FOR_EVER_US where unbounded
+    floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    """
+
+    area_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    footprint: NDArray[np.object_]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.area_id)
+
+    @classmethod
+    def of(cls, areas: Sequence[Area]) -> "AreaBatch":
+        """Return the batch of some areas, numbered from 0."""
+        footprint = np.empty(len(areas), dtype=object)
+        footprint[:] = [area.footprint for area in areas]
+        return cls(
+            np.arange(len(areas), dtype=np.int64),
+            np.ones(len(areas), dtype=np.int64),
+            footprint,
+            np.array([SINCE_EVER_US if a.start_us is None else a.start_us for a in areas], dtype=np.int64),
+            np.array([FOR_EVER_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
+            np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
+            np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackBatch:
+    """n tracks as arrays; waypoints and outlines are concatenated, track i owning [offset[i], offset[i + 1]).
+
+    track_id, version : (n,) int64
+    waypoint_offset : (n + 1,) int64
+    positions_deg : (w, 2) float64, longitude and latitude
+    times_us : (w,) int64
+    outline_offset : (n + 1,) int64
+    outline_m : (v, 2) float64, starboard and forward
+    floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    """
+
+    track_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    waypoint_offset: NDArray[np.int64]
+    positions_deg: NDArray[np.float64]
+    times_us: NDArray[np.int64]
+    outline_offset: NDArray[np.int64]
+    outline_m: NDArray[np.float64]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.track_id)
+
+    @classmethod
+    def of(cls, tracks: Sequence[Track]) -> "TrackBatch":
+        """Return the batch of some tracks, numbered from 0."""
+        return cls(
+            np.arange(len(tracks), dtype=np.int64),
+            np.ones(len(tracks), dtype=np.int64),
+            _offsets([len(t.times_us) for t in tracks]),
+            _stacked([t.positions_deg for t in tracks]),
+            np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
+            _offsets([len(t.outline_m) for t in tracks]),
+            _stacked([t.outline_m for t in tracks]),
+            np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], dtype=np.float64),
+            np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], dtype=np.float64),
+        )
+
+
+def _offsets(lengths: Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
+
+
+def _stacked(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty((0, 2)), *arrays])
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """n pieces: the unit that stages 1 to 4 work on.
+
+    piece_id : (n,) int64         database id; -1 before it has one
+    kind : (n,) int8              Kind of the object: 0 area, 1 track
+    object_id, version : (n,) int64
+    part : (n,) int32             number of the piece within its object, from 0; the seam copy shares it
+    turn : (n,) int16             0, or -1 for a seam copy: shifted by this many whole turns of longitude
+    start_us, end_us : (n,) int64 SINCE_EVER_US, FOR_EVER_US where unbounded
+    end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's end: no)
+    floor_m, ceiling_m : (n,) float64   -inf, +inf where unbounded
+    hull_xy, hull_offset : (h, 2) float64, (n + 1,) int64   padded convex hull of everything the piece covers, closed
+        ring, plane coordinates in metres, shifted by `turn`
+    shape_xy, shape_offset : (s, 2) float64, (n + 1,) int64  open ring, counter-clockwise, not shifted. Area: the exact
+        convex part in the plane, metres. Track: the outline (starboard, forward), metres
+    leg_start_us, leg_end_us : (n,) int64   tracks: the whole leg that the slice is cut from (areas: 0)
+    leg_start_deg, leg_end_deg : (n, 2) float64   tracks: longitude (unwrapped, not shifted) and latitude (areas: 0)
+    bearing_deg : (n,) float64    tracks: heading of the haven, clockwise from north (areas: 0)
+    """
+
+    piece_id: NDArray[np.int64]
+    kind: NDArray[np.int8]
+    object_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    part: NDArray[np.int32]
+    turn: NDArray[np.int16]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    end_inclusive: NDArray[np.bool_]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+    hull_xy: NDArray[np.float64]
+    hull_offset: NDArray[np.int64]
+    shape_xy: NDArray[np.float64]
+    shape_offset: NDArray[np.int64]
+    leg_start_us: NDArray[np.int64]
+    leg_end_us: NDArray[np.int64]
+    leg_start_deg: NDArray[np.float64]
+    leg_end_deg: NDArray[np.float64]
+    bearing_deg: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.piece_id)
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Pieces"]) -> Self:
+        """Return the pieces of all batches in one; at least one batch."""
+        columns = {}
+        for column in fields(cls):
+            parts = [getattr(batch, column.name) for batch in batches]
+            if column.name.endswith("_offset"):
+                ends = np.cumsum([0, *(part[-1] for part in parts)])
+                parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
+            columns[column.name] = np.concatenate(parts)
+        return cls(**columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """n pairs of pieces that passed stage 2.
+
+    a, b : (n,) int64   row numbers in a `Pieces` batch (not database ids)
+    region_xy, region_offset : (r, 2) float64, (n + 1,) int64   vertices of the intersection of the two hulls, plane
+        coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    region_xy: NDArray[np.float64]
+    region_offset: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+
+@dataclass(frozen=True, slots=True)
+class Conflicts:
+    """n pairs of objects that interfere, or might. The order of a and b within a pair is free: the store puts
+    the area, else the smaller key, first.
+
+    a_kind, b_kind : (n,) int8
+    a_id, b_id, a_version, b_version : (n,) int64
+    period_us, period_offset : (p, 2) int64, (n + 1,) int64   inclusive, increasing, disjoint; SINCE_EVER_US and
+        FOR_EVER_US where unbounded
+    verdict : (n,) int8            index into list(Verdict)
+    first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
+    time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
+    """
+
+    a_kind: NDArray[np.int8]
+    a_id: NDArray[np.int64]
+    a_version: NDArray[np.int64]
+    b_kind: NDArray[np.int8]
+    b_id: NDArray[np.int64]
+    b_version: NDArray[np.int64]
+    period_us: NDArray[np.int64]
+    period_offset: NDArray[np.int64]
+    verdict: NDArray[np.int8]
+    first_contact_deg: NDArray[np.float64]
+    time_error_s: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.a_id)

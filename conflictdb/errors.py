@@ -1,0 +1,68 @@
+"""Every error this package raises on purpose.
+
+ConflictDBError
+|__ InvalidInput(ValueError)   an object or setting is refused; says which object, which field, which rule
+|__ SchemaError                the database holds no usable conflictdb schema
+|   |__ SchemaMissing          run `conflictdb init`
+|   |__ SchemaOutdated         database older than this package: run `conflictdb upgrade`
+|   |__ SchemaTooNew           database newer than this package: refuse to start
+|__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
+|__ StoreError                 any other database error; psycopg.Error in __cause__
+
+What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
+"""
+
+
+class ConflictDBError(Exception):
+    """Base of all errors of this package."""
+
+
+class InvalidInput(ConflictDBError, ValueError):
+    """An object or a setting is refused.
+
+    Parameters
+    ----------
+    key : str
+        What is refused, as the user knows it: ``track 'T1'``, ``scene 'exercise-7'``, ``feature 3``.
+    field : str
+        Field of it, as in the file: ``times[2]``, ``geometry``.
+    rule : str
+        The rule that is broken and, where it helps, the value found and what to do.
+    source : str
+        File (or table) that it came from, empty if none.
+    """
+
+    def __init__(self, key: str, field: str, rule: str, source: str = "") -> None:
+        self.key = key
+        self.field = field
+        self.rule = rule
+        self.source = source
+        super().__init__(": ".join(part for part in (source, key, field, rule) if part))
+
+    def at(self, source: str) -> "InvalidInput":
+        """Return the same refusal, naming the file it came from."""
+        return InvalidInput(self.key, self.field, self.rule, source)
+
+
+class SchemaError(ConflictDBError):
+    """The database holds no usable conflictdb schema."""
+
+
+class SchemaMissing(SchemaError):
+    """The database has no conflictdb schema: run `conflictdb init`."""
+
+
+class SchemaOutdated(SchemaError):
+    """The schema is older than this program: run `conflictdb upgrade`."""
+
+
+class SchemaTooNew(SchemaError):
+    """The schema is newer than this program: install a newer conflictdb."""
+
+
+class ServerError(ConflictDBError):
+    """No PostgreSQL with PostGIS was found, or it does not start."""
+
+
+class StoreError(ConflictDBError):
+    """Any other database error; the psycopg error is the cause."""

@@ -1,0 +1,235 @@
+"""Scenes, areas and tracks, and the rules they must keep.
+
+Units: metres, degrees for longitude and latitude, whole microseconds since 1970-01-01T00:00Z for instants
+(PostgreSQL's own resolution, so that nothing is rounded twice).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+
+METRES_PER_NMI: Final = 1852.0  # exact, by definition
+MPS_PER_KNOT: Final = METRES_PER_NMI / 3600.0
+
+MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
+MAX_LATITUDE_DEG: Final = 90.0
+MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
+
+# Instants are kept within these (years 0001 and 9999): what a timestamp, ISO 8601 and Python can all express.
+MIN_INSTANT_US: Final = -62_135_596_800_000_000
+MAX_INSTANT_US: Final = 253_402_300_799_999_999
+# Ends of an unbounded span, in arrays of microseconds.
+SINCE_EVER_US: Final = -(2**63)
+FOR_EVER_US: Final = 2**63 - 1
+
+
+class Motion(StrEnum):
+    """How tracks and edges run between their points."""
+
+    RHUMB = "rhumb"
+
+
+class EarthModel(StrEnum):
+    """Figure of the earth."""
+
+    WGS84 = "wgs84"
+    SPHERE = "sphere"
+
+
+class Method(StrEnum):
+    """Where a detection stops: the trade between speed and accuracy."""
+
+    SCREEN = "screen"  # stages 1-2: who might meet
+    WINDOW = "window"  # stage 3: a time window that holds every contact
+    NLP = "nlp"  # stage 4: nonlinear program (SLSQP), certified
+
+
+class Verdict(StrEnum):
+    """What is known of a pair that is reported."""
+
+    CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
+    GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
+    UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
+
+
+class Kind(IntEnum):
+    """Kind of an object."""
+
+    AREA = 0
+    TRACK = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Settings that every object of a scene shares.
+
+    tolerance_m : closeness that is too close to call, metres, >= 0
+    separation_m : minimum distance wanted between polygons, metres, >= 0 (0: they must touch to conflict)
+    """
+
+    name: str
+    motion: Motion = Motion.RHUMB
+    earth: EarthModel = EarthModel.WGS84
+    method: Method = Method.NLP
+    tolerance_m: float = 1.0
+    separation_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        who = f"scene {self.name!r}"
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InvalidInput("scene", "name", "must be a non-empty string")
+        for name, choices in (("motion", Motion), ("earth", EarthModel), ("method", Method)):
+            try:
+                object.__setattr__(self, name, choices(getattr(self, name)))
+            except ValueError:
+                known = ", ".join(choice.value for choice in choices)
+                raise InvalidInput(who, name, f"must be one of {known}; got {getattr(self, name)!r}") from None
+        for name in ("tolerance_m", "separation_m"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+                raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
+            object.__setattr__(self, name, float(value))
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon that is closed for a time.
+
+    footprint : MultiPolygon of longitude, latitude in degrees; edges are straight in the scene's plane
+    start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded
+    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    properties : what the file said beyond these, given back on export
+    """
+
+    key: str
+    footprint: shapely.MultiPolygon
+    name: str | None = None
+    start_us: int | None = None
+    end_us: int | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        who = _named("area", self.key)
+        _check_footprint(who, self.footprint)
+        for name in ("start_us", "end_us"):
+            value = getattr(self, name)
+            if value is not None and not MIN_INSTANT_US <= value <= MAX_INSTANT_US:
+                raise InvalidInput(who, name.removesuffix("_us"), "must lie in the years 1 to 9999")
+        if self.start_us is not None and self.end_us is not None and self.end_us <= self.start_us:
+            raise InvalidInput(who, "end", "must be later than start")
+        _check_heights(who, self.floor_m, self.ceiling_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A convex polygon (the haven) carried along waypoints at constant speed on each leg.
+
+    positions_deg : (n, 2) float64, longitude and latitude of the waypoints, n >= 2
+    times_us : (n,) int64, strictly increasing, microseconds since 1970
+    outline_m : (m, 2) float64, convex haven as (starboard, forward) metres about the reference point, not closed;
+        one vertex (usually the origin) is a point haven, two are a line
+    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    properties : what the file said beyond these, given back on export
+    """
+
+    key: str
+    positions_deg: NDArray[np.float64]
+    times_us: NDArray[np.int64]
+    outline_m: NDArray[np.float64]
+    name: str | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        who = _named("track", self.key)
+        positions, times, outline = self.positions_deg, self.times_us, self.outline_m
+        if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
+            raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
+        _check_coordinates(who, "geometry", positions)
+        if len(times) != len(positions):
+            raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
+        if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
+            raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
+        late = np.flatnonzero(np.diff(times) <= 0)
+        if late.size:
+            i = int(late[0])
+            moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
+            rule = "is at two places at the same time" if moved else "must be later than the time before it"
+            raise InvalidInput(who, f"times[{i + 1}]", rule)
+        _check_outline(who, outline)
+        _check_heights(who, self.floor_m, self.ceiling_m)
+
+
+def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:
+    """Return the (m, 2) outline (starboard, forward) of a rectangular haven; sizes in metres, each >= 0.
+
+    Sides of zero length leave no duplicate vertices: all zero is one point.
+    """
+    corners = [(starboard_m, fore_m), (starboard_m, -aft_m), (-port_m, -aft_m), (-port_m, fore_m)]
+    return np.array(list(dict.fromkeys((x + 0.0, y + 0.0) for x, y in corners)), dtype=np.float64)
+
+
+def _named(kind: str, key: object) -> str:
+    if not isinstance(key, str) or not key:
+        raise InvalidInput(kind, "id", f"must be a non-empty string; got {key!r}")
+    return f"{kind} {key!r}"
+
+
+def _check_coordinates(who: str, where: str, positions: NDArray[np.float64]) -> None:
+    if not np.isfinite(positions).all():
+        raise InvalidInput(who, where, "coordinates must be finite numbers")
+    worst = np.abs(positions).max(axis=0)
+    if worst[1] > MAX_LATITUDE_DEG:
+        raise InvalidInput(
+            who, where, f"latitude must lie within +-90 degrees; got {worst[1]:g} (is it longitude first?)"
+        )
+    if worst[0] > MAX_LONGITUDE_DEG:
+        raise InvalidInput(who, where, f"longitude must lie within +-360 degrees; got {worst[0]:g}")
+
+
+def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
+    if not isinstance(footprint, shapely.MultiPolygon) or footprint.is_empty:
+        raise InvalidInput(who, "geometry", "must be a non-empty Polygon or MultiPolygon")
+    _check_coordinates(who, "geometry", shapely.get_coordinates(footprint))
+    west, _, east, _ = footprint.bounds
+    if east - west > 360.0:
+        raise InvalidInput(who, "geometry", f"must not be wider than 360 degrees; it is {east - west:g} wide")
+    if not shapely.is_valid(footprint):
+        raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}")
+
+
+def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> None:
+    for name, value in (("floor_m", floor_m), ("ceiling_m", ceiling_m)):
+        if value is not None and not np.isfinite(value):
+            raise InvalidInput(who, name, "must be a finite number of metres, or absent")
+    if floor_m is not None and ceiling_m is not None and ceiling_m <= floor_m:
+        raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
+
+
+def _check_outline(who: str, outline: NDArray[np.float64]) -> None:
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1:
+        raise InvalidInput(who, "outline_m", "must be a ring of [starboard, forward] metres")
+    if not np.isfinite(outline).all():
+        raise InvalidInput(who, "outline_m", "must be finite numbers of metres")
+    if len(outline) < 3:
+        return
+    edges = np.roll(outline, -1, axis=0) - outline
+    after = np.roll(edges, -1, axis=0)
+    turn = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+    # Rounding of the coordinates turns a straight corner by this much at most (metres squared).
+    slack = 8.0 * np.finfo(np.float64).eps * float(np.abs(outline).max()) ** 2
+    moving = np.hypot(edges[:, 0], edges[:, 1]) > 0.0
+    heading = np.unwrap(np.arctan2(edges[moving, 1], edges[moving, 0]))
+    turns = abs(heading[-1] - heading[0]) if heading.size else 0.0
+    if (turn.max() > slack and turn.min() < -slack) or turns > 2.0 * np.pi + 1e-9:
+        raise InvalidInput(who, "outline_m", "must be a convex ring; split it, or use its convex hull")
