@@ -1,0 +1,263 @@
+"""Rhumb lines on the sphere and on the WGS84 ellipsoid, in the Mercator plane.
+
+Three latitudes do all the work. On the meridian, distance is proportional to the *rectifying* latitude mu; the
+*conformal* latitude chi turns the ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi); and chi is
+mu plus a short Fourier series. A rhumb line is straight in (longitude, psi), and its length is linear in mu, so the
+one quantity that needs care is the divided difference (psi2 - psi1) / (mu2 - mu1): as a quotient of rounded
+differences it loses all digits on an east-west line. Here it is computed as one expression, for every bearing alike.
+
+References
+----------
+C. F. F. Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
+doi:10.1007/s00190-011-0445-3, eqs. 7-9 (conformal latitude), 14 (rectifying radius), 35, 36 (series, order 6).
+C. F. F. Karney, "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024), doi:10.1007/s11200-024-0709-z,
+section 3 (divided differences).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from conflictdb.model import EarthModel
+
+Floats = NDArray[np.float64]
+
+MEAN_RADIUS_M: Final = 6_371_008.771415  # (2a + b) / 3 of WGS84, the sphere of this package
+WGS84_RADIUS_M: Final = 6_378_137.0
+WGS84_FLATTENING: Final = 1.0 / 298.257223563
+
+# Newton steps from conformal to geographic latitude: two reach the last digit for WGS84 (Karney 2011), one to spare.
+_NEWTON_STEPS: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Earth:
+    """A figure of the earth, as the plane of the rhumb lines needs it.
+
+    radius_m : equatorial radius a, metres; plane x = a * longitude, y = a * psi
+    rectifying_m : metres of meridian per radian of rectifying latitude
+    eccentricity : first eccentricity, 0 on the sphere
+    to_rectifying, to_conformal : series mu(chi) and chi(mu) in sin(2 j .), j = 1, 2, ...; empty on the sphere
+    """
+
+    radius_m: float
+    rectifying_m: float
+    eccentricity: float
+    to_rectifying: tuple[float, ...]
+    to_conformal: tuple[float, ...]
+
+    def rectifying(self, latitude: ArrayLike) -> Floats:
+        """Return the rectifying latitude mu of a geographic latitude, radians."""
+        tau = np.tan(np.asarray(latitude, dtype=np.float64))
+        chi = np.arctan(self._conformal_tangent(tau))
+        mu = chi.copy()
+        for j, alpha in enumerate(self.to_rectifying, 1):
+            mu += alpha * np.sin(2 * j * chi)
+        return mu
+
+    def conformal(self, mu: ArrayLike) -> Floats:
+        """Return the conformal latitude chi of a rectifying latitude, radians."""
+        mu = np.asarray(mu, dtype=np.float64)
+        if not self.to_conformal:
+            return mu
+        # Clenshaw: one sine and one cosine serve the whole series.
+        cosine, first = 2.0 * np.cos(2.0 * mu), np.sin(2.0 * mu)
+        ahead = np.zeros_like(mu)
+        this = np.zeros_like(mu)
+        for beta in reversed(self.to_conformal):
+            this, ahead = beta + cosine * this - ahead, this
+        return mu + first * this
+
+    def isometric(self, mu: ArrayLike) -> Floats:
+        """Return the isometric latitude psi (Mercator ordinate over a) of a rectifying latitude."""
+        return np.arcsinh(np.tan(self.conformal(mu)))
+
+    def latitude(self, psi: ArrayLike) -> Floats:
+        """Return the geographic latitude of an isometric latitude, radians."""
+        target = np.sinh(np.asarray(psi, dtype=np.float64))
+        e2 = self.eccentricity**2
+        tau = target / (1.0 - e2)
+        for _ in range(_NEWTON_STEPS if e2 else 0):
+            now = self._conformal_tangent(tau)
+            tau = tau + (target - now) / np.hypot(1.0, now) * (1.0 + (1.0 - e2) * tau**2) / (
+                (1.0 - e2) * np.hypot(1.0, tau)
+            )
+        return np.arctan(tau)
+
+    def rectifying_of_isometric(self, psi: ArrayLike) -> Floats:
+        """Return the rectifying latitude of an isometric latitude, radians."""
+        chi = np.arctan(np.sinh(np.asarray(psi, dtype=np.float64)))
+        mu = chi.copy()
+        for j, alpha in enumerate(self.to_rectifying, 1):
+            mu += alpha * np.sin(2 * j * chi)
+        return mu
+
+    def stretch(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
+        """Return (psi2 - psi1) / (mu2 - mu1), also where mu1 equals mu2; arrays broadcast."""
+        mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
+        ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
+        half = 0.5 * ratio * (mu2 - mu1)
+        z = _sinc(half) * half / np.cos(0.5 * (chi1 + chi2))
+        return ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
+
+    def slope(self, mu: ArrayLike) -> Floats:
+        """Return d psi / d mu."""
+        mu = np.asarray(mu, dtype=np.float64)
+        return self._conformal_slope(mu) / np.cos(self.conformal(mu))
+
+    def slope_change(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
+        """Return (slope(mu2) - slope(mu1)) / (mu2 - mu1), also where mu1 equals mu2; arrays broadcast."""
+        mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
+        ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
+        cos1, cos2 = np.cos(chi1), np.cos(chi2)
+        secant_change = np.sin(0.5 * (chi1 + chi2)) * _sinc(0.5 * ratio * (mu2 - mu1)) / (cos1 * cos2)
+        total, difference = mu1 + mu2, mu2 - mu1
+        slope_of_chi = np.zeros(np.broadcast_shapes(mu1.shape, mu2.shape))
+        for j, beta in enumerate(self.to_conformal, 1):
+            slope_of_chi -= 4.0 * j * j * beta * np.sin(j * total) * _sinc(j * difference)
+        mean_slope = 0.5 * (self._conformal_slope(mu1) + self._conformal_slope(mu2))
+        return secant_change * ratio * mean_slope + 0.5 * (1.0 / cos1 + 1.0 / cos2) * slope_of_chi
+
+    def plane_scale(self, psi: ArrayLike) -> Floats:
+        """Return plane metres per metre on the earth at an isometric latitude (the projection is conformal)."""
+        return self.radius_m / self.rectifying_m * self.slope(self.rectifying_of_isometric(psi))
+
+    def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        """Return plane x and y in metres of longitudes and latitudes in degrees."""
+        x = self.radius_m * np.radians(np.asarray(lon_deg, dtype=np.float64))
+        tau = np.tan(np.radians(np.asarray(lat_deg, dtype=np.float64)))
+        return x, self.radius_m * np.arcsinh(self._conformal_tangent(tau))
+
+    def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Return longitudes (not wrapped) and latitudes in degrees of plane x and y in metres."""
+        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+        return np.degrees(x / self.radius_m), np.degrees(self.latitude(y / self.radius_m))
+
+    def _conformal_tangent(self, tau: Floats) -> Floats:
+        """Return tan chi of tan latitude (Karney 2011, eqs. 7-9)."""
+        secant = np.hypot(1.0, tau)
+        sigma = np.sinh(self.eccentricity * np.arctanh(self.eccentricity * tau / secant))
+        return np.asarray(np.hypot(1.0, sigma) * tau - sigma * secant)
+
+    def _conformal_slope(self, mu: Floats) -> Floats:
+        """Return d chi / d mu."""
+        slope = np.ones_like(mu)
+        for j, beta in enumerate(self.to_conformal, 1):
+            slope += 2.0 * j * beta * np.cos(2 * j * mu)
+        return slope
+
+    def _conformal_slope_between(self, mu1: Floats, mu2: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return (chi2 - chi1) / (mu2 - mu1), chi1 and chi2."""
+        ratio = np.ones(np.broadcast_shapes(mu1.shape, mu2.shape))
+        total, difference = mu1 + mu2, mu2 - mu1
+        for j, beta in enumerate(self.to_conformal, 1):
+            ratio += 2.0 * j * beta * np.cos(j * total) * _sinc(j * difference)
+        return ratio, self.conformal(mu1), self.conformal(mu2)
+
+
+def _ellipsoid(radius_m: float, flattening: float) -> Earth:
+    n = flattening / (2.0 - flattening)
+    alpha = (
+        (1 / 2, -2 / 3, 5 / 16, 41 / 180, -127 / 288, 7891 / 37800),
+        (13 / 48, -3 / 5, 557 / 1440, 281 / 630, -1983433 / 1935360),
+        (61 / 240, -103 / 140, 15061 / 26880, 167603 / 181440),
+        (49561 / 161280, -179 / 168, 6601661 / 7257600),
+        (34729 / 80640, -3418889 / 1995840),
+        (212378941 / 319334400,),
+    )
+    beta = (
+        (1 / 2, -2 / 3, 37 / 96, -1 / 360, -81 / 512, 96199 / 604800),
+        (1 / 48, 1 / 15, -437 / 1440, 46 / 105, -1118711 / 3870720),
+        (17 / 480, -37 / 840, -209 / 4480, 5569 / 90720),
+        (4397 / 161280, -11 / 504, -830251 / 7257600),
+        (4583 / 161280, -108847 / 3991680),
+        (20648693 / 638668800,),
+    )
+    return Earth(
+        radius_m=radius_m,
+        rectifying_m=radius_m / (1.0 + n) * (1.0 + n**2 / 4 + n**4 / 64 + n**6 / 256),
+        eccentricity=float(np.sqrt(flattening * (2.0 - flattening))),
+        to_rectifying=tuple(sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(alpha, 1)),
+        to_conformal=tuple(-sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(beta, 1)),
+    )
+
+
+_EARTHS: Final = {
+    EarthModel.SPHERE: Earth(MEAN_RADIUS_M, MEAN_RADIUS_M, 0.0, (), ()),
+    EarthModel.WGS84: _ellipsoid(WGS84_RADIUS_M, WGS84_FLATTENING),
+}
+
+
+def earth_of(model: EarthModel) -> Earth:
+    """Return the figure of the earth of that name."""
+    return _EARTHS[model]
+
+
+def shorter_way_deg(difference_deg: ArrayLike) -> Floats:
+    """Return a difference of longitudes taken the shorter way round, degrees in [-180, 180].
+
+    Exactly half a turn keeps the sign it has, so that mirrored scenes give mirrored answers.
+    """
+    difference = np.asarray(difference_deg, dtype=np.float64)
+    return np.where(np.abs(difference) > 180.0, difference - 360.0 * np.round(difference / 360.0), difference)
+
+
+def direction_of(bearing_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the (east, north) components of a bearing in degrees, exact at multiples of 90."""
+    bearing = np.asarray(bearing_deg, dtype=np.float64)
+    quarter = np.round(bearing / 90.0)
+    rest = np.radians(bearing - 90.0 * quarter)
+    sine, cosine = np.sin(rest), np.cos(rest)
+    turn = np.mod(quarter, 4.0)
+    east = np.select([turn == 0, turn == 1, turn == 2], [sine, cosine, -sine], -cosine)
+    north = np.select([turn == 0, turn == 1, turn == 2], [cosine, -sine, -cosine], sine)
+    return east + 0.0, north + 0.0
+
+
+def rhumb_inverse(
+    earth: Earth, lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Return the length (metres) and bearing (degrees clockwise from north, in (-180, 180]) of rhumb lines.
+
+    The shorter way round is taken. Arrays broadcast. Two equal points have length 0 and bearing 0.
+    """
+    mu1 = earth.rectifying(np.radians(np.asarray(lat1_deg, dtype=np.float64)))
+    mu2 = earth.rectifying(np.radians(np.asarray(lat2_deg, dtype=np.float64)))
+    turn = np.asarray(lon2_deg, dtype=np.float64) - np.asarray(lon1_deg, dtype=np.float64)
+    east = np.radians(shorter_way_deg(turn)) / earth.stretch(mu1, mu2)
+    north = mu2 - mu1
+    return earth.rectifying_m * np.hypot(east, north), np.degrees(np.arctan2(east, north))
+
+
+def rhumb_distance(
+    earth: Earth, lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike
+) -> Floats:
+    """Return the length of rhumb lines in metres, the shorter way round; arrays broadcast."""
+    return rhumb_inverse(earth, lon1_deg, lat1_deg, lon2_deg, lat2_deg)[0]
+
+
+def rhumb_direct(
+    earth: Earth, lon_deg: ArrayLike, lat_deg: ArrayLike, bearing_deg: ArrayLike, distance_m: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Return longitude (not wrapped) and latitude in degrees after a rhumb step; NaN beyond a pole."""
+    east, north = direction_of(bearing_deg)
+    steps = np.asarray(distance_m, dtype=np.float64) / earth.rectifying_m
+    mu1 = earth.rectifying(np.radians(np.asarray(lat_deg, dtype=np.float64)))
+    mu2 = mu1 + steps * north
+    mu2 = np.where(np.abs(mu2) < 0.5 * np.pi, mu2, np.nan)
+    lon = np.asarray(lon_deg, dtype=np.float64) + np.degrees(steps * east * earth.stretch(mu1, mu2))
+    return lon, np.degrees(earth.latitude(earth.isometric(mu2)))
+
+
+def _sinc(x: Floats) -> Floats:
+    """Return sin(x) / x, 1 at 0."""
+    return np.sinc(x / np.pi)
+
+
+def _atanhc(z: Floats) -> Floats:
+    """Return atanh(z) / z, 1 at 0."""
+    safe = np.where(z == 0.0, 1.0, z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(z == 0.0, 1.0, np.arctanh(np.where(z == 0.0, 0.5, z)) / safe)
