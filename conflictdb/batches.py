@@ -6,7 +6,7 @@ Units: metres, degrees for longitude, latitude and bearings, microseconds since 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class TrackBatch:
         )
 
 
-def _offsets(lengths: Sequence[int]) -> NDArray[np.int64]:
+def _offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
 
 
@@ -111,7 +111,8 @@ class Pieces:
     part : (n,) int32             number of the piece within its object, from 0; the seam copy shares it
     turn : (n,) int16             0, or -1 for a seam copy: shifted by this many whole turns of longitude
     start_us, end_us : (n,) int64 SINCE_EVER_US, FOR_EVER_US where unbounded
-    end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's end: no)
+    end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's
+        end: no)
     floor_m, ceiling_m : (n,) float64   -inf, +inf where unbounded
     hull_xy, hull_offset : (h, 2) float64, (n + 1,) int64   padded convex hull of everything the piece covers, closed
         ring, plane coordinates in metres, shifted by `turn`
@@ -146,10 +147,25 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.piece_id)
 
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the pieces of some rows."""
+        columns: dict[str, Any] = {}
+        for column in fields(self):
+            if column.name.endswith("_offset"):
+                offset = getattr(self, column.name)
+                ragged = column.name.replace("_offset", "_xy")
+                length = offset[rows + 1] - offset[rows]
+                columns[column.name] = _offsets(length)
+                index = np.repeat(offset[rows] - columns[column.name][:-1], length) + np.arange(length.sum())
+                columns[ragged] = getattr(self, ragged)[index]
+            elif not column.name.endswith("_xy"):
+                columns[column.name] = getattr(self, column.name)[rows]
+        return type(self)(**columns)
+
     @classmethod
     def concatenate(cls, batches: Sequence["Pieces"]) -> Self:
         """Return the pieces of all batches in one; at least one batch."""
-        columns = {}
+        columns: dict[str, Any] = {}
         for column in fields(cls):
             parts = [getattr(batch, column.name) for batch in batches]
             if column.name.endswith("_offset"):
@@ -179,8 +195,9 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class Conflicts:
-    """n pairs of objects that interfere, or might. The order of a and b within a pair is free: the store puts
-    the area, else the smaller key, first.
+    """n pairs of objects that interfere, or might.
+
+    The order of a and b within a pair is free: the store puts the area, else the smaller key, first.
 
     a_kind, b_kind : (n,) int8
     a_id, b_id, a_version, b_version : (n,) int64

@@ -1,0 +1,416 @@
+"""Objects cut into pieces: convex, in the scene's plane, with boxes tight in space and time.
+
+An area becomes convex parts, a track leg one or more time slices. Each piece carries a convex hull that covers all it
+does, padded so that two pieces can only come within the scene's tolerance and separation where their hulls meet: the
+database joins hulls, and never misses. Slices serve the boxes, not the accuracy: stage 4 works on the true motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.errors import InvalidInput
+from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
+from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Area, Kind, Scene, Track
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes
+
+# A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
+MAX_HAVEN_LATITUDE_DEG: Final = 89.5
+# A slice is about this many haven lengths long: benchmarks/slicing.py shows the flat optimum.
+SLICE_LENGTH_HAVENS: Final = 2.0
+MAX_SLICES: Final = 16
+# Hulls of polygons differ from them by this share of area at most where they count as convex: less than a
+# micrometre of depth for any area below 1,000 km across.
+CONVEX_AREA_SHARE: Final = 1e-13
+# Share of an area that its triangles may lack or exceed by rounding.
+TRIANGULATION_AREA_SHARE: Final = 1e-9
+
+
+def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
+    """Raise InvalidInput for the first object that the scene's plane cannot hold."""
+    earth = earth_of(scene.earth)
+    rule = (
+        f"latitude beyond {MAX_RHUMB_LATITUDE_DEG:g} degrees has no place in a scene with motion 'rhumb': the Mercator "
+        "plane stretches without limit towards the poles; use motion 'great_circle'"
+    )
+    for area in areas:
+        _, south, _, north = area.footprint.bounds
+        if max(-south, north) > MAX_RHUMB_LATITUDE_DEG:
+            raise InvalidInput(f"area {area.key!r}", "geometry", rule)
+    planar = _planar(earth, np.array([area.footprint for area in areas], dtype=object))
+    for i in np.flatnonzero(~shapely.is_valid(planar)).tolist():
+        if not _is_thread(planar[i]):
+            why = shapely.is_valid_reason(planar[i]).split("[")[0]
+            raise InvalidInput(
+                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are rhumb lines ({why})"
+            )
+    for track in tracks:
+        if np.abs(track.positions_deg[:, 1]).max() > MAX_RHUMB_LATITUDE_DEG:
+            raise InvalidInput(f"track {track.key!r}", "geometry", rule)
+    if not tracks:
+        return
+    batch = TrackBatch.of(tracks)
+    legs = _legs(earth, batch)
+    highest = np.degrees(_haven_latitude(earth, batch, legs))
+    beyond = np.flatnonzero(highest > MAX_HAVEN_LATITUDE_DEG)
+    if beyond.size:
+        track = tracks[int(legs.track[beyond[0]])]
+        raise InvalidInput(
+            f"track {track.key!r}",
+            "outline_m",
+            f"the haven reaches beyond {MAX_HAVEN_LATITUDE_DEG:g} degrees of latitude on one of its legs",
+        )
+
+
+def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
+    """Return the pieces of some areas: their convex parts, and seam copies."""
+    earth = earth_of(scene.earth)
+    owner, rings = _convex_parts(_planar(earth, areas.footprint))
+    n = len(rings)
+    offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings], dtype=np.int64)]).astype(np.int64)
+    xy = np.concatenate([np.empty((0, 2)), *rings])
+    of_vertex = np.repeat(np.arange(n), np.diff(offset))
+    highest = np.zeros(n)
+    np.maximum.at(highest, of_vertex, np.abs(xy[:, 1]) / earth.radius_m)
+    pad = padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
+    hull_xy, hull_offset = _padded_hulls(xy, of_vertex, n, pad)
+    # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
+    shift = -2.0 * np.pi * earth.radius_m * _turns_from_home(earth, hull_xy, hull_offset)
+    xy[:, 0] += shift[of_vertex]
+    hull_xy[:, 0] += np.repeat(shift, np.diff(hull_offset))
+    nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
+    pieces = Pieces(
+        piece_id=np.full(n, -1, np.int64),
+        kind=np.full(n, Kind.AREA, np.int8),
+        object_id=areas.area_id[owner],
+        version=areas.version[owner],
+        part=_numbered(owner),
+        turn=np.zeros(n, np.int16),
+        start_us=areas.start_us[owner],
+        end_us=areas.end_us[owner],
+        end_inclusive=np.zeros(n, np.bool_),
+        floor_m=areas.floor_m[owner],
+        ceiling_m=areas.ceiling_m[owner],
+        hull_xy=hull_xy,
+        hull_offset=hull_offset,
+        shape_xy=xy,
+        shape_offset=offset,
+        leg_start_us=none_us,
+        leg_end_us=none_us,
+        leg_start_deg=nothing,
+        leg_end_deg=nothing,
+        bearing_deg=np.zeros(n),
+    )
+    return _with_seam_copies(earth, pieces)
+
+
+def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of some tracks: time slices of their legs, and seam copies."""
+    earth = earth_of(scene.earth)
+    legs = _legs(earth, tracks)
+    count = _slice_counts(earth, tracks, legs)
+    leg = np.repeat(np.arange(len(count)), count)
+    nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
+    n = len(leg)
+    start = _cut(legs, count, leg, nth)
+    end = _cut(legs, count, leg, nth + 1)
+    track = legs.track[leg]
+    last_of_track = np.append(track[1:] != track[:-1], True)[:n]
+    vertices = np.diff(tracks.outline_offset)[track]
+    outline, outline_offset = _ccw_outlines(tracks)
+    first = outline_offset[track]
+    shape_offset = np.concatenate([[0], np.cumsum(vertices)]).astype(np.int64)
+    pieces = Pieces(
+        piece_id=np.full(n, -1, np.int64),
+        kind=np.full(n, Kind.TRACK, np.int8),
+        object_id=tracks.track_id[track],
+        version=tracks.version[track],
+        part=_numbered(track),
+        turn=np.zeros(n, np.int16),
+        start_us=start,
+        end_us=end,
+        end_inclusive=~last_of_track,
+        floor_m=tracks.floor_m[track],
+        ceiling_m=tracks.ceiling_m[track],
+        hull_xy=np.empty((0, 2)),
+        hull_offset=np.zeros(n + 1, np.int64),
+        shape_xy=outline[np.repeat(first - shape_offset[:-1], vertices) + np.arange(shape_offset[-1])],
+        shape_offset=shape_offset,
+        leg_start_us=legs.start_us[leg],
+        leg_end_us=legs.end_us[leg],
+        leg_start_deg=legs.start_deg[leg],
+        leg_end_deg=legs.end_deg[leg],
+        bearing_deg=legs.bearing_deg[leg],
+    )
+    hull_xy, hull_offset = _swept_hulls(earth, scene, pieces)
+    turns = _turns_from_home(earth, hull_xy, hull_offset)
+    hull_xy[:, 0] -= np.repeat(2.0 * np.pi * earth.radius_m * turns, np.diff(hull_offset))
+    away = np.stack([360.0 * turns, np.zeros(n)], axis=1)
+    pieces = replace(
+        pieces,
+        hull_xy=hull_xy,
+        hull_offset=hull_offset,
+        leg_start_deg=pieces.leg_start_deg - away,
+        leg_end_deg=pieces.leg_end_deg - away,
+    )
+    return _with_seam_copies(earth, pieces)
+
+
+@dataclass(frozen=True, slots=True)
+class _Legs:
+    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing."""
+
+    track: NDArray[np.int64]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    start_deg: Floats
+    end_deg: Floats
+    bearing_deg: Floats
+    length_m: Floats
+
+
+def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
+    waypoints = np.diff(tracks.waypoint_offset)
+    of_waypoint = np.repeat(np.arange(len(tracks)), waypoints)
+    lon = tracks.positions_deg[:, 0]
+    step = np.append(0.0, shorter_way_deg(np.diff(lon)))[: len(lon)]
+    gone = np.cumsum(step)
+    first = tracks.waypoint_offset[:-1][of_waypoint]
+    unwrapped = lon[first] + gone - gone[first]
+    # Only whole turns are added, so that a longitude keeps its digits.
+    positions = np.stack([lon + 360.0 * np.round((unwrapped - lon) / 360.0), tracks.positions_deg[:, 1]], axis=1)
+    inner = np.flatnonzero(of_waypoint[1:] == of_waypoint[:-1])
+    start, end = positions[inner], positions[inner + 1]
+    mu1, mu2 = (earth.rectifying(np.radians(ends[:, 1])) for ends in (start, end))
+    east, north = np.radians(end[:, 0] - start[:, 0]) / earth.stretch(mu1, mu2), mu2 - mu1
+    track = of_waypoint[inner]
+    return _Legs(
+        track=track,
+        start_us=tracks.times_us[inner],
+        end_us=tracks.times_us[inner + 1],
+        start_deg=start,
+        end_deg=end,
+        bearing_deg=_headings(track, np.degrees(np.arctan2(east, north)), (east != 0.0) | (north != 0.0)),
+        length_m=earth.rectifying_m * np.hypot(east, north),
+    )
+
+
+def _headings(track: NDArray[np.int64], bearing_deg: Floats, moves: NDArray[np.bool_]) -> Floats:
+    """Return the heading of each leg: a loiter keeps that of the leg before it, else of the next moving leg, else 0."""
+    rows = np.arange(len(track))
+    before = np.maximum.accumulate(np.where(moves, rows, -1))
+    after = np.minimum.accumulate(np.where(moves, rows, len(rows))[::-1])[::-1]
+    kept = np.where((before >= 0) & (track[before] == track), before, -1)
+    after_safe = np.minimum(after, len(rows) - 1)
+    chosen = np.where(kept >= 0, kept, np.where((after < len(rows)) & (track[after_safe] == track), after, -1))
+    return np.where(chosen >= 0, bearing_deg[chosen], 0.0)
+
+
+def _haven_latitude(earth: Earth, tracks: TrackBatch, legs: _Legs) -> Floats:
+    """Return (m,) the highest absolute latitude (rectifying, radians) that a haven's vertex reaches on each leg."""
+    east, north = direction_of(legs.bearing_deg)
+    vertices = np.diff(tracks.outline_offset)[legs.track]
+    leg_of = np.repeat(np.arange(len(legs.track)), vertices)
+    index = np.arange(len(leg_of)) + np.repeat(
+        tracks.outline_offset[legs.track] - np.cumsum(vertices) + vertices, vertices
+    )
+    outline = tracks.outline_m[index] / earth.rectifying_m
+    first = outline[:, 1] * north[leg_of]
+    second = first - outline[:, 0] * east[leg_of]
+    highest = np.zeros(len(legs.track))
+    for ends in (legs.start_deg, legs.end_deg):
+        mu = earth.rectifying(np.radians(ends[:, 1]))[leg_of]
+        np.maximum.at(highest, leg_of, np.maximum(np.abs(mu + first), np.abs(mu + second)))
+    return highest
+
+
+def _slice_counts(earth: Earth, tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
+    """Return (m,) in how many slices each leg is cut: by its length against its haven's."""
+    radius = np.hypot(tracks.outline_m[:, 0], tracks.outline_m[:, 1])
+    haven = 2.0 * np.maximum.reduceat(radius, tracks.outline_offset[:-1])[legs.track]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wanted = np.ceil(legs.length_m / (SLICE_LENGTH_HAVENS * haven + legs.length_m / MAX_SLICES))
+    wanted = np.where(legs.length_m > 0.0, np.maximum(wanted, 1.0), 1.0).astype(np.int64)
+    return np.minimum(wanted, legs.end_us - legs.start_us)
+
+
+def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the instants (whole microseconds) at nth / count of legs, without leaving 64 bits."""
+    whole, rest = np.divmod((legs.end_us - legs.start_us)[leg], count[leg])
+    return legs.start_us[leg] + whole * nth + rest * nth // count[leg]
+
+
+def _ccw_outlines(tracks: TrackBatch) -> tuple[Floats, NDArray[np.int64]]:
+    """Return all outlines turned counter-clockwise, and their offsets."""
+    outline = tracks.outline_m.copy()
+    offset = tracks.outline_offset
+    of_vertex = np.repeat(np.arange(len(tracks)), np.diff(offset))
+    after = np.arange(len(outline)) + 1
+    after[offset[1:] - 1] = offset[:-1]
+    doubled = np.zeros(len(tracks))
+    cross = outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0]
+    np.add.at(doubled, of_vertex, cross)
+    mirrored = offset[:-1][of_vertex] + offset[1:][of_vertex] - 1 - np.arange(len(outline))
+    clockwise = (doubled < 0.0)[of_vertex]
+    return np.where(clockwise[:, None], outline[mirrored], outline), offset
+
+
+def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces) -> tuple[Floats, NDArray[np.int64]]:
+    """Return hulls that hold each haven during its whole slice, and the padding.
+
+    The reference point runs straight in the plane; between the slice's ends a vertex departs from the chord of its
+    offset by at most bend * (psi difference)^2 / 8, which is added to the padding: proven, not assumed.
+    """
+    n = len(pieces)
+    points: list[Floats] = []
+    owners: list[NDArray[np.int64]] = []
+    pad = np.zeros(n)
+    counts = np.diff(pieces.shape_offset)
+    for vertices in np.unique(counts):
+        rows = np.flatnonzero(counts == vertices)
+        shapes = rhumb_shapes(earth, pieces, rows, pieces.start_us[rows])
+        t0, t1 = np.zeros(len(rows)), (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
+        way = earth.isometric(shapes.reference(t1)[1]) - earth.isometric(shapes.reference(t0)[1])
+        highest = earth.isometric(shapes.highest_latitude(t0, t1))
+        pad[rows] = padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
+        pad[rows] += shapes.offset_bend(t0, t1) * way**2 / 8.0
+        for t in (t0, t1):
+            points.append(shapes.positions(t).reshape(-1, 2))
+            owners.append(np.repeat(rows, vertices))
+    return _padded_hulls(
+        np.concatenate([np.empty((0, 2)), *points]), np.concatenate([np.empty(0, np.int64), *owners]), n, pad
+    )
+
+
+def _padded_hulls(xy: Floats, owner: NDArray[np.int64], n: int, pad: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return closed convex hulls (concatenated, offsets) of each owner's points grown by squares of half side pad."""
+    if n == 0:
+        return np.empty((0, 2)), np.zeros(1, np.int64)
+    order = np.argsort(owner, kind="stable")
+    xy, owner = xy[order], owner[order]
+    corners = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+    grown = (xy[:, None, :] + pad[owner][:, None, None] * corners).reshape(-1, 2)
+    hulls = shapely.convex_hull(shapely.multipoints(grown, indices=np.repeat(owner, len(corners))))
+    coordinates, of = shapely.get_coordinates(hulls, return_index=True)
+    return coordinates, np.searchsorted(of, np.arange(n + 1)).astype(np.int64)
+
+
+def _turns_from_home(earth: Earth, hull_xy: Floats, hull_offset: NDArray[np.int64]) -> Floats:
+    """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
+    west = np.minimum.reduceat(hull_xy[:, 0], hull_offset[:-1]) if len(hull_offset) > 1 else np.empty(0)
+    return np.floor(west / (2.0 * np.pi * earth.radius_m) + 0.5)
+
+
+def _with_seam_copies(earth: Earth, pieces: Pieces) -> Pieces:
+    """Return the pieces and, for those that reach +180 degrees, a copy one turn west."""
+    if not len(pieces):
+        return pieces
+    east = np.maximum.reduceat(pieces.hull_xy[:, 0], pieces.hull_offset[:-1])
+    # A touch on the seam must be found from both sides.
+    rows = np.flatnonzero(east >= np.pi * earth.radius_m - ROUNDING_ALLOWANCE_M)
+    if not rows.size:
+        return pieces
+    copies = pieces.take(rows)
+    hull_xy = copies.hull_xy - np.array([2.0 * np.pi * earth.radius_m, 0.0])
+    return Pieces.concatenate([pieces, replace(copies, hull_xy=hull_xy, turn=copies.turn - np.int16(1))])
+
+
+def _numbered(owner: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return for sorted owners the running number within each."""
+    if not len(owner):
+        return np.empty(0, np.int32)
+    starts = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+    return (np.arange(len(owner)) - np.repeat(starts, np.diff(np.append(starts, len(owner))))).astype(np.int32)
+
+
+def _planar(earth: Earth, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
+    def project(lonlat: Floats) -> Floats:
+        return np.stack(earth.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
+
+    return shapely.transform(footprints, project)
+
+
+def _is_thread(polygon: shapely.Geometry) -> bool:
+    """Return whether a polygon is narrower than the plane's rounding: it may then look invalid without being so."""
+    return bool(shapely.oriented_envelope(polygon).area <= ROUNDING_ALLOWANCE_M * max(polygon.length, 1.0))
+
+
+def _convex_parts(planar: NDArray[np.object_]) -> tuple[NDArray[np.int64], list[Floats]]:
+    """Return for each convex part the row of its polygon (sorted), and its open ring, counter-clockwise."""
+    polygons, owner = shapely.get_parts(planar, return_index=True)
+    hulls = shapely.convex_hull(polygons)
+    whole = shapely.get_num_interior_rings(polygons) == 0
+    whole &= shapely.area(hulls) <= shapely.area(polygons) * (1.0 + CONVEX_AREA_SHARE)
+    whole |= shapely.get_dimensions(hulls) < 2
+    rings: list[Floats] = []
+    owners: list[int] = []
+    for polygon, hull, is_convex, row in zip(polygons, hulls, whole, owner, strict=True):
+        parts = [hull] if is_convex else _split(polygon, hull)
+        for part in parts:
+            rings.append(_open_ring(part))
+            owners.append(row)
+    return np.array(owners, dtype=np.int64), rings
+
+
+def _open_ring(part: shapely.Geometry | Floats) -> Floats:
+    if isinstance(part, np.ndarray):
+        return part
+    if part.geom_type == "Polygon":
+        return np.asarray(shapely.get_coordinates(shapely.orient_polygons(part))[:-1])
+    return np.asarray(shapely.get_coordinates(part))
+
+
+def _split(polygon: shapely.Polygon, hull: shapely.Geometry) -> list[shapely.Geometry | Floats]:
+    """Return convex parts that cover a polygon: its constrained Delaunay triangles, merged while convex.
+
+    S. Hertel, K. Mehlhorn, "Fast triangulation of the plane with respect to simple polygons", Information and
+    Control 64 (1985), doi:10.1016/S0019-9958(85)80044-9: at most four times the least number of parts.
+    """
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    missing = abs(float(shapely.area(triangles).sum()) - polygon.area)
+    if _is_thread(polygon) or missing > TRIANGULATION_AREA_SHARE * polygon.area:
+        # Never a miss: what cannot be cut reliably (narrower than the plane's rounding) counts as its hull.
+        return [hull]
+    corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
+    points, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    return [points[ring] for ring in _merge_convex(points, index.reshape(-1, 3).tolist())]
+
+
+def _merge_convex(points: Floats, triangles: list[list[int]]) -> list[list[int]]:
+    """Return counter-clockwise rings (indices of points): triangles joined over shared edges while convex."""
+    xy = points.tolist()
+    rings: list[list[int]] = triangles
+    edge_of = {(ring[k - 1], ring[k]): r for r, ring in enumerate(rings) for k in range(3)}
+    joined = list(range(len(rings)))
+
+    def root(r: int) -> int:
+        while joined[r] != r:
+            joined[r] = joined[joined[r]]
+            r = joined[r]
+        return r
+
+    def turns_left(a: int, b: int, c: int) -> bool:
+        (ax, ay), (bx, by), (cx, cy) = xy[a], xy[b], xy[c]
+        return bool((bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= 0.0)
+
+    for (u, v), mine in list(edge_of.items()):
+        other = edge_of.get((v, u))
+        if other is None or u > v:
+            continue
+        p, q = root(mine), root(other)
+        if p == q:
+            continue
+        first, second = rings[p], rings[q]
+        at, opposite = first.index(v), second.index(u)
+        # first runs ... u, v ...; second runs ... v, u ...: open both at the shared edge.
+        chain = first[at:] + first[:at]
+        chain_other = second[opposite:] + second[:opposite]
+        if turns_left(chain[-2], u, chain_other[1]) and turns_left(chain_other[-2], v, chain[1]):
+            rings[p] = chain + chain_other[1:-1]
+            joined[q] = p
+    return [ring for r, ring in enumerate(rings) if joined[r] == r]
