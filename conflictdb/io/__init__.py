@@ -1,0 +1,81 @@
+"""Reading of scene files and of what other programs write, and writing of scenes and conflicts.
+
+`read` is the way in: it finds the format, and either returns everything that the file holds or raises one InvalidInput
+that names the file, the object, the field and the rule.
+"""
+
+import gzip
+import zlib
+from pathlib import Path
+from typing import Final
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io.scene_file import read_scene, scene_text
+
+__all__ = ["Contents", "Skipped", "read", "scene_text"]
+
+_JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
+_ROWS: Final = frozenset({".csv", ".tsv"})
+
+
+def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
+    """Return everything that a file holds.
+
+    Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
+    areas of any other format that OGR opens.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its name is the name of the scene unless it gives one itself.
+    max_speed_kn : float, optional
+        Files of positions: the speed in knots beyond which a fix is an error; see `conflictdb.io.positions`.
+
+    Raises
+    ------
+    InvalidInput
+        If the file, an object or a field breaks a rule. Nothing of the file is used then.
+    """
+    path = Path(path)
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_packed = suffixes[-1:] == [".gz"]
+    suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
+    try:
+        if suffix in _JSON:
+            return read_scene(_text(path, is_packed), stem(path))
+        if suffix in _ROWS:
+            from conflictdb.io.positions import read_positions
+
+            return read_positions(_text(path, is_packed), str(path), max_speed_kn=max_speed_kn)
+        if not path.exists():
+            raise InvalidInput("file", "", "does not exist")
+        from conflictdb.io.ogr import read_areas
+
+        return read_areas(path)
+    except InvalidInput as refused:
+        raise refused.at(str(path)) from refused.__cause__
+
+
+def stem(path: Path) -> str:
+    """Return the name of a file without the suffixes that say its format."""
+    name = path.name
+    for suffix in reversed(path.suffixes):
+        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS:
+            name = name.removesuffix(suffix)
+    return name if name != path.name else path.stem
+
+
+def _text(path: Path, is_packed: bool) -> str:
+    try:
+        data = path.read_bytes()
+        if is_packed:
+            data = gzip.decompress(data)
+    except FileNotFoundError:
+        raise InvalidInput("file", "", "does not exist") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InvalidInput("file", "", f"cannot be read: {error}") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInput("file", f"byte {error.start}", "must be UTF-8 text") from None

@@ -1,0 +1,89 @@
+"""Typed reading of the members of one object of a file; what has the wrong type is refused by name."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io.instants import parse_instant
+from conflictdb.io.json_text import check_storable, check_text
+
+
+class Fields:
+    """Members of one object, and which of them have been asked for.
+
+    Parameters
+    ----------
+    who : str
+        The object, as the user knows it: ``track 'T1'``.
+    values : Mapping
+        Its members. None counts as absent.
+    """
+
+    def __init__(self, who: str, values: Mapping[str, Any]) -> None:
+        self.who = who
+        self.values = values
+        self.known: set[str] = set()
+
+    def get(self, name: str) -> Any:
+        """Return a member as it is, None if absent."""
+        self.known.add(name)
+        return self.values.get(name)
+
+    def has(self, name: str) -> bool:
+        """Return whether a member is there and not null."""
+        self.known.add(name)
+        return self.values.get(name) is not None
+
+    def text(self, name: str) -> str | None:
+        """Return a member that must be a string."""
+        value = self.get(name)
+        if value is None:
+            return None
+        if not isinstance(value, str):
+            raise self.refusal(name, f"must be a string; got {value!r:.60}")
+        check_text(self.who, name, value)
+        return value
+
+    def number(self, name: str) -> float | None:
+        """Return a member that must be a finite number."""
+        value = self.get(name)
+        return None if value is None else finite(self.who, name, value)
+
+    def instant(self, name: str) -> int | None:
+        """Return a member that must be an ISO 8601 instant, in microseconds since 1970."""
+        value = self.get(name)
+        return None if value is None else instant(self.who, name, value)
+
+    def rest(self) -> dict[str, Any]:
+        """Return the members that were never asked for, nulls included; refuse what a database cannot hold."""
+        rest = {name: value for name, value in self.values.items() if name not in self.known}
+        check_storable(self.who, "", rest)
+        return rest
+
+    def refusal(self, field: str, rule: str) -> InvalidInput:
+        """Return the error that refuses a field of this object."""
+        return InvalidInput(self.who, field, rule)
+
+
+def finite(who: str, where: str, value: Any) -> float:
+    """Return a number as a float; refuse booleans, texts, NaN, infinities and what a float cannot hold."""
+    if type(value) not in (int, float):
+        raise InvalidInput(who, where, f"must be a number; got {value!r:.60}")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise InvalidInput(who, where, "is too large a number") from None
+    if not math.isfinite(number):
+        raise InvalidInput(who, where, f"must be a finite number; got {number}")
+    return number
+
+
+def instant(who: str, where: str, value: Any) -> int:
+    """Return an ISO 8601 instant in microseconds since 1970."""
+    if not isinstance(value, str):
+        raise InvalidInput(who, where, f"must be a date and time as a string; got {value!r:.60}")
+    try:
+        return parse_instant(value)
+    except ValueError as error:
+        raise InvalidInput(who, where, str(error)) from None

@@ -1,0 +1,65 @@
+"""Strict JSON: what PostgreSQL's jsonb and the model could not hold is refused here, with its place."""
+
+import json
+import math
+from typing import Any, Final
+
+from conflictdb.errors import InvalidInput
+
+MAX_DEPTH: Final = 100  # levels of nesting; far beyond any scene file, and within Python's own limit
+
+
+def parse(text: str) -> Any:
+    """Return the value of a JSON text.
+
+    NaN and Infinity come through as floats, so that the object and field that hold them can be named: `check_storable`
+    and the number checks of `fields` refuse them. Raises InvalidInput for anything that is not JSON.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_unique)
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        end = "the file ends too early: " if error.pos >= len(text.rstrip()) else ""
+        raise InvalidInput("JSON", place, f"{end}{error.msg[0].lower()}{error.msg[1:]}") from None
+    except RecursionError:
+        raise InvalidInput("JSON", "", "is nested too deeply") from None
+    except ValueError as error:  # an integer of more digits than Python converts
+        raise InvalidInput("JSON", "", f"holds a number that is out of range: {error}") from None
+
+
+def check_storable(who: str, where: str, value: Any, depth: int = 0) -> None:
+    """Refuse a JSON value that a database cannot hold: NaN, infinities, NUL and lone surrogates in text."""
+    if depth > MAX_DEPTH:
+        raise InvalidInput(who, where.split(".")[0], f"is nested more than {MAX_DEPTH} deep")
+    if isinstance(value, str):
+        check_text(who, where, value)
+    elif isinstance(value, float):
+        if not math.isfinite(value):
+            raise InvalidInput(who, where, f"must be a finite number; got {value}")
+    elif isinstance(value, dict):
+        for name, member in value.items():
+            check_text(who, where, name)
+            check_storable(who, f"{where}.{name}" if where else name, member, depth + 1)
+    elif isinstance(value, list):
+        for i, member in enumerate(value):
+            check_storable(who, f"{where}[{i}]", member, depth + 1)
+
+
+def check_text(who: str, where: str, text: str) -> None:
+    """Refuse a text that cannot be stored as UTF-8 in PostgreSQL."""
+    if "\0" in text:
+        raise InvalidInput(who, where, "must not contain the character U+0000")
+    if not text.isascii():
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            raise InvalidInput(who, where, "contains half of a surrogate pair, which is no character") from None
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    members = dict(pairs)
+    if len(members) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidInput("JSON", twice, "appears twice in one object")
+    return members

@@ -1,0 +1,217 @@
+"""Areas and tracks from the properties of a GeoJSON feature, and back.
+
+Also the reading of havens and speeds that other formats share.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import geodesy
+from conflictdb.errors import InvalidInput
+from conflictdb.io.fields import Fields, finite, instant
+from conflictdb.io.geometry import line, multipolygon, pairs
+from conflictdb.io.instants import format_instant
+from conflictdb.model import (
+    MAX_RHUMB_LATITUDE_DEG,
+    METRES_PER_NMI,
+    MPS_PER_KNOT,
+    Area,
+    EarthModel,
+    Track,
+    rectangle_outline_m,
+)
+
+SIDES: Final = ("fore", "aft", "port", "starboard")
+TIMES: Final = ("times", "datetimes")
+SPEED: Final = ("start", "speed_kn", "speed_mps")
+# What the reader takes for itself; a property of such a name, put there by SQL, would not be read back as a property.
+AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m"})
+TRACK_MEMBERS: Final = frozenset(
+    {"kind", "name", "floor_m", "ceiling_m", "outline_m", *TIMES, *SPEED}
+    | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
+)
+# A plan that lasts longer than this leaves the years 1 to 9999 anyway; kept within it, microseconds fit 64 bits.
+MAX_DURATION_S: Final = 3.2e11
+
+
+def area(key: str, geometry: dict[str, Any], fields: Fields) -> Area:
+    """Return the area of a feature; raises InvalidInput."""
+    return Area(
+        key,
+        multipolygon(fields.who, geometry),
+        name=fields.text("name"),
+        start_us=fields.instant("start"),
+        end_us=fields.instant("end"),
+        floor_m=fields.number("floor_m"),
+        ceiling_m=fields.number("ceiling_m"),
+        properties=fields.rest(),
+    )
+
+
+def track(key: str, geometry: dict[str, Any], fields: Fields, earth: EarthModel) -> Track:
+    """Return the track of a feature; raises InvalidInput.
+
+    Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
+    `start` and a speed over the ground, with the lengths of the legs on `earth`.
+    """
+    positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
+    by_times = [name for name in TIMES if fields.has(name)]
+    by_speed = [name for name in SPEED if fields.has(name)]
+    if by_times and (by_speed or len(by_times) > 1):
+        twice = (*by_speed, *by_times)[0]
+        raise fields.refusal(twice, f"must not be given together with {by_times[-1]}: give times, or start and a speed")
+    if by_times:
+        return moving(key, positions, instants(fields, by_times[0]), fields)
+    if not by_speed:
+        raise fields.refusal("times", "is missing: give times (one per waypoint), or start and speed_kn or speed_mps")
+    # Times that are right in number and order, until the positions they depend on have been checked.
+    provisional = moving(key, positions, np.arange(len(positions), dtype=np.int64), fields)
+    return replace(provisional, times_us=_times_at_speed(fields, positions, earth), properties=fields.rest())
+
+
+def moving(key: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], fields: Fields) -> Track:
+    """Return the track along these waypoints with the haven, name and heights that its fields give."""
+    return Track(
+        key,
+        positions_deg,
+        times_us,
+        haven(fields),
+        name=fields.text("name"),
+        floor_m=fields.number("floor_m"),
+        ceiling_m=fields.number("ceiling_m"),
+        properties=fields.rest(),
+    )
+
+
+def instants(fields: Fields, name: str) -> NDArray[np.int64]:
+    """Return a member that must be a list of ISO 8601 instants, in microseconds since 1970."""
+    values = fields.get(name)
+    if not isinstance(values, list):
+        raise fields.refusal(name, f"must be a list of dates and times, one per waypoint; got {values!r:.60}")
+    return np.array([instant(fields.who, f"{name}[{i}]", v) for i, v in enumerate(values)], dtype=np.int64)
+
+
+def haven(fields: Fields) -> NDArray[np.float64]:
+    """Return the (m, 2) outline (starboard, forward) in metres of the haven that the fields give.
+
+    Raises InvalidInput if there is none, if it is given twice, or if a size is negative.
+    """
+    sides = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi") if fields.has(f"{side}_{unit}")]
+    if fields.has("outline_m"):
+        if sides:
+            raise fields.refusal(sides[0], "must not be given together with outline_m")
+        outline = pairs(fields.who, "outline_m", fields.get("outline_m"), "[starboard, forward] in metres")
+        closed = len(outline) > 1 and bool(np.all(outline[0] == outline[-1]))
+        return outline[:-1] if closed else outline
+    if not sides:
+        rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
+        raise fields.refusal("fore_m", rule)
+    return rectangle_outline_m(*(_side_m(fields, side) for side in SIDES))
+
+
+def _side_m(fields: Fields, side: str) -> float:
+    metres, nautical = fields.number(f"{side}_m"), fields.number(f"{side}_nmi")
+    if metres is not None and nautical is not None:
+        raise fields.refusal(f"{side}_nmi", f"must not be given together with {side}_m")
+    if metres is None and nautical is None:
+        raise fields.refusal(f"{side}_m", "is missing: the other sides of the haven are given (0 is allowed)")
+    name, size = (f"{side}_m", metres) if nautical is None else (f"{side}_nmi", nautical)
+    if size is None or size < 0.0:
+        raise fields.refusal(name, f"must not be negative; got {size:g}")
+    return size if nautical is None else size * METRES_PER_NMI
+
+
+def _times_at_speed(fields: Fields, positions: NDArray[np.float64], earth: EarthModel) -> NDArray[np.int64]:
+    """Return the times (n,) int64 at the waypoints (n, 2), from `start` and the speed on each leg."""
+    who, legs = fields.who, len(positions) - 1
+    start_us = fields.instant("start")
+    if start_us is None:
+        raise fields.refusal("start", "is missing: a track with a speed needs its start")
+    worst = float(np.abs(positions[:, 1]).max())
+    if worst > MAX_RHUMB_LATITUDE_DEG:
+        rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
+        raise fields.refusal("geometry", rule)
+    name, speed_mps = _speeds_mps(fields, legs)
+    length_m = geodesy.rhumb_distance(geodesy.earth_of(earth), *positions[:-1].T, *positions[1:].T)
+    with np.errstate(over="ignore"):
+        elapsed_s = np.cumsum(length_m / speed_mps)
+    if not elapsed_s[-1] < MAX_DURATION_S:
+        raise InvalidInput(who, name, "is so slow that the track would leave the years 1 to 9999")
+    times_us = start_us + np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)])
+    short = np.flatnonzero(np.diff(times_us) <= 0)
+    if short.size:
+        i = int(short[0])
+        where = f"waypoints {i} and {i + 1} (from 0)"
+        if np.all(positions[i] == positions[i + 1]):
+            raise InvalidInput(
+                who, name, f"{where} are the same place: a speed cannot say how long to stay; give times"
+            )
+        raise InvalidInput(who, name, f"{where} are less than a microsecond apart, the resolution of times")
+    return times_us
+
+
+def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
+    """Return the name of the field that gives the speed, and the speed on each leg (legs,) in metres per second."""
+    given = [name for name in ("speed_kn", "speed_mps") if fields.has(name)]
+    if not given:
+        raise fields.refusal(
+            "speed_kn", "is missing: a track with a start needs speed_kn or speed_mps (or give times instead)"
+        )
+    if len(given) > 1:
+        raise fields.refusal("speed_mps", "must not be given together with speed_kn")
+    name = given[0]
+    value = fields.get(name)
+    if isinstance(value, list):
+        if len(value) != legs:
+            raise fields.refusal(name, f"must be one number, or one per leg: {legs} legs, {len(value)} speeds")
+        named = [(f"{name}[{i}]", speed) for i, speed in enumerate(value)]
+    else:
+        named = [(name, value)] * legs
+    speeds = np.array([finite(fields.who, where, speed) for where, speed in named])
+    still = np.flatnonzero(speeds <= 0.0)
+    if still.size:
+        i = int(still[0])
+        raise fields.refusal(named[i][0], f"must be greater than 0; got {speeds[i]:g} (to stay in place, give times)")
+    return name, speeds * (MPS_PER_KNOT if name == "speed_kn" else 1.0)
+
+
+def area_properties(item: Area) -> dict[str, Any]:
+    """Return the properties that `area` reads back as this area."""
+    return {
+        **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
+        **_present(kind="area", name=item.name, start=_instant(item.start_us), end=_instant(item.end_us)),
+        **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
+    }
+
+
+def track_properties(item: Track) -> dict[str, Any]:
+    """Return the properties that `track` reads back as this track."""
+    return {
+        **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
+        **_present(kind="track", name=item.name),
+        "times": [format_instant(int(t)) for t in item.times_us],
+        **_haven_properties(item.outline_m),
+        **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
+    }
+
+
+def _haven_properties(outline_m: NDArray[np.float64]) -> Mapping[str, Any]:
+    """Return the four sides where they give exactly this outline, else the outline."""
+    starboard, fore = (float(x) for x in outline_m.max(axis=0))
+    port, aft = (-float(x) for x in outline_m.min(axis=0))
+    sides = (fore, aft, port, starboard)
+    if min(sides) >= 0.0 and np.array_equal(rectangle_outline_m(*sides), outline_m):
+        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)}
+    return {"outline_m": outline_m.tolist()}
+
+
+def _instant(instant_us: int | None) -> str | None:
+    return None if instant_us is None else format_instant(instant_us)
+
+
+def _present(**members: Any) -> dict[str, Any]:
+    return {name: value for name, value in members.items() if value is not None}

@@ -1,0 +1,321 @@
+"""Files of observed positions (CSV, one row per fix, any order), such as AIS: each vessel or aircraft becomes a track.
+
+Columns ``id,time,lon,lat`` and, each where known, ``name``, the size (``length_m,width_m`` or
+``fore_m,aft_m,port_m,starboard_m``) and the heights (``floor_m,ceiling_m``); the names that AIS archives use are
+accepted too. Other columns whose value never changes for an object become its properties. Without any size column
+every object is a point; with length and width it is a rectangle centred on the reported position.
+
+Observations are always a little dirty. What cannot be used is left out and reported by name (`Skipped`): rows without
+identity, time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`,
+objects without a size, and objects with a single fix. What is not a position file at all is refused (InvalidInput).
+"""
+
+import csv
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from io import StringIO
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import geodesy
+from conflictdb.errors import InvalidInput
+from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io.instants import parse_instant
+from conflictdb.io.json_text import check_text
+from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
+
+# Column of this package -> names it goes by, in lower case; the first is the package's own.
+COLUMNS: Final = {
+    "id": ("id", "mmsi", "key", "vessel_id", "icao24"),
+    "time": ("time", "datetime", "basedatetime", "base_date_time", "timestamp", "date_time_utc", "# timestamp"),
+    "lon": ("lon", "longitude", "long"),
+    "lat": ("lat", "latitude"),
+    "name": ("name", "vesselname", "vessel_name", "shipname"),
+    "length_m": ("length_m", "length"),
+    "width_m": ("width_m", "width", "beam"),
+    "fore_m": ("fore_m", "to_bow", "a"),
+    "aft_m": ("aft_m", "to_stern", "b"),
+    "port_m": ("port_m", "to_port", "c"),
+    "starboard_m": ("starboard_m", "to_starboard", "d"),
+    "floor_m": ("floor_m",),
+    "ceiling_m": ("ceiling_m",),
+}
+REQUIRED: Final = ("id", "time", "lon", "lat")
+SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
+LENGTH_WIDTH: Final = ("length_m", "width_m")
+MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
+
+AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed that an AIS message can carry
+MAX_SPEED_KN: Final = 2000.0  # for all other objects: faster than any aircraft in service
+AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
+AIS_NO_LONGITUDE: Final = 181.0
+
+# How far to look back for a fix that another can follow, in fixes and in runs; bounds the work on hopeless data.
+_LOOK_BACK: Final = 100
+
+
+@dataclass(slots=True)
+class _Fixes:
+    """Rows of one object: line numbers, instants, positions, and the other cells by column."""
+
+    lines: list[int] = field(default_factory=list)
+    times_us: list[int] = field(default_factory=list)
+    positions_deg: list[tuple[float, float]] = field(default_factory=list)
+    largest: dict[str, float] = field(default_factory=dict)
+    lowest: dict[str, float] = field(default_factory=dict)
+    constant: dict[str, str | None] = field(default_factory=dict)
+
+
+def read_positions(text: str, source: str, *, max_speed_kn: float | None = None) -> Contents:
+    """Return the tracks of a file of positions, and what was left out.
+
+    Parameters
+    ----------
+    text : str
+        The whole file; the first line names the columns, separated by comma, semicolon or tab.
+    source : str
+        The file, for `Skipped`.
+    max_speed_kn : float, optional
+        A fix that can only be reached faster than this is an error; 102.2 for AIS (a column `mmsi`), else 2,000.
+
+    Raises
+    ------
+    InvalidInput
+        A column is missing, a row is cut short, or a cell holds what is neither a value nor missing.
+    """
+    reader = _Reader(text)
+    if max_speed_kn is None:
+        max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
+    fixes = reader.fixes()
+    left_out = reader.left_out
+    tracks = []
+    for key, rows in fixes.items():
+        track = _track(key, rows, reader.size_columns, max_speed_kn, left_out)
+        if track is not None:
+            tracks.append(track)
+    kept = {track.key for track in tracks}
+    skipped = [
+        Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
+        for (key, reason), lines in left_out.items()
+    ]
+    return Contents(None, [], tracks, skipped)
+
+
+class _Reader:
+    """The rows of one file, cell by cell; `left_out` collects line numbers by object and reason."""
+
+    def __init__(self, text: str) -> None:
+        header_line = text.partition("\n")[0]
+        separator = max(",;\t", key=header_line.count)
+        self.rows = csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True)
+        self.header = [name.strip() for name in next(self.rows, [])]
+        self.left_out: dict[tuple[str, str], list[int]] = defaultdict(list)
+        lower = [name.lower() for name in self.header]
+        self.at: dict[str, int] = {}
+        for column, names in COLUMNS.items():
+            found = [name for name in names if name in lower]
+            if found:
+                self.at[column] = lower.index(found[0])
+        for column in REQUIRED:
+            if column not in self.at:
+                rule = f"is missing: the first line must name the columns, {', '.join(REQUIRED)} among them"
+                raise InvalidInput("file", f"column {column}", f"{rule} (or {', '.join(COLUMNS[column][1:3])})")
+        by_sides = all(column in self.at for column in SIDES)
+        by_length = any(column in self.at for column in LENGTH_WIDTH)
+        self.size_columns: Sequence[str] = SIDES if by_sides else LENGTH_WIDTH if by_length else ()
+        self.others = [(i, name) for i, name in enumerate(self.header) if name and i not in self.at.values()]
+
+    def is_ais(self, column: str) -> bool:
+        """Return whether a column goes by another name than the package's own."""
+        return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
+
+    def fixes(self) -> dict[str, _Fixes]:
+        """Return the usable rows by object, in order of first appearance."""
+        # AIS knows no other time than UTC; the package's own column `time` must say its offset.
+        naive_is_utc = self.is_ais("time")
+        fixes: dict[str, _Fixes] = {}
+        try:
+            for row in self.rows:
+                if row:
+                    self._take(row, self.rows.line_num, fixes, naive_is_utc)
+        except csv.Error as error:
+            raise InvalidInput("file", f"line {self.rows.line_num}", f"is not CSV: {error}") from None
+        return fixes
+
+    def _take(self, row: list[str], line: int, fixes: dict[str, _Fixes], naive_is_utc: bool) -> None:
+        if len(row) != len(self.header):
+            rule = f"has {len(row)} cells, but there are {len(self.header)} columns"
+            raise InvalidInput("file", f"line {line}", rule)
+        key = _cell(row[self.at["id"]])
+        if key is None:
+            self.left_out["(rows without id)", "no id"].append(line)
+            return
+        who = f"track {key!r}"
+        check_text(who, f"line {line}", "".join(row))
+        when = _cell(row[self.at["time"]])
+        place = self._position(who, row, line)
+        # An object exists from its first row on, even if nothing of it can be used.
+        own = fixes.setdefault(key, _Fixes())
+        self._note_cells(who, own, row, line)
+        if when is None or place is None:
+            self.left_out[key, "no time" if when is None else "no position"].append(line)
+            return
+        try:
+            own.times_us.append(parse_instant(when, naive_is_utc=naive_is_utc))
+        except ValueError as error:
+            raise InvalidInput(who, f"line {line}, {self.header[self.at['time']]}", str(error)) from None
+        own.positions_deg.append(place)
+        own.lines.append(line)
+
+    def _position(self, who: str, row: list[str], line: int) -> tuple[float, float] | None:
+        lon, lat = (self._number(who, row, line, column) for column in ("lon", "lat"))
+        if lon is None or lat is None or lat == AIS_NO_LATITUDE or lon == AIS_NO_LONGITUDE:
+            return None
+        for column, value, limit in (("lon", lon, 360.0), ("lat", lat, 90.0)):
+            if abs(value) > limit:
+                name = "longitude" if column == "lon" else "latitude"
+                rule = f"{name} must lie within +-{limit:g} degrees; got {value:g}"
+                raise InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
+        return lon, lat
+
+    def _note_cells(self, who: str, own: _Fixes, row: list[str], line: int) -> None:
+        """Keep the largest sizes (never smaller than the object), the height band over all rows, and constants."""
+        for column in self.size_columns:
+            size = self._number(who, row, line, column)
+            if size is None or (size == 0.0 and self.is_ais(column)):  # AIS: 0 is "not available"
+                continue
+            if size < 0.0:
+                where = f"line {line}, {self.header[self.at[column]]}"
+                raise InvalidInput(who, where, f"must not be negative; got {size:g}")
+            own.largest[column] = max(size, own.largest.get(column, 0.0))
+        for column, seen, widest in (("floor_m", own.lowest, min), ("ceiling_m", own.largest, max)):
+            height = self._number(who, row, line, column)
+            if height is not None:
+                seen[column] = widest(height, seen.get(column, height))
+        named = [(self.at["name"], "name")] if "name" in self.at else []
+        for i, name in (*named, *self.others):
+            value = _cell(row[i])
+            if value is not None and own.constant.setdefault(name, value) != value:
+                own.constant[name] = None  # it changes: no property of the object
+
+    def _number(self, who: str, row: list[str], line: int, column: str) -> float | None:
+        if column not in self.at:
+            return None
+        value = _cell(row[self.at[column]])
+        if value is None:
+            return None
+        try:
+            number = float(value)
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            where = f"line {line}, {self.header[self.at[column]]}"
+            raise InvalidInput(who, where, f"must be a finite number, or empty; got {value!r:.60}")
+        return number
+
+
+def _cell(text: str) -> str | None:
+    """Return a cell without surrounding space, None if it says that the value is missing."""
+    text = text.strip()
+    return None if text.lower() in MISSING else text
+
+
+def _track(
+    key: str, rows: _Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
+) -> Track | None:
+    """Return the track of one object from its usable fixes, None if too little is left; note what is left out."""
+    missing = [column for column in size_columns if column not in rows.largest]
+    if missing:
+        left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)
+        return None
+    order = np.argsort(np.array(rows.times_us, dtype=np.int64), kind="stable")
+    times_us = np.array(rows.times_us, dtype=np.int64)[order]
+    positions = np.array(rows.positions_deg, dtype=np.float64).reshape(-1, 2)[order]
+    lines = np.array(rows.lines, dtype=np.int64)[order]
+
+    def keep(chosen: NDArray[np.bool_]) -> None:
+        nonlocal times_us, positions, lines
+        times_us, positions, lines = times_us[chosen], positions[chosen], lines[chosen]
+
+    again = np.concatenate([[False], times_us[1:] == times_us[:-1]])[: len(times_us)]
+    if again.any():
+        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(again))))
+        elsewhere = np.any(positions != positions[first], axis=1)
+        for chosen, reason in (
+            (again & ~elsewhere, "the same fix as an earlier row"),
+            (again & elsewhere, "at another place at the same time as an earlier row"),
+        ):
+            if chosen.any():
+                left_out[key, reason].extend(lines[chosen].tolist())
+        keep(~again)
+    reached = _reachable(times_us, positions, max_speed_kn * MPS_PER_KNOT)
+    if not reached.all():
+        reason = f"not reached from the fixes around it at {max_speed_kn:g} kn"
+        left_out[key, reason].extend(lines[~reached].tolist())
+        keep(reached)
+    if len(times_us) < 2:
+        left_out[key, "a single fix: no movement to follow"].extend(lines.tolist())
+        return None
+    return Track(
+        key,
+        positions,
+        times_us,
+        _outline(rows.largest, size_columns),
+        name=rows.constant.get("name"),
+        floor_m=rows.lowest.get("floor_m"),
+        ceiling_m=rows.largest.get("ceiling_m"),
+        properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
+    )
+
+
+def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.float64]:
+    if not size_columns:
+        return rectangle_outline_m(0.0, 0.0, 0.0, 0.0)
+    if len(size_columns) == len(SIDES):
+        return rectangle_outline_m(*(size[column] for column in SIDES))
+    half_length, half_width = (0.5 * size[column] for column in LENGTH_WIDTH)
+    return rectangle_outline_m(half_length, half_length, half_width, half_width)
+
+
+def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:
+    """Return which fixes (n,) to keep so that no step is faster than the limit: as many as possible.
+
+    The longest chain of fixes, found from left to right; so a wrong first fix goes, instead of everything after it, and
+    a jump costs only the fixes that are too near to it in time. Chains may skip up to _LOOK_BACK fixes, or from the end
+    of any of the last _LOOK_BACK runs of good fixes.
+    """
+    n = len(times_us)
+    if n < 2:
+        return np.ones(n, dtype=np.bool_)
+    earth = geodesy.earth_of(EarthModel.WGS84)
+
+    def is_fast(i: NDArray[np.int64], j: NDArray[np.int64] | int) -> NDArray[np.bool_]:
+        length_m = geodesy.rhumb_distance(earth, *positions_deg[i].T, *positions_deg[j].T)
+        return length_m > limit_mps * (times_us[j] - times_us[i]) * 1e-6
+
+    starts = np.flatnonzero(is_fast(np.arange(n - 1), np.arange(1, n))) + 1  # of the second run and so on
+    if not starts.size:
+        return np.ones(n, dtype=np.bool_)
+    best = np.ones(n, dtype=np.int64)  # fixes in the longest chain that ends here
+    before = np.arange(-1, n - 1)
+    runs_before = np.searchsorted(starts, np.arange(n), side="right")
+    for i in range(1, n):
+        run = int(runs_before[i])
+        if run == 0 or i - starts[run - 1] > _LOOK_BACK:
+            best[i] = best[i - 1] + 1  # far from any jump
+            continue
+        ends = starts[max(0, run - _LOOK_BACK) : run] - 1
+        earlier = np.unique(np.concatenate([ends, np.arange(max(0, i - _LOOK_BACK), i)]))
+        gain = np.where(is_fast(earlier, i), 0, best[earlier])
+        k = int(len(gain) - 1 - np.argmax(gain[::-1]))  # of equal chains the one that ends latest
+        best[i] = gain[k] + 1
+        before[i] = earlier[k] if gain[k] else -1
+    kept = np.zeros(n, dtype=np.bool_)
+    i = int(np.argmax(best))
+    while i >= 0:
+        kept[i] = True
+        i = int(before[i])
+    return kept
