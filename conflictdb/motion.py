@@ -32,6 +32,10 @@ class Shapes(Protocol):
     def vertex_count(self) -> int:
         """Vertices per polygon."""
 
+    @property
+    def is_convex(self) -> bool:
+        """Whether the vertices are known to be in convex position in the plane (else their hull is meant)."""
+
     def take(self, rows: NDArray[np.int64]) -> "Shapes":
         """Return the shapes of some rows."""
 
@@ -54,6 +58,10 @@ class StaticShapes:
     @property
     def vertex_count(self) -> int:
         return int(self.xy.shape[1])
+
+    @property
+    def is_convex(self) -> bool:
+        return True
 
     def take(self, rows: NDArray[np.int64]) -> "StaticShapes":
         return StaticShapes(self.xy[rows])
@@ -96,6 +104,11 @@ class RhumbShapes:
     @property
     def vertex_count(self) -> int:
         return int(self.forward.shape[1])
+
+    @property
+    def is_convex(self) -> bool:
+        # The image of a straight side with a vertex on it may bend inwards by a trace.
+        return False
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         return type(self)(

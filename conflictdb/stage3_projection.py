@@ -1,0 +1,123 @@
+"""Stage 3: the time window in which two pieces can meet, by projecting the region of stage 2 onto the tracks.
+
+Every contact lies in the intersection of the two swept hulls. A point of the haven that is there is, along the track,
+no further ahead of the reference point than the haven's foremost vertex and no further behind than its last: so the
+reference point's way through the region, plus the haven's own length, bounds the time. The answer is a superset of
+the true window: it never misses.
+
+Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula adds the
+haven's extents with the wrong sign at one end and takes them as rigid; in the Mercator plane the haven grows with
+latitude, so here its extents are taken over both ends of the slice, plus a bound on how they bend between them.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.batches import Pairs, Pieces
+from conflictdb.geodesy import Earth, Floats, earth_of
+from conflictdb.model import Kind, Scene
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes
+
+# Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
+_OUTWARD_SHARE = 1e-11
+_OUTWARD_S = 1e-6
+# A reference point that moves less than this in a slice gives no usable projection (plane metres).
+_LEAST_WAY_M = 1e-3
+
+
+def shared_span(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (start_us, end_us) of the time that each pair shares, (n,) each; unbounded where both pieces are."""
+    start = np.maximum(pieces.start_us[pairs.a], pieces.start_us[pairs.b])
+    return start, np.minimum(pieces.end_us[pairs.a], pieces.end_us[pairs.b])
+
+
+def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
+    """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
+
+    first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
+    window is the whole shared span.
+    """
+    earth = earth_of(scene.earth)
+    start, end = shared_span(pieces, pairs)
+    first = np.zeros(len(pairs))
+    last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
+    has_region = np.diff(pairs.region_offset) > 0
+    for member in (pairs.a, pairs.b):
+        rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK))
+        if rows.size:
+            one, other = _track_window(scene, earth, pieces, member[rows], pairs, rows)
+            gone = (pieces.start_us[member[rows]] - start[rows]) / 1e6
+            first[rows] = np.maximum(first[rows], one + gone)
+            last[rows] = np.minimum(last[rows], other + gone)
+    return first, last
+
+
+def _track_window(
+    scene: Scene, earth: Earth, pieces: Pieces, member: NDArray[np.int64], pairs: Pairs, rows: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
+    n = len(rows)
+    duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
+    low, high = np.zeros(n), np.full(n, 1.0)
+    counts = np.diff(pieces.shape_offset)[member]
+    for vertices in np.unique(counts):
+        some = np.flatnonzero(counts == vertices)
+        low[some], high[some] = _fractions(scene, earth, pieces, member[some], duration[some], pairs, rows[some])
+    outward = _OUTWARD_SHARE * duration + _OUTWARD_S
+    return low * duration - outward, high * duration + outward
+
+
+def _fractions(
+    scene: Scene,
+    earth: Earth,
+    pieces: Pieces,
+    member: NDArray[np.int64],
+    duration: Floats,
+    pairs: Pairs,
+    rows: NDArray[np.int64],
+) -> tuple[Floats, Floats]:
+    """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
+    shapes = rhumb_shapes(earth, pieces, member, pieces.start_us[member])
+    nought = np.zeros(len(rows))
+    (x0, mu0), (x1, mu1) = shapes.reference(nought), shapes.reference(duration)
+    start = np.stack([x0, earth.radius_m * earth.isometric(mu0)], axis=1)
+    end = np.stack([x1, earth.radius_m * earth.isometric(mu1)], axis=1)
+    way = end - start
+    length = np.hypot(way[:, 0], way[:, 1])
+    moves = length > _LEAST_WAY_M
+    along = way / np.where(moves, length, 1.0)[:, None]
+
+    offsets = [
+        np.einsum("nvk,nk->nv", shapes.positions(t) - at[:, None, :], along)
+        for t, at in ((nought, start), (duration, end))
+    ]
+    stretch = earth.isometric(mu1) - earth.isometric(mu0)
+    slack = shapes.offset_bend(nought, duration) * stretch**2 / 8.0
+    # The regions are cut from padded hulls, and rounded by as much again.
+    highest = earth.isometric(shapes.highest_latitude(nought, duration))
+    slack = slack + 2.0 * padding_m(earth, highest, scene.tolerance_m, scene.separation_m) + ROUNDING_ALLOWANCE_M
+    ahead = np.maximum(offsets[0].max(axis=1), offsets[1].max(axis=1)) + slack
+    behind = np.minimum(offsets[0].min(axis=1), offsets[1].min(axis=1)) - slack
+
+    region = np.diff(pairs.region_offset)[rows]
+    of_vertex = np.repeat(np.arange(len(rows)), region)
+    ends = np.cumsum(region)
+    index = np.arange(len(of_vertex)) + np.repeat(pairs.region_offset[rows] - ends + region, region)
+    rho = np.einsum("nk,nk->n", pairs.region_xy[index] - start[of_vertex], along[of_vertex])
+    nearest, furthest = np.minimum.reduceat(rho, ends - region), np.maximum.reduceat(rho, ends - region)
+
+    safe = np.where(moves, length, 1.0)
+    low = np.where(moves, np.clip((nearest - ahead) / safe, 0.0, 1.0), 0.0)
+    high = np.where(moves, np.clip((furthest - behind) / safe, 0.0, 1.0), 1.0)
+    return tuple(_time_fraction(earth, mu0, mu1, fraction) for fraction in (low, high))  # type: ignore[return-value]
+
+
+def _time_fraction(earth: Earth, mu0: Floats, mu1: Floats, plane_fraction: Floats) -> Floats:
+    """Return the fraction of time gone at a fraction of the way in the plane.
+
+    Time is linear in rectifying latitude, the way in the plane in isometric latitude; their ratio is a divided
+    difference, so that an east-west leg needs no case of its own.
+    """
+    psi = earth.isometric(mu0) + plane_fraction * earth.stretch(mu0, mu1) * (mu1 - mu0)
+    mu = earth.rectifying_of_isometric(psi)
+    return np.clip(plane_fraction * earth.stretch(mu0, mu1) / earth.stretch(mu0, mu), 0.0, 1.0)
