@@ -1,0 +1,361 @@
+"""One private PostgreSQL cluster: its data directory, its server, and the users that keep the server running.
+
+Files in the home directory (mode 700, of the account that runs the server):
+
+data           the data directory; while initdb works it is called data.new
+lock           held while one process looks, initialises, starts or joins
+alive          FIFO that every user holds open for writing; supervise.sh stops the server at end-of-file
+joined         token of the last user that supervise.sh has let in
+held           there while the server is kept running without users (`conflictdb server start`)
+description    what runs, in words; server.pid: which process; server.log: what it said
+"""
+
+import errno
+import fcntl
+import os
+import secrets
+import select
+import signal
+import stat
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from conflictdb.errors import ServerError
+from conflictdb.server import configuration
+from conflictdb.server.account import account_for
+from conflictdb.server.discovery import Server, find_server
+from conflictdb.server.settings import Settings
+
+#: Seconds to wait for a server that recovers after a crash, or for one that writes its last checkpoint.
+START_TIMEOUT_S: Final = 600.0
+#: Seconds between two looks at a file that another process is about to write.
+_POLL_S: Final = 0.01
+#: Characters of a socket's path: the limit is 108 on Linux and 104 on macOS, PostgreSQL appends to it for its lock.
+_LONGEST_SOCKET_PATH: Final = 80
+_SOCKET_NAME: Final = ".s.PGSQL.5432"
+
+
+@dataclass(frozen=True, slots=True)
+class ServerStatus:
+    """State of the embedded server.
+
+    home : its directory
+    running : whether it accepts connections
+    held : whether it stays when its last user has gone (`server start`)
+    dsn : how to connect while it runs, else None
+    description : which server with which versions, empty when it does not run
+    pid : of the server's first process, else None
+    """
+
+    home: Path
+    running: bool
+    held: bool = False
+    dsn: str | None = None
+    description: str = ""
+    pid: int | None = None
+
+
+class Cluster:
+    """The cluster in a home directory; every process that works with it makes its own object.
+
+    Parameters
+    ----------
+    settings : Settings
+        Where it lives and where its programs may come from.
+    durable : bool
+        Whether a new data directory survives a crash of the machine. An existing one keeps what it was made with.
+    say : callable
+        Told what the user should know, a line at a time.
+    """
+
+    def __init__(self, settings: Settings, *, durable: bool, say: Callable[[str], None]) -> None:
+        self.settings = settings
+        self.home = settings.home
+        self.data = settings.home / "data"
+        self._durable = durable
+        self._say = say
+        self._account = account_for(settings.home)
+
+    def join(self, command: str = "join") -> int:
+        """Become a user of the running server, started if need be; return the file descriptor that says so.
+
+        Closing the descriptor, or the end of the process, ends the use. `command` is what supervise.sh understands.
+
+        Raises
+        ------
+        ServerError
+            The home cannot be used, no server was found, or it does not start (with the end of its log).
+        """
+        try:
+            self._prepare_home()
+            with self._locked():
+                alive = self._joined_running(command)
+                if alive is not None:
+                    self._say(f"embedded database: {self._described()}, already running, data in {self.home}")
+                    return alive
+                return self._start(command)
+        except OSError as error:
+            hint = "; set CONFLICTDB_HOME to a directory of your own" if isinstance(error, PermissionError) else ""
+            raise ServerError(f"the embedded database in {self.home} cannot be used: {error}{hint}") from error
+
+    def leave_held(self) -> bool:
+        """End what `join("hold")` began; return False if no server runs."""
+        if not self.data.exists():
+            return False
+        with self._locked():
+            alive = self._joined_running("release")
+        if alive is None:
+            return False
+        os.close(alive)
+        return True
+
+    def status(self) -> ServerStatus:
+        """Return the state of the server, without starting or joining it."""
+        try:
+            pid, state, socket_directory = self._postmaster()
+            held = (self.home / "held").exists()
+        except PermissionError:
+            raise ServerError(
+                f"{self.home} belongs to another user; set CONFLICTDB_HOME to a directory of your own"
+            ) from None
+        if pid is None or state != "ready":
+            return ServerStatus(self.home, running=False, pid=pid)
+        return ServerStatus(self.home, True, held, configuration.dsn(socket_directory), self._described(), pid)
+
+    def dsn(self) -> str:
+        """Return how to connect to the running server."""
+        return configuration.dsn(self._postmaster()[2])
+
+    def _prepare_home(self) -> None:
+        """Make the home of a new cluster; refuse a directory that holds something else."""
+        home, account = self.home, self._account
+        try:
+            _make_parents(home)
+            home.mkdir(mode=0o700)
+        except FileExistsError:
+            ours = {"data", "data.new", "lock"}
+            names = {entry.name for entry in os.scandir(home)}
+            if names and not names & ours:
+                raise ServerError(
+                    f"{home} holds other files: CONFLICTDB_HOME must be a new or an empty directory"
+                ) from None
+            foreign = home.stat().st_uid not in (0, account.uid)
+            if foreign:
+                raise ServerError(f"{home} does not belong to user {account.name}, who runs the server") from None
+        if home.stat().st_uid != account.uid:
+            os.chown(home, account.uid, account.gid)
+        if stat.S_IMODE(home.stat().st_mode) != 0o700:
+            home.chmod(0o700)
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        lock = os.open(self.home / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            if os.fstat(lock).st_uid != self._account.uid and os.fstat(lock).st_nlink == 1:
+                os.fchown(lock, self._account.uid, self._account.gid)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(lock)
+
+    def _joined_running(self, command: str) -> int | None:
+        """Join the server that runs; None if none does, or once the one that was stopping is down."""
+        alive = self._opened_alive()
+        if alive is not None:
+            if self._let_in(alive, command) and self._ready(alive):
+                return alive
+            os.close(alive)
+        pid = self._postmaster()[0]
+        if pid is not None:
+            # Its supervisor was killed: nobody would ever stop it, and nobody can tell who uses it.
+            os.kill(pid, signal.SIGINT)
+            self._wait(lambda: self._postmaster()[0] is None, "the old server does not stop")
+        return None
+
+    def _opened_alive(self) -> int | None:
+        try:
+            alive = os.open(self.home / "alive", os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except OSError as error:
+            if error.errno in (errno.ENOENT, errno.ENXIO):
+                return None
+            raise
+        if not stat.S_ISFIFO(os.fstat(alive).st_mode):
+            os.close(alive)
+            raise ServerError(f"{self.home / 'alive'} is no FIFO: remove it")
+        return alive
+
+    def _let_in(self, alive: int, command: str) -> bool:
+        """Return whether the supervisor let us in; False if it has gone."""
+        token = secrets.token_hex(8)
+        try:
+            os.write(alive, f"{command} {token}\n".encode())
+        except BrokenPipeError:
+            return False
+        return self._wait(lambda: self._read("joined") == token, "its supervisor does not answer", alive)
+
+    def _ready(self, alive: int) -> bool:
+        """Return whether the server is ready; False if it has gone."""
+        return self._wait(lambda: self._postmaster()[1] == "ready", "the server is not ready", alive)
+
+    def _wait(self, reached: Callable[[], bool], complaint: str, alive: int | None = None) -> bool:
+        """Wait until something is reached; False if the other end of `alive` closes first."""
+        began = time.monotonic()
+        told = False
+        while not reached():
+            if alive is not None and _other_end_closed(alive):
+                return False
+            waited_s = time.monotonic() - began
+            if waited_s > START_TIMEOUT_S:
+                raise ServerError(f"{complaint} after {waited_s:.0f} s; see {self.home / 'server.log'}")
+            if waited_s > 5.0 and not told:
+                told = True
+                self._say(f"waiting for the embedded database (it may be recovering); see {self.home / 'server.log'}")
+            time.sleep(_POLL_S)
+        return True
+
+    def _start(self, command: str) -> int:
+        account = self._account
+        if account.switch and account.run(["/bin/sh", "-c", 'cd "$1"', "sh", self.home], os.environ).returncode:
+            raise ServerError(
+                f"user {account.name}, who runs the server, cannot reach {self.home}: set CONFLICTDB_HOME to a"
+                " directory that others may pass through, such as one below /var/lib"
+            )
+        server = find_server(self.settings, account, self._data_major(), self._say)
+        self._say(f"embedded database: {server}, data in {self.home}")
+        if not self.data.exists():
+            self._initialise(server)
+        (self.data / "postmaster.pid").unlink(missing_ok=True)
+        log = self.home / "server.log"
+        log_from = log.stat().st_size if log.exists() else 0
+        alive = self._launch(server)
+        if self._let_in(alive, command) and self._ready(alive):
+            return alive
+        os.close(alive)
+        with log.open("rb") as file:
+            file.seek(log_from)
+            said = file.read().decode(errors="replace").strip().splitlines()
+        raise ServerError("\n".join([f"{server} does not start; the end of {log}:", *said[-15:]]))
+
+    def _data_major(self) -> int | None:
+        """Return the major version that made the data directory, None if there is none yet."""
+        if not self.data.exists():
+            return None
+        try:
+            return int((self.data / "PG_VERSION").read_text())
+        except (FileNotFoundError, ValueError):
+            raise ServerError(f"{self.data} is no PostgreSQL data directory: move it away") from None
+
+    def _initialise(self, server: Server) -> None:
+        script = Path(__file__).with_name("initialise.sh").read_text()
+        durable = "yes" if self._durable else "no"
+        command = ["/bin/sh", "-c", script, "initialise", str(self.home), str(server.bin), durable]
+        answer = subprocess.run(
+            command,
+            input=configuration.initial(durable=self._durable),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env={**server.environ, "HOME": str(self.home)},
+            check=False,
+            **self._account.switch,
+        )
+        if answer.returncode:
+            said = answer.stdout.strip().splitlines()[-15:]
+            raise ServerError("\n".join([f"{server} could not make a data directory in {self.home}:", *said]))
+
+    def _launch(self, server: Server) -> int:
+        """Start the server under its supervisor; return the write end of the FIFO, held from the beginning.
+
+        The supervisor inherits the read end, so that it sees end-of-file even if this process is killed right now.
+        """
+        fresh = self.home / "alive.new"
+        fresh.unlink(missing_ok=True)
+        os.mkfifo(fresh, 0o600)
+        reading = os.open(fresh, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            if not stat.S_ISFIFO(os.fstat(reading).st_mode):
+                raise ServerError(f"{fresh} was replaced while the server started")
+            os.fchown(reading, self._account.uid, self._account.gid)
+            alive = os.open(fresh, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+            fresh.rename(self.home / "alive")
+            os.set_blocking(reading, True)
+            socket_directory = self._socket_directory()
+            script = Path(__file__).with_name("supervise.sh").read_text()
+            arguments = [script, "supervise", str(self.home), str(socket_directory), str(server)]
+            arguments += [str(server.bin / "postgres"), "-D", str(self.data), "-p", "5432"]
+            for name, value in configuration.forced(socket_directory):
+                arguments += ["-c", f"{name}={value}"]
+            # The outer shell ends at once, so that the supervisor is nobody's child who would have to wait for it.
+            detach = 'exec 3<&0; /bin/sh -c "$@" <&3 3<&- >/dev/null 2>&1 &'
+            subprocess.run(
+                ["/bin/sh", "-c", detach, "detach", *arguments],
+                stdin=reading,
+                env={**server.environ, "HOME": str(self.home)},
+                start_new_session=True,
+                check=True,
+                **self._account.switch,
+            )
+        finally:
+            os.close(reading)
+        return alive
+
+    def _socket_directory(self) -> Path:
+        if len(os.fsencode(self.home / _SOCKET_NAME)) <= _LONGEST_SOCKET_PATH:
+            return self.home
+        shortest = min(tempfile.gettempdir(), "/tmp", key=len)  # noqa: S108 (mkdtemp makes it private)
+        short = Path(tempfile.mkdtemp(prefix="conflictdb-", dir=shortest))
+        os.chown(short, self._account.uid, self._account.gid)
+        return short
+
+    def _postmaster(self) -> tuple[int | None, str, str]:
+        """Return process, state and socket directory of the server, (None, "", "") if none runs."""
+        try:
+            lines = (self.data / "postmaster.pid").read_text().splitlines()
+            pid = int(lines[0])
+        except (FileNotFoundError, ValueError, IndexError):
+            return None, "", ""
+        if not _is_server_of(pid, self.data):
+            return None, "", ""
+        return pid, lines[7].strip() if len(lines) > 7 else "starting", lines[4] if len(lines) > 4 else ""
+
+    def _described(self) -> str:
+        return self._read("description") or "PostgreSQL"
+
+    def _read(self, name: str) -> str:
+        try:
+            return (self.home / name).read_text().strip()
+        except FileNotFoundError:
+            return ""
+
+
+def _make_parents(home: Path) -> None:
+    """Make the directories above a home; those that root makes are open to the account that runs the server."""
+    for parent in [*reversed(home.parent.parents), home.parent]:
+        if not parent.exists():
+            parent.mkdir(exist_ok=True)
+            if os.geteuid() == 0:
+                parent.chmod(0o755)
+
+
+def _other_end_closed(writing: int) -> bool:
+    poll = select.poll()
+    poll.register(writing, 0)
+    return any(event & (select.POLLERR | select.POLLHUP | select.POLLNVAL) for _, event in poll.poll(0))
+
+
+def _is_server_of(pid: int, data: Path) -> bool:
+    """Return whether a process is the server of a data directory; after a crash its number may be another's."""
+    try:
+        os.kill(pid, 0)
+        if Path("/proc/self/cwd").exists():
+            return Path("/proc", str(pid), "cwd").readlink() == data.resolve()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,68 @@
+"""How the embedded server is configured, and how clients connect to it."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from psycopg import conninfo, pq
+
+_SHM_WANTED_BYTES: Final = 512 * 2**20
+
+#: Connection options without a default of libpq, for which an empty value is as good as none.
+_EMPTY_IS_NONE: Final = frozenset({"hostaddr", "options", "require_auth", "passfile", "password"})
+
+
+def forced(socket_directory: Path) -> list[tuple[str, str]]:
+    """Return the settings that every start gives on the command line, so that nothing overrides them."""
+    quoted = str(socket_directory).replace('"', '""')
+    forced = [
+        ("listen_addresses", ""),
+        ("unix_socket_directories", f'"{quoted}"'),
+        ("unix_socket_permissions", "0700"),
+        ("jit", "off"),
+    ]
+    try:
+        shm = os.statvfs("/dev/shm")  # noqa: S108 (only its size is read)
+    except OSError:
+        return forced
+    # Containers often get 64 MB there, which a parallel hash join outgrows.
+    if 0 < shm.f_frsize * shm.f_blocks < _SHM_WANTED_BYTES:
+        forced.append(("dynamic_shared_memory_type", "sysv"))
+    return forced
+
+
+def initial(*, durable: bool) -> str:
+    """Return the settings file of a new data directory; what is set by ALTER SYSTEM goes before it."""
+    memory_mib = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20
+    lines = [
+        "# Written by conflictdb when it made this data directory.",
+        "timezone = 'UTC'",
+        "log_timezone = 'UTC'",
+        f"shared_buffers = '{max(128, min(1024, memory_mib // 8))}MB'",
+        f"effective_cache_size = '{max(256, memory_mib // 2)}MB'",
+        "work_mem = '64MB'",
+        "maintenance_work_mem = '256MB'",
+        "random_page_cost = 1.1",
+        # Bulk loads and one user at a time: nothing is replicated, checkpoints may be far apart.
+        "wal_level = minimal",
+        "max_wal_senders = 0",
+        "max_wal_size = '4GB'",
+        "checkpoint_timeout = '15min'",
+    ]
+    if not durable:
+        lines += ["# Made for tests: a crash of the machine may ruin these data.", "fsync = off"]
+        lines += ["full_page_writes = off", "synchronous_commit = off"]
+    return "\n".join(lines) + "\n"
+
+
+def dsn(socket_directory: str) -> str:
+    """Return the connection string, proof against what PG* variables of the user would change in it."""
+    parts = {"host": socket_directory, "port": "5432", "user": "postgres", "dbname": "conflictdb"}
+    for option in pq.Conninfo.get_defaults():
+        name = option.keyword.decode()
+        if name not in parts and option.envvar and option.envvar.decode() in os.environ:
+            if option.compiled:
+                parts[name] = option.compiled.decode()
+            elif name in _EMPTY_IS_NONE:
+                parts[name] = ""
+    return conninfo.make_conninfo("", **parts)
