@@ -23,7 +23,7 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
         carry = int(finer[2][0] >= "5")
         text = text[: finer.end(1)] + text[finer.end(2) :]
     try:
-        moment = datetime.fromisoformat(text)
+        moment = datetime.fromisoformat(text.upper())
     except ValueError:
         raise ValueError(f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {text!r}") from None
     if moment.tzinfo is None:

@@ -21,6 +21,8 @@ def parse(text: str) -> Any:
         place = f"line {error.lineno}, column {error.colno}"
         end = "the file ends too early: " if error.pos >= len(text.rstrip()) else ""
         raise InvalidInput("JSON", place, f"{end}{error.msg[0].lower()}{error.msg[1:]}") from None
+    except InvalidInput:
+        raise
     except RecursionError:
         raise InvalidInput("JSON", "", "is nested too deeply") from None
     except ValueError as error:  # an integer of more digits than Python converts

@@ -1,0 +1,155 @@
+"""Files of positions: what cannot be used is left out by name, what is no position file is refused."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conflictdb import io
+from conflictdb.errors import InvalidInput
+
+HEADER = "id,time,lon,lat,length_m,width_m"
+
+
+def read(tmp_path: Path, *lines: str, name: str = "fixes.csv", max_speed_kn: float | None = None) -> io.Contents:
+    (tmp_path / name).write_text("\n".join(lines) + "\n")
+    return io.read(tmp_path / name, max_speed_kn=max_speed_kn)
+
+
+def fix(key: str, minute: int, lon: float, size: str = "100,20") -> str:
+    return f"{key},2026-03-01T00:{minute:02}:00Z,{lon},57,{size}"
+
+
+def reasons(contents: io.Contents) -> dict[tuple[str, str], tuple[tuple[int, ...], bool]]:
+    return {(s.key, s.reason): (s.lines, s.is_whole) for s in contents.skipped}
+
+
+def test_rows_become_tracks_with_a_centred_haven(tmp_path: Path) -> None:
+    contents = read(tmp_path, HEADER, fix("a", 0, 4.0), fix("b", 0, 5.0), fix("b", 1, 5.01), fix("a", 1, 4.01))
+    assert contents.skipped == []
+    assert [track.key for track in contents.tracks] == ["a", "b"]
+    assert contents.tracks[0].positions_deg.tolist() == [[4.0, 57.0], [4.01, 57.0]]
+    assert contents.tracks[0].outline_m.tolist() == [[10, 50], [10, -50], [-10, -50], [-10, 50]]
+
+
+def test_rows_may_come_in_any_order(tmp_path: Path) -> None:
+    (track,) = read(tmp_path, HEADER, fix("a", 2, 4.02), fix("a", 0, 4.0), fix("a", 1, 4.01)).tracks
+    assert track.positions_deg[:, 0].tolist() == [4.0, 4.01, 4.02]
+
+
+def test_without_size_columns_objects_are_points(tmp_path: Path) -> None:
+    rows = ("id,time,lon,lat", "a,2026-03-01T00:00:00Z,4,57", "a,2026-03-01T01:00:00Z,4.1,57")
+    assert read(tmp_path, *rows).tracks[0].outline_m.tolist() == [[0.0, 0.0]]
+
+
+def test_ais_names_utc_times_and_constant_columns(tmp_path: Path) -> None:
+    rows = (
+        "datetime,mmsi,lon,lat,SOG,shiptype,length,name,width",
+        "2026-03-01 00:00:00,7,4,57,10,Cargo,90,Vessel,12",
+        "2026-03-01 00:10:00,7,4.01,57,11,Cargo,,Vessel,14",
+    )
+    (tmp_path / "ais.csv.gz").write_bytes(gzip.compress("\n".join(rows).encode()))
+    (track,) = io.read(tmp_path / "ais.csv.gz").tracks
+    assert (track.key, track.name, track.properties) == ("7", "Vessel", {"shiptype": "Cargo"})
+    assert np.ptp(track.outline_m, axis=0).tolist() == [14, 90]
+
+
+def test_own_sides_and_heights(tmp_path: Path) -> None:
+    rows = (
+        "id;time;lon;lat;fore_m;aft_m;port_m;starboard_m;floor_m;ceiling_m",
+        "a;2026-03-01T00:00:00Z;4;57;9;8;7;6;100;200",
+        "a;2026-03-01T00:10:00Z;4;57;9;8;7;6;50;150",
+    )
+    (track,) = read(tmp_path, *rows).tracks
+    assert track.outline_m.tolist() == [[6, 9], [6, -8], [-7, -8], [-7, 9]]
+    assert (track.floor_m, track.ceiling_m) == (50, 200)
+
+
+def test_rows_at_a_taken_time_are_left_out(tmp_path: Path) -> None:
+    contents = read(
+        tmp_path, HEADER, fix("a", 0, 4.0), fix("a", 0, 4.0), fix("a", 0, 4.001), fix("a", 1, 4.01), fix("a", 0, 4.0)
+    )
+    assert reasons(contents) == {
+        ("a", "the same fix as an earlier row"): ((3, 6), False),
+        ("a", "at another place at the same time as an earlier row"): ((4,), False),
+    }
+    assert contents.tracks[0].positions_deg[:, 0].tolist() == [4.0, 4.01]
+
+
+@pytest.mark.parametrize("wrong", [0, 2, 4])
+def test_a_fix_that_cannot_be_reached_is_left_out(tmp_path: Path, wrong: int) -> None:
+    rows = [fix("a", minute, 9.0 if minute == wrong else 4.0 + 0.001 * minute) for minute in range(5)]
+    contents = read(tmp_path, HEADER, *rows, max_speed_kn=50)
+    assert reasons(contents) == {("a", "not reached from the fixes around it at 50 kn"): ((wrong + 2,), False)}
+    assert len(contents.tracks[0].times_us) == 4
+
+
+def test_a_jump_costs_only_the_fixes_that_are_too_near_in_time(tmp_path: Path) -> None:
+    rows = [fix("a", minute, 4.0 if minute < 20 else 4.05) for minute in range(40)]  # 3.0 km: 2 minutes at 50 kn
+    contents = read(tmp_path, HEADER, *rows, max_speed_kn=50)
+    assert [len(skipped.lines) for skipped in contents.skipped] == [1]
+    assert len(contents.tracks[0].times_us) == 39
+
+
+def test_speed_limits_by_default(tmp_path: Path) -> None:
+    rows = [fix("a", 0, 4.0), fix("a", 1, 4.2)]  # 400 kn
+    assert read(tmp_path, HEADER, *rows).skipped == []
+    assert read(tmp_path, HEADER.replace("id", "mmsi", 1), *rows).tracks == []
+
+
+def test_objects_without_size_or_with_a_single_fix_are_left_out(tmp_path: Path) -> None:
+    contents = read(
+        tmp_path, HEADER, fix("a", 0, 4.0, ","), fix("a", 1, 4.0, "NA,20"), fix("b", 0, 4.0), fix("c", 0, 4.0, ",")
+    )
+    assert contents.tracks == []
+    assert reasons(contents) == {
+        ("a", "no length_m"): ((2, 3), True),
+        ("b", "a single fix: no movement to follow"): ((4,), True),
+        ("c", "no length_m and width_m"): ((5,), True),
+    }
+
+
+def test_size_zero_is_not_available_in_ais_but_a_point_otherwise(tmp_path: Path) -> None:
+    rows = (fix("a", 0, 4.0, "0,0"), fix("a", 1, 4.0, "0,0"))
+    assert len(read(tmp_path, HEADER, *rows).tracks) == 1
+    assert read(tmp_path, HEADER.replace("_m", ""), *rows).tracks == []
+
+
+def test_rows_without_identity_time_or_position_are_left_out(tmp_path: Path) -> None:
+    lines = (
+        HEADER,
+        ",2026-03-01T00:00:00Z,4,57,1,1",
+        "a,,4,57,1,1",
+        "a,2026-03-01T00:00:00Z,181,91,1,1",
+        fix("a", 1, 4.0),
+    )
+    assert reasons(read(tmp_path, *lines)) == {
+        ("(rows without id)", "no id"): ((2,), True),
+        ("a", "no time"): ((3,), True),
+        ("a", "no position"): ((4,), True),
+        ("a", "a single fix: no movement to follow"): ((5,), True),
+    }
+
+
+@pytest.mark.parametrize(
+    ("lines", "key", "field", "rule"),
+    [
+        (["id,time,lon", "a,b,c"], "file", "column lat", "is missing"),
+        ([], "file", "column id", "is missing"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,4"], "file", "line 2", "has 3 cells, but there are 6 columns"),
+        ([HEADER, "a,2026-03-01T00:00:00,4,57,1,1"], "track 'a'", "line 2, time", "offset"),
+        ([HEADER, "a,yesterday,4,57,1,1"], "track 'a'", "line 2, time", "ISO 8601"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,x,57,1,1"], "track 'a'", "line 2, lon", "finite number"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,inf,57,1,1"], "track 'a'", "line 2, lon", "finite number"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,57,104,1,1"], "track 'a'", "line 2, lat", "latitude"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,500,4,1,1"], "track 'a'", "line 2, lon", "longitude"),
+        ([HEADER, "a,2026-03-01T00:00:00Z,4,57,-1,1"], "track 'a'", "line 2, length_m", "negative"),
+        ([HEADER, 'a,"2026'], "file", "line 2", "is not CSV"),
+    ],
+)
+def test_what_is_no_position_file_is_refused(tmp_path: Path, lines: list[str], key: str, field: str, rule: str) -> None:
+    with pytest.raises(InvalidInput, match=rule) as caught:
+        read(tmp_path, *lines)
+    assert (caught.value.key, caught.value.field) == (key, field)
+    assert caught.value.source == str(tmp_path / "fixes.csv")

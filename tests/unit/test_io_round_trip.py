@@ -1,0 +1,211 @@
+"""What is exported reads back as exactly the same objects; what is read means what the file said."""
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conflictdb import geodesy, io
+from conflictdb.io.instants import format_instant, parse_instant
+from conflictdb.io.scene_file import read_scene, scene_text
+from conflictdb.model import (
+    MAX_INSTANT_US,
+    METRES_PER_NMI,
+    MIN_INSTANT_US,
+    MPS_PER_KNOT,
+    Area,
+    EarthModel,
+    Method,
+    Scene,
+    Track,
+    rectangle_outline_m,
+)
+
+TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
+KEY = TEXT.filter(bool)
+INSTANT = st.integers(MIN_INSTANT_US, MAX_INSTANT_US)
+SIZE = st.floats(0.0, 1e6)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(-1e300, 1e300) | TEXT,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
+    max_leaves=6,
+)
+TAKEN = {"kind", "name", "start", "end", "times", "datetimes", "floor_m", "ceiling_m", "outline_m"}
+PROPERTIES = st.dictionaries(TEXT.filter(lambda name: name not in TAKEN), JSON, max_size=3)
+
+
+@st.composite
+def heights(draw: st.DrawFn) -> tuple[float | None, float | None]:
+    low, high = sorted(draw(st.lists(st.floats(-1e5, 1e5), min_size=2, max_size=2, unique=True)))
+    return draw(st.sampled_from([(None, None), (low, None), (None, high), (low, high)]))
+
+
+@st.composite
+def areas(draw: st.DrawFn) -> Area:
+    west, south = draw(st.floats(-180, 170)), draw(st.floats(-89, 80))
+    boxes = [shapely.box(west, south, west + draw(st.floats(1e-6, 4)), south + draw(st.floats(1e-6, 4)))]
+    if draw(st.booleans()):
+        boxes.append(shapely.box(west + 5, south, west + 6, south + 1))
+    if draw(st.booleans()):
+        outer = shapely.box(west + 5, south + 5, west + 8, south + 8)
+        boxes.append(outer.difference(shapely.box(west + 6, south + 6, west + 7, south + 7)))
+    start, end = sorted(draw(st.lists(INSTANT, min_size=2, max_size=2, unique=True)))
+    span = draw(st.sampled_from([(None, None), (start, None), (None, end), (start, end)]))
+    return Area(
+        draw(KEY), shapely.MultiPolygon(boxes), draw(st.none() | TEXT), *span, *draw(heights()), draw(PROPERTIES)
+    )
+
+
+@st.composite
+def tracks(draw: st.DrawFn) -> Track:
+    times = sorted(draw(st.lists(INSTANT, min_size=2, max_size=5, unique=True)))
+    position = st.tuples(st.floats(-360, 360), st.floats(-90, 90))
+    positions = draw(st.lists(position, min_size=len(times), max_size=len(times)))
+    outline = draw(
+        st.builds(rectangle_outline_m, SIZE, SIZE, SIZE, SIZE)
+        | st.sampled_from([[[3.0, 4.0]], [[0.0, 1.0], [2.0, 3.0]], [[0.0, 1.0], [1.0, -1.0], [-1.5, 0.1]]]).map(
+            np.array
+        )
+    )
+    name, band, properties = draw(st.none() | TEXT), draw(heights()), draw(PROPERTIES)
+    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties)
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> tuple[Scene, list[Area], list[Track]]:
+    scene = Scene(
+        draw(TEXT.filter(str.strip)),
+        earth=draw(st.sampled_from(EarthModel)),
+        method=draw(st.sampled_from(Method)),
+        tolerance_m=draw(SIZE),
+        separation_m=draw(SIZE),
+    )
+    items = draw(st.lists(areas() | tracks(), max_size=4, unique_by=lambda item: item.key))
+    return scene, [i for i in items if isinstance(i, Area)], [i for i in items if isinstance(i, Track)]
+
+
+def assert_same(one: Area | Track, other: Area | Track) -> None:
+    assert type(one) is type(other)
+    for name in ("key", "name", "floor_m", "ceiling_m", "properties"):
+        assert getattr(one, name) == getattr(other, name), name
+    if isinstance(one, Area) and isinstance(other, Area):
+        assert (one.start_us, one.end_us) == (other.start_us, other.end_us)
+        assert shapely.equals_exact(one.footprint, other.footprint, 0.0)
+        assert np.array_equal(shapely.get_coordinates(one.footprint), shapely.get_coordinates(other.footprint))
+    elif isinstance(one, Track) and isinstance(other, Track):
+        for name in ("positions_deg", "times_us", "outline_m"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+@given(scenes())
+def test_export_reads_back_as_the_same_objects(content: tuple[Scene, list[Area], list[Track]]) -> None:
+    scene, some_areas, some_tracks = content
+    back = read_scene("".join(scene_text(scene, some_areas, some_tracks)), "other")
+    assert back.scene == scene
+    assert back.skipped == []
+    for one, other in zip([*some_areas, *some_tracks], [*back.areas, *back.tracks], strict=True):
+        assert_same(one, other)
+
+
+@given(INSTANT)
+def test_instant_round_trip_is_exact(instant_us: int) -> None:
+    assert parse_instant(format_instant(instant_us)) == instant_us
+
+
+@pytest.mark.parametrize(
+    ("text", "instant_us"),
+    [
+        ("1970-01-01T00:00:00Z", 0),
+        ("1970-01-01t00:00:00z", 0),
+        ("1970-01-01 01:00+01:00", 0),
+        ("1969-12-31T23:59:59.999999Z", -1),
+        ("1970-01-01T00:00:00.0000014Z", 1),
+        ("1970-01-01T00:00:00.0000015+00:00", 2),
+        ("1970-01-01T00:00:00,000001Z", 1),
+        ("19700101T000000Z", 0),
+    ],
+)
+def test_instant_forms(text: str, instant_us: int) -> None:
+    assert parse_instant(text) == instant_us
+
+
+def read(tmp_path: Path, features: list[dict[str, Any]], **members: Any) -> io.Contents:
+    path = tmp_path / "plan.v2.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", **members, "features": features}))
+    return io.read(path)
+
+
+def track_feature(**properties: Any) -> dict[str, Any]:
+    geometry = {"type": "LineString", "coordinates": [[3, 56], [4, 56.5], [5, 57]]}
+    haven = {"fore_m": 0, "aft_m": 0, "port_m": 0, "starboard_m": 0}
+    return {"type": "Feature", "id": "T", "geometry": geometry, "properties": {**haven, **properties}}
+
+
+def test_a_file_without_scene_names_none(tmp_path: Path) -> None:
+    assert read(tmp_path, []).scene is None
+
+
+def test_a_scene_without_name_is_named_after_the_file(tmp_path: Path) -> None:
+    assert read(tmp_path, [], scene={"tolerance_m": 5}).scene == Scene("plan.v2", tolerance_m=5.0)
+
+
+def test_start_and_speed_give_times_from_leg_lengths(tmp_path: Path) -> None:
+    track = read(tmp_path, [track_feature(start="2026-03-01T00:00:00Z", speed_kn=[10, 20])]).tracks[0]
+    earth = geodesy.earth_of(EarthModel.WGS84)
+    legs_m = geodesy.rhumb_distance(earth, [3, 4], [56, 56.5], [4, 5], [56.5, 57])
+    seconds = np.cumsum(legs_m / (np.array([10, 20]) * MPS_PER_KNOT))
+    assert track.times_us[0] == parse_instant("2026-03-01T00:00:00Z")
+    assert (track.times_us[1:] - track.times_us[0]).tolist() == np.rint(seconds * 1e6).astype(int).tolist()
+
+
+def test_speed_in_mps_uses_the_earth_of_the_scene(tmp_path: Path) -> None:
+    feature = track_feature(start="2026-03-01T00:00:00Z", speed_mps=1)
+    lasts = [
+        np.ptp(read(tmp_path, [feature], scene={"earth": earth}).tracks[0].times_us) for earth in ("wgs84", "sphere")
+    ]
+    assert lasts[0] != lasts[1]
+
+
+def test_nautical_miles_are_exact(tmp_path: Path) -> None:
+    sides = {"fore_m": None, "fore_nmi": 5, "aft_m": None, "aft_nmi": 10, "times": ["2026-03-01T00:00:00Z"] * 3}
+    sides["times"] = [f"2026-03-01T0{hour}:00:00Z" for hour in range(3)]
+    outline = read(tmp_path, [track_feature(**sides)]).tracks[0].outline_m
+    assert outline.tolist() == [[0.0, 5 * METRES_PER_NMI], [0.0, -10 * METRES_PER_NMI]]
+
+
+def test_closed_outline_is_opened(tmp_path: Path) -> None:
+    sides = dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"))
+    times = [f"2026-03-01T0{hour}:00:00Z" for hour in range(3)]
+    feature = track_feature(**sides, times=times, outline_m=[[0, 0], [1, 0], [0, 1], [0, 0]])
+    assert read(tmp_path, [feature]).tracks[0].outline_m.tolist() == [[0, 0], [1, 0], [0, 1]]
+
+
+def test_unknown_properties_are_kept_and_known_ones_taken(tmp_path: Path) -> None:
+    times = [f"2026-03-01T0{hour}:00:00Z" for hour in range(3)]
+    track = read(tmp_path, [track_feature(times=times, kind="track", colour="red", end=None)]).tracks[0]
+    assert track.properties == {"colour": "red", "end": None}
+
+
+def test_altitude_is_left_aside(tmp_path: Path) -> None:
+    feature = track_feature(times=[f"2026-03-01T0{hour}:00:00Z" for hour in range(3)])
+    feature["geometry"]["coordinates"] = [[3, 56, 100], [4, 57], [5, 58, -3.5]]
+    track = read(tmp_path, [feature]).tracks[0]
+    assert track.positions_deg.tolist() == [[3, 56], [4, 57], [5, 58]]
+    assert track.floor_m is None
+
+
+@pytest.mark.parametrize("name", ["EPSG:4326", "urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326"])
+def test_a_crs_member_that_says_wgs84_is_accepted(tmp_path: Path, name: str) -> None:
+    assert read(tmp_path, [], crs={"type": "name", "properties": {"name": name}}).areas == []
+
+
+def test_compressed_and_marked_files_read_like_plain_ones(tmp_path: Path) -> None:
+    text = '\ufeff{"type": "FeatureCollection", "scene": {}, "features": []}'
+    (tmp_path / "plan.geojson.gz").write_bytes(gzip.compress(text.encode()))
+    assert io.read(tmp_path / "plan.geojson.gz").scene == Scene("plan")
