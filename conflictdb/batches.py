@@ -97,6 +97,13 @@ def _offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
 
 
+def _ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the offsets of some rows of ragged data, and where their items stand."""
+    length = offset[rows + 1] - offset[rows]
+    taken = _offsets(length)
+    return taken, np.repeat(offset[rows] - taken[:-1], length) + np.arange(taken[-1])
+
+
 def _stacked(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.concatenate([np.empty((0, 2)), *arrays])
 
@@ -152,11 +159,8 @@ class Pieces:
         columns: dict[str, Any] = {}
         for column in fields(self):
             if column.name.endswith("_offset"):
-                offset = getattr(self, column.name)
                 ragged = column.name.replace("_offset", "_xy")
-                length = offset[rows + 1] - offset[rows]
-                columns[column.name] = _offsets(length)
-                index = np.repeat(offset[rows] - columns[column.name][:-1], length) + np.arange(length.sum())
+                columns[column.name], index = _ragged_rows(getattr(self, column.name), rows)
                 columns[ragged] = getattr(self, ragged)[index]
             elif not column.name.endswith("_xy"):
                 columns[column.name] = getattr(self, column.name)[rows]
@@ -192,6 +196,11 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.a)
 
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return some of the pairs."""
+        offset, index = _ragged_rows(self.region_offset, rows)
+        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset)
+
 
 @dataclass(frozen=True, slots=True)
 class Conflicts:
@@ -222,3 +231,30 @@ class Conflicts:
 
     def __len__(self) -> int:
         return len(self.a_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """m intervals during which pairs of pieces interfere, or might.
+
+    pair : (m,) int64          row number of the pair, not decreasing
+    start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
+    error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
+    verdict : (m,) int8        index into list(Verdict)
+    """
+
+    pair: NDArray[np.int64]
+    start_s: NDArray[np.float64]
+    end_s: NDArray[np.float64]
+    error_s: NDArray[np.float64]
+    verdict: NDArray[np.int8]
+
+    def __len__(self) -> int:
+        return len(self.pair)
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
+        """Return all contacts in one, sorted by pair and start; at least one batch."""
+        columns = [np.concatenate([getattr(batch, column.name) for batch in batches]) for column in fields(cls)]
+        order = np.lexsort((columns[1], columns[0]))
+        return cls(*(column[order] for column in columns))

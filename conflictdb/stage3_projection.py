@@ -107,9 +107,11 @@ def _fractions(
     nearest, furthest = np.minimum.reduceat(rho, ends - region), np.maximum.reduceat(rho, ends - region)
 
     safe = np.where(moves, length, 1.0)
-    low = np.where(moves, np.clip((nearest - ahead) / safe, 0.0, 1.0), 0.0)
-    high = np.where(moves, np.clip((furthest - behind) / safe, 0.0, 1.0), 1.0)
-    return tuple(_time_fraction(earth, mu0, mu1, fraction) for fraction in (low, high))  # type: ignore[return-value]
+    low = np.where(moves, (nearest - ahead) / safe, 0.0)
+    high = np.where(moves, (furthest - behind) / safe, 1.0)
+    first, last = (_time_fraction(earth, mu0, mu1, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
+    # A region that the haven has left before the slice, or reaches after it, leaves an empty window.
+    return np.where(low > 1.0, np.inf, first), np.where(high < 0.0, -np.inf, last)
 
 
 def _time_fraction(earth: Earth, mu0: Floats, mu1: Floats, plane_fraction: Floats) -> Floats:

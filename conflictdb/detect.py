@@ -1,0 +1,221 @@
+"""Detection: a scene taken through the four stages.
+
+The only module that knows both halves: the database, where stages 1 and 2 run, and the arrays of stages 3 and 4.
+`solve` runs the same stages on objects in memory, with an index in memory in place of the database's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.batches import AreaBatch, Conflicts, Contacts, Pairs, Pieces, TrackBatch
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Method, Scene, Track, Verdict
+from conflictdb.pieces import area_pieces, check_plane, track_pieces
+from conflictdb.stage3_projection import shared_span, windows
+from conflictdb.stage4_contacts import CONFLICT, UNRESOLVED, Effort, Progress, contacts, meeting_points, still_pairs
+
+
+@dataclass(frozen=True, slots=True)
+class Interference:
+    """A pair that interferes, or might, as `solve` reports it.
+
+    a_key, b_key : the area first if there is one, else the smaller key
+    periods_us : (start, end) inclusive, microseconds since 1970; None where unbounded
+    first_contact_deg : longitude and latitude of the first contact, None if the method does not tell
+    time_error_s : bound on the error of every end of every period, seconds
+    """
+
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    periods_us: tuple[tuple[int | None, int | None], ...]
+    first_contact_deg: tuple[float, float] | None
+    time_error_s: float
+
+
+def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
+    """Return the pairs of tracks and areas that interfere, without a database.
+
+    The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
+    that the scene's plane cannot hold, and for keys that occur twice.
+    """
+    scene = scene or Scene("in memory")
+    check_plane(scene, areas, tracks)
+    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    found, _ = settle(scene, pieces, _pairs_in_memory(pieces))
+    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
+    answer = []
+    for k in range(len(found)):
+        pair = [
+            (Kind(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
+            for kind, number in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
+        ]
+        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0], member[1].encode()))
+        lon, lat = found.first_contact_deg[k].tolist()
+        periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
+        answer.append(
+            Interference(
+                a_key,
+                a_kind,
+                b_key,
+                b_kind,
+                list(Verdict)[found.verdict[k]],
+                tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
+                None if np.isnan(lon) else (lon, lat),
+                float(found.time_error_s[k]),
+            )
+        )
+    return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
+
+
+@dataclass(slots=True)
+class Funnel:
+    """How many pairs of pieces each stage left, and what stage 4 did."""
+
+    window_pairs: int = 0
+    solved_pairs: int = 0
+    stage3_s: float = 0.0
+    stage4_s: float = 0.0
+    effort: Effort | None = None
+
+
+def settle(scene: Scene, pieces: Pieces, pairs: Pairs, progress: Progress | None = None) -> tuple[Conflicts, Funnel]:
+    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method."""
+    funnel = Funnel()
+    still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
+    rows = np.flatnonzero(still)
+    verdict = still_pairs(scene, pieces, pairs.take(rows))
+    meets = np.flatnonzero(verdict >= 0)
+    found = [_whole_spans(pieces, pairs, rows[meets], verdict[meets])]
+
+    moving = np.flatnonzero(~still)
+    if scene.method == Method.SCREEN:
+        found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
+    elif moving.size:
+        some = pairs.take(moving)
+        first, last = windows(scene, pieces, some)
+        possible = np.flatnonzero(first <= last)
+        funnel.window_pairs = len(possible)
+        if scene.method == Method.WINDOW:
+            width = last[possible] - first[possible]
+            verdict = np.full(len(possible), UNRESOLVED, np.int8)
+            found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict))
+        else:
+            solved, funnel.effort = contacts(scene, pieces, some, first, last, progress)
+            funnel.solved_pairs = len(possible)
+            found.append(Contacts(moving[solved.pair], solved.start_s, solved.end_s, solved.error_s, solved.verdict))
+    return _by_object(scene, pieces, pairs, Contacts.concatenate(found)), funnel
+
+
+def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict: NDArray[np.int8]) -> Contacts:
+    """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
+    start, end = shared_span(pieces, pairs.take(rows))
+    unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
+    width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
+    return Contacts(rows, np.zeros(len(rows)), width, np.where(verdict == UNRESOLVED, width, 0.0), verdict)
+
+
+def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> Conflicts:
+    """Return the contacts of pieces, merged into one row per pair of objects with its periods."""
+    shared_start, shared_end = shared_span(pieces, pairs)
+    a, b = pairs.a[found.pair], pairs.b[found.pair]
+    swap = (pieces.kind[a] > pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
+    )
+    a, b = np.where(swap, b, a), np.where(swap, a, b)
+    start, end = _instants(found, shared_start[found.pair], shared_end[found.pair])
+    keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
+    unique, group = np.unique(keys, axis=1, return_inverse=True)
+    order = np.lexsort((end, start, group))
+    group, start, end = group[order], start[order], end[order]
+    error, verdict = found.error_s[order], found.verdict[order]
+    n = unique.shape[1]
+
+    # The latest end so far within each group: ranks let one running maximum serve all groups.
+    values, rank = np.unique(end, return_inverse=True)
+    reached = values[np.maximum.accumulate(group * len(values) + rank) - group * len(values)] if len(end) else end
+    opens = np.ones(len(group), np.bool_)
+    opens[1:] = (group[1:] != group[:-1]) | (start[1:] > reached[:-1])
+    period = np.cumsum(opens) - 1
+    period_start = start[opens]
+    period_end = reached[np.append(np.flatnonzero(opens)[1:], len(opens)) - 1] if len(opens) else end
+    period_error = np.zeros(len(period_start))
+    outermost = (start == period_start[period]) | (end == period_end[period])
+    np.maximum.at(period_error, period[outermost], error[outermost])
+
+    owner = group[opens]
+    time_error = np.zeros(n)
+    np.maximum.at(time_error, owner, period_error)
+    has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    has_conflict[group[verdict == CONFLICT]] = True
+    has_open[group[verdict == UNRESOLVED]] = True
+    grazing = list(Verdict).index(Verdict.GRAZING)
+
+    first = np.searchsorted(group, np.arange(n))
+    points = np.full((n, 2), np.nan)
+    if scene.method not in (Method.SCREEN, Method.WINDOW):
+        at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
+        points = meeting_points(scene, pieces, pairs.take(found.pair[order][first]), at)
+    member_a, member_b = a[order][first], b[order][first]
+    return Conflicts(
+        a_kind=pieces.kind[member_a],
+        a_id=pieces.object_id[member_a],
+        a_version=pieces.version[member_a],
+        b_kind=pieces.kind[member_b],
+        b_id=pieces.object_id[member_b],
+        b_version=pieces.version[member_b],
+        period_us=np.stack([period_start, period_end], axis=1),
+        period_offset=np.searchsorted(owner, np.arange(n + 1)).astype(np.int64),
+        verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], grazing).astype(np.int8),
+        first_contact_deg=points,
+        time_error_s=time_error,
+    )
+
+
+def _instants(
+    found: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
+    whole = (found.start_s <= 0.0) & np.isinf(found.end_s)
+    offset = np.floor(found.start_s * 1e6).astype(np.int64)
+    start = np.where(whole, shared_start, shared_start + offset)
+    with np.errstate(invalid="ignore"):
+        until = np.ceil(np.where(whole, 0.0, found.end_s) * 1e6).astype(np.int64)
+    end = np.where(whole, shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end))
+    return np.maximum(start, shared_start), end
+
+
+def _pairs_in_memory(pieces: Pieces) -> Pairs:
+    """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
+    hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
+    a, b = shapely.STRtree(hulls).query(hulls)
+    earlier = (pieces.kind[a] < pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
+    )
+    keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
+    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
+    a, b = a[keep], b[keep]
+    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
+    last = np.ones(len(a), np.bool_)
+    for member in (a, b):
+        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
+    keep = (start < end) | ((start == end) & last)
+    a, b = a[keep], b[keep]
+    order = np.lexsort((b, a))
+    a, b = a[order], b[order]
+    met = shapely.intersects(hulls[a], hulls[b])
+    a, b = a[met], b[met]
+    moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
+    region = np.full(len(a), None, dtype=object)
+    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
+    xy, owner = shapely.get_coordinates(region, return_index=True)
+    return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
+
+
+def _owners(offset: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.repeat(np.arange(len(offset) - 1), np.diff(offset))
