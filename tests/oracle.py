@@ -1,0 +1,466 @@
+"""Brute force: when do two objects of a scene touch, and how close do they come?
+
+Obvious, slow and independent: shares nothing with the package but the classes of a scene. Where the package uses
+series in the third flattening, this uses the incomplete elliptic integral, Gauss-Legendre means and Newton's method;
+where the package reasons about convex parts, this samples densely with shapely on the whole polygons.
+`oracle_precise.py` is the same motion in 50 digits.
+
+Motion (all that is assumed):
+
+- A leg is a rhumb line at constant speed; longitudes are unwrapped the shortest way.
+- A haven vertex (starboard, forward) is reached from the reference point by a rhumb step forward along the leg's
+  bearing, then one to starboard. The haven is the convex hull of its vertices in the Mercator plane.
+- Spans are half-open, polygons are closed; at inner waypoints both orientations count.
+
+Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.special import ellipeinc
+
+from conflictdb.model import Area, EarthModel, Scene, Track
+
+Floats = NDArray[np.float64]
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
+SPEED_MARGIN: Final = 2.0  # on the largest speed that is seen between samples
+SPLIT: Final = 16  # parts that an undecided interval is cut into
+SAMPLING_ROUNDS: Final = 3  # 16, then 256, then 4096 intervals per pair of legs, the last two only where undecided
+ZOOM_ROUNDS: Final = 10  # each narrows a bracket 8 times or more
+SAME_INSTANT_S: Final = 1e-7  # contacts closer than this are one
+
+
+@dataclass(frozen=True)
+class Globe:
+    """Figure of the earth: equatorial radius in metres and squared eccentricity; latitudes in radians."""
+
+    a: float
+    e2: float
+
+    @classmethod
+    def of(cls, earth: EarthModel) -> "Globe":
+        if earth is EarthModel.SPHERE:
+            return cls(6371008.771415, 0.0)
+        f = 1 / 298.257223563
+        return cls(6378137.0, f * (2 - f))
+
+    def isometric(self, lat: Floats) -> Floats:
+        e = np.sqrt(self.e2)
+        return np.arcsinh(np.tan(lat)) - e * np.arctanh(e * np.sin(lat))
+
+    def latitude_of_isometric(self, psi: Floats) -> Floats:
+        e = np.sqrt(self.e2)
+        lat = np.arctan(np.sinh(psi))
+        for _ in range(12):
+            lat = np.arctan(np.sinh(psi + e * np.arctanh(e * np.sin(lat))))
+        return lat
+
+    def meridian_m(self, lat: Floats) -> Floats:
+        """Metres from the equator to a latitude, along the meridian."""
+        sin, cos = np.sin(lat), np.cos(lat)
+        return self.a * (ellipeinc(lat, self.e2) - self.e2 * sin * cos / np.sqrt(1 - self.e2 * sin**2))
+
+    def latitude_of_meridian(self, m: Floats) -> Floats:
+        lat = np.asarray(m / self.a)
+        for _ in range(5):
+            lat = lat - (self.meridian_m(lat) - m) / self.along_m(lat)
+        return lat
+
+    def along_m(self, lat: Floats) -> Floats:
+        """Metres per radian of latitude."""
+        return self.a * (1 - self.e2) / (1 - self.e2 * np.sin(lat) ** 2) ** 1.5
+
+    def across_m(self, lat: Floats) -> Floats:
+        """Metres per radian of longitude."""
+        return self.a * np.cos(lat) / np.sqrt(1 - self.e2 * np.sin(lat) ** 2)
+
+    def turn_per_m(self, lat1: Floats, lat2: Floats) -> Floats:
+        """Radians of longitude per metre made good to the east on the rhumb line between two latitudes.
+
+        The mean over the meridian of 1/across: by quadrature for short arcs (nothing cancels), else as the quotient.
+        """
+        lat1, lat2 = np.broadcast_arrays(np.asarray(lat1, float), np.asarray(lat2, float))
+        middle, half = (lat1 + lat2) / 2, (lat2 - lat1) / 2
+        lat = middle[..., None] + half[..., None] * NODES
+        along = self.along_m(lat)
+        short = (along / self.across_m(lat)) @ WEIGHTS / (along @ WEIGHTS)
+        wide = np.abs(half) > 0.025
+        if not wide.any():
+            return short
+        span = np.where(wide, self.meridian_m(lat2) - self.meridian_m(lat1), 1.0)
+        return np.where(wide, (self.isometric(lat2) - self.isometric(lat1)) / span, short)
+
+    def step(self, lon: Floats, lat: Floats, north_m: Floats, east_m: Floats) -> tuple[Floats, Floats]:
+        """Go along a rhumb line by so many metres made good to the north and to the east."""
+        lat2 = np.where(north_m == 0.0, lat, self.latitude_of_meridian(self.meridian_m(lat) + north_m))
+        return lon + east_m * self.turn_per_m(lat, lat2), lat2
+
+    def between(self, lat1_deg: float, lat2_deg: float, dlon_deg: float) -> tuple[float, float]:
+        """Metres made good to the north and to the east on the rhumb line between two points, unwrapped."""
+        lat1, lat2 = np.radians(lat1_deg), np.radians(lat2_deg)
+        north = self.meridian_m(lat2) - self.meridian_m(lat1)
+        half = np.radians(lat2_deg - lat1_deg) / 2
+        if abs(half) < 0.025:  # the difference of two large distances would be rounded
+            north = half * (self.along_m((lat1 + lat2) / 2 + half * NODES) @ WEIGHTS)
+        return float(north), float(np.radians(dlon_deg) / self.turn_per_m(lat1, lat2))
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg of a track, longitudes unwrapped, in radians; heading as a unit vector (north, east)."""
+
+    start_us: int
+    end_us: int
+    lon: float
+    lat: float
+    north_m: float
+    east_m: float
+    heading: tuple[float, float]
+
+    def vertices(self, globe: Globe, outline_m: Floats, fraction: Floats) -> tuple[Floats, Floats]:
+        """Longitudes and latitudes in radians, (n, m), of the haven's vertices at n fractions of the leg."""
+        lon, lat = globe.step(
+            self.lon, np.full(len(fraction), self.lat), fraction * self.north_m, fraction * self.east_m
+        )
+        (cos, sin), starboard, forward = self.heading, outline_m[:, 0], outline_m[:, 1]
+        lon, lat = globe.step(lon[:, None], lat[:, None], forward * cos, forward * sin)
+        return globe.step(lon, lat, -starboard * sin, starboard * cos)
+
+
+def legs(globe: Globe, track: Track) -> list[Leg]:
+    """The legs of a track; a loiter keeps the heading before it, else that of the next moving leg, else north."""
+    turns = np.diff(track.positions_deg[:, 0])
+    turns = np.where(
+        np.abs(turns) > 180.0, turns - 360.0 * np.round(turns / 360.0), turns
+    )  # half a turn keeps its sign
+    lon = np.radians(track.positions_deg[0, 0] + np.concatenate([[0.0], np.cumsum(turns)]))
+    lat = track.positions_deg[:, 1]
+    moves = [globe.between(lat[i], lat[i + 1], turn) for i, turn in enumerate(turns)]
+    headings = [(n / np.hypot(n, e), e / np.hypot(n, e)) if np.hypot(n, e) > 0.0 else None for n, e in moves]
+    heading = next((h for h in headings if h), (1.0, 0.0))
+    found = []
+    for i, (north, east) in enumerate(moves):
+        heading = headings[i] or heading
+        start, end = int(track.times_us[i]), int(track.times_us[i + 1])
+        found.append(Leg(start, end, float(lon[i]), float(np.radians(lat[i])), north, east, heading))
+    return found
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of time in which an object moves evenly: `place(seconds)` gives its polygons in the plane."""
+
+    start_us: float
+    end_us: float
+    leg: Leg | None
+    globe: Globe
+    outline_m: Floats
+    footprint: shapely.MultiPolygon | None
+    origin_lon: float
+
+    def vertices(self, epoch_us: int, seconds: Floats) -> Floats:
+        """Vertices (n, m, 2) in the plane, metres; areas: their bounds, which do not move."""
+        if self.leg is None:
+            x0, y0, x1, y1 = self.footprint.bounds
+            return np.broadcast_to(np.array([[x0, y0], [x1, y1]]), (len(seconds), 2, 2))
+        leg = self.leg
+        fraction = ((epoch_us - leg.start_us) / 1e6 + seconds) / ((leg.end_us - leg.start_us) / 1e6)
+        lon, lat = leg.vertices(self.globe, self.outline_m, np.clip(fraction, 0.0, 1.0))
+        return self.globe.a * np.stack([lon - self.origin_lon, self.globe.isometric(lat)], axis=-1)
+
+    def place(self, epoch_us: int, seconds: Floats) -> NDArray[np.object_]:
+        if self.leg is None:
+            return np.full(len(seconds), self.footprint, dtype=object)
+        return shapely.convex_hull(shapely.multipoints(self.vertices(epoch_us, seconds)))
+
+
+def plane(globe: Globe, footprint: shapely.MultiPolygon, origin_lon: float) -> shapely.MultiPolygon:
+    """An area in the plane, in metres east of a longitude (radians); edges are straight there."""
+
+    def project(lonlat: Floats) -> Floats:
+        lon, lat = np.radians(lonlat).T
+        return globe.a * np.stack([lon - origin_lon, globe.isometric(lat)], axis=-1)
+
+    return shapely.transform(footprint, project)
+
+
+def phases(globe: Globe, thing: Area | Track, origin_lon: float) -> list[Phase]:
+    if isinstance(thing, Area):
+        start = -np.inf if thing.start_us is None else thing.start_us
+        end = np.inf if thing.end_us is None else thing.end_us
+        footprint = plane(globe, thing.footprint, origin_lon)
+        shapely.prepare(footprint)
+        return [Phase(start, end, None, globe, np.empty((0, 2)), footprint, origin_lon)]
+    return [Phase(x.start_us, x.end_us, x, globe, thing.outline_m, None, origin_lon) for x in legs(globe, thing)]
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """What brute force finds of a pair.
+
+    intervals : closed intervals of contact, seconds after epoch_us, increasing and disjoint
+    least_m : least separation on the earth, metres; 0 in contact; inf if more than was asked to be resolved
+    least_plane_m : the same in the plane
+    at_s : when that is, seconds after epoch_us
+    ends_open : whether only the excluded last instant of a span touches (least_m is 0 but there is no interval)
+    """
+
+    epoch_us: int
+    intervals: tuple[tuple[float, float], ...]
+    least_m: float
+    least_plane_m: float
+    at_s: float
+
+    @property
+    def touches(self) -> bool:
+        return bool(self.intervals)
+
+    @cached_property
+    def intervals_us(self) -> tuple[tuple[float, float], ...]:
+        return tuple((self.epoch_us + 1e6 * a, self.epoch_us + 1e6 * b) for a, b in self.intervals)
+
+
+NEVER: Final = Meeting(0, (), np.inf, np.inf, np.nan)
+
+
+def ground_m(globe: Globe, lines: NDArray[np.object_]) -> Floats:
+    """Lengths on the earth of short plane segments, by the local scale at the middle; metres."""
+    ends = shapely.get_coordinates(lines).reshape(-1, 2, 2) / globe.a
+    lat = globe.latitude_of_isometric(ends[..., 1])
+    middle, dlon = lat.mean(axis=1), ends[:, 1, 0] - ends[:, 0, 0]
+    # The east-west scale is the one of the rhumb line between the two points, exact at any length along it.
+    east = dlon / globe.turn_per_m(lat[:, 0], lat[:, 1])
+    return np.hypot((lat[:, 1] - lat[:, 0]) * globe.along_m(middle), east)
+
+
+class Gap:
+    """The signed separation of two phases as a function of time, over their common span.
+
+    Positive: distance, less `separation_m`. Negative: some measure of the overlap, only good for seeing where it ends.
+    """
+
+    def __init__(self, a: Phase, b: Phase, epoch_us: int, separation_m: float) -> None:
+        self.a, self.b, self.epoch_us, self.separation_m = a, b, epoch_us, separation_m
+
+    def __call__(self, seconds: Floats) -> Floats:
+        one, two = self.a.place(self.epoch_us, seconds), self.b.place(self.epoch_us, seconds)
+        apart = ~shapely.intersects(one, two)
+        gap = np.zeros(len(seconds))
+        if self.separation_m > 0.0:
+            gap[apart] = ground_m(self.a.globe, shapely.shortest_line(one[apart], two[apart])) - self.separation_m
+        else:
+            # A touch that rounding leaves apart by less than the last digit is still apart: keep the sign.
+            gap[apart] = np.maximum(shapely.distance(one[apart], two[apart]), 1e-12)
+        common = shapely.intersection(one[~apart], two[~apart])
+        gap[~apart] = -self.separation_m - np.sqrt(shapely.area(common)) - 1e-9 * shapely.length(common)
+        return gap
+
+    def plane_and_ground_m(self, second: float) -> tuple[float, float]:
+        at = np.array([second])
+        one, two = self.a.place(self.epoch_us, at), self.b.place(self.epoch_us, at)
+        if shapely.intersects(one, two)[0]:
+            return 0.0, 0.0
+        line = shapely.shortest_line(one, two)
+        return float(shapely.length(line)[0]), float(ground_m(self.a.globe, line)[0])
+
+
+def sample(gap: Gap, end_s: float, care_m: float) -> tuple[Floats, Floats]:
+    """Times and gaps, dense wherever the gap could be less than `care_m`."""
+    seconds = np.linspace(0.0, end_s, SPLIT + 1)
+    values = gap(seconds)
+    for _ in range(SAMPLING_ROUNDS - 1):
+        speed = 0.0
+        for phase in (gap.a, gap.b):
+            steps = np.diff(phase.vertices(gap.epoch_us, seconds), axis=0)
+            lengths = np.hypot(steps[..., 0], steps[..., 1]).max(axis=1)
+            speed = speed + SPEED_MARGIN * lengths
+        # Over an interval the gap cannot fall below the mean of its ends less half of what both sides can move.
+        lowest = (values[1:] + values[:-1] - speed) / 2
+        deep = np.maximum(values[1:], values[:-1]) < -speed
+        cut = (lowest < care_m) & ~deep & (np.diff(seconds) > SAME_INSTANT_S)
+        if not cut.any():
+            break
+        parts = np.arange(1, SPLIT) / SPLIT
+        extra = (seconds[:-1][cut, None] + np.diff(seconds)[cut, None] * parts).ravel()
+        seconds, values = np.concatenate([seconds, extra]), np.concatenate([values, gap(extra)])
+        order = np.argsort(seconds, kind="stable")
+        seconds, values = seconds[order], values[order]
+    return seconds, values
+
+
+def crossing(gap: Gap, outside: float, inside: float) -> float:
+    """The instant where contact begins or ends, between one without and one with contact."""
+    for _ in range(ZOOM_ROUNDS):
+        grid = np.linspace(outside, inside, SPLIT + 1)
+        first = int(np.argmax(gap(grid) <= 0.0))
+        if first == 0:
+            break
+        outside, inside = float(grid[first - 1]), float(grid[first])
+    return inside
+
+
+def extreme(gap: Gap, left: float, right: float, sign: float) -> tuple[float, float]:
+    """Where `sign * gap` is least between two instants, and the gap there."""
+    at, value = left, np.inf
+    for _ in range(ZOOM_ROUNDS):
+        grid = np.linspace(left, right, SPLIT + 1)
+        values = sign * gap(grid)
+        best = int(np.argmin(values))
+        if values[best] < value:
+            at, value = float(grid[best]), float(values[best])
+        left, right = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, SPLIT)])
+    return at, sign * value
+
+
+def contacts(gap: Gap, end_s: float, care_m: float) -> tuple[list[tuple[float, float]], float, float]:
+    """Intervals of contact of two phases, the least gap, and when it is."""
+    if end_s == 0.0:
+        value = float(gap(np.zeros(1))[0])
+        return ([(0.0, 0.0)] if value <= 0.0 else []), value, 0.0
+    seconds, values = sample(gap, end_s, care_m)
+    # Look into the lowest dip, every dip that might touch and each bump of a contact that might part. A convex dip that
+    # touches between samples at least halves towards its lowest one; ripples of rounding do not.
+    lowest, extra = int(np.argmin(values)), []
+    for i, value in enumerate(values):
+        left, right = max(i - 1, 0), min(i + 1, len(seconds) - 1)
+        beside = values[[left, right]]
+        low = 0.0 < value <= min(beside.min(), care_m) and (value <= 0.75 * beside.max() or left == i or right == i)
+        high = 0.0 >= value >= beside.max() and value > 0.9 * beside.min()
+        if low or high or (i == lowest and 0.0 < value <= care_m):
+            extra.append(extreme(gap, seconds[left], seconds[right], -1.0 if high else 1.0))
+    seconds = np.concatenate([seconds, [t for t, _ in extra]])
+    values = np.concatenate([values, [v for _, v in extra]])
+    order = np.argsort(seconds, kind="stable")
+    seconds, values = seconds[order], values[order]
+
+    touching = values <= 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
+    found = []
+    for first, after in edges.reshape(-1, 2):
+        start = seconds[0] if first == 0 else crossing(gap, seconds[first - 1], seconds[first])
+        end = seconds[-1] if after == len(seconds) else crossing(gap, seconds[after], seconds[after - 1])
+        found.append((float(start), float(end)))
+    best = int(np.argmin(values))
+    return found, float(values[best]), float(seconds[best])
+
+
+def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000.0) -> Meeting:
+    """When two objects touch (or come closer than the scene's separation), and how close they come.
+
+    The least separation is resolved where it is below `care_m`, metres in the plane.
+    """
+    infinite = np.inf
+    if max(_low(a), _low(b)) >= min(_high(a), _high(b)):
+        return NEVER
+    globe = Globe.of(scene.earth)
+    origin = np.radians(float(_longitudes(a).mean()))
+    mine, theirs = phases(globe, a, origin), phases(globe, b, origin)
+    start_us = max(mine[0].start_us, theirs[0].start_us)
+    end_us = min(mine[-1].end_us, theirs[-1].end_us)
+    if start_us >= end_us:
+        return NEVER
+    epoch_us = int(start_us) if start_us > -infinite else 0
+
+    found: list[tuple[float, float]] = []
+    least = (infinite, infinite, np.nan)
+    for p, q in ((p, q) for p in mine for q in theirs):
+        low, high = max(p.start_us, q.start_us), min(p.end_us, q.end_us)
+        if low > high or low >= end_us:
+            continue
+        still = p.leg is None and q.leg is None
+        zero_us = epoch_us if still else int(low)
+        offset_s = (zero_us - epoch_us) / 1e6
+        duration_s = 0.0 if still else (int(high) - int(low)) / 1e6
+        for other in _copies(p, q):
+            gap = Gap(p, other, zero_us, scene.separation_m)
+            intervals, value, at = contacts(gap, duration_s, care_m)
+            if still and intervals:
+                intervals = [((low - epoch_us) / 1e6, (high - epoch_us) / 1e6)]
+            found += [(s + offset_s, e + offset_s) for s, e in intervals]
+            if value < care_m:
+                plane_m, ground = gap.plane_and_ground_m(at)
+                least = min(least, (ground, plane_m, at + offset_s))
+    last_s = (end_us - epoch_us) / 1e6
+    # The last instant of a span does not belong to it.
+    merged = [(s, e) for s, e in _merged(found) if s < last_s - SAME_INSTANT_S or s == -infinite]
+    return Meeting(epoch_us, tuple(merged), *least)
+
+
+def meetings(
+    scene: Scene, areas: list[Area], tracks: list[Track], care_m: float = 1000.0
+) -> dict[tuple[str, str], Meeting]:
+    """Every pair of a scene by keys, the area (else the smaller key) first."""
+    pairs: Iterator[tuple[Area | Track, Area | Track]] = combinations(
+        [*areas, *sorted(tracks, key=lambda t: t.key.encode())], 2
+    )
+    found = {}
+    for a, b in pairs:
+        if isinstance(a, Area) and isinstance(b, Area) and b.key.encode() < a.key.encode():
+            a, b = b, a
+        found[a.key, b.key] = meeting(scene, a, b, care_m)
+    return found
+
+
+def haven_at(scene: Scene, track: Track, instant_us: int, leg: int) -> Floats:
+    """Vertices (m, 2) of a haven on one of its legs, longitude (unwrapped) and latitude in degrees."""
+    globe = Globe.of(scene.earth)
+    x = legs(globe, track)[leg]
+    fraction = np.array([(instant_us - x.start_us) / (x.end_us - x.start_us)])
+    lon, lat = x.vertices(globe, track.outline_m, fraction)
+    return np.degrees(np.stack([lon[0], lat[0]], axis=-1))
+
+
+def _copies(p: Phase, q: Phase) -> Iterator[Phase]:
+    """The second phase as it is and whole turns aside, as far as it could meet the first."""
+    round_m = 2 * np.pi * p.globe.a
+    boxes = []
+    for phase in (p, q):
+        if phase.leg is None:
+            boxes.append((phase.footprint.bounds[0], phase.footprint.bounds[2]))
+        else:
+            x = phase.vertices(
+                phase.leg.start_us, np.linspace(0, (phase.leg.end_us - phase.leg.start_us) / 1e6, SPLIT + 1)
+            )[..., 0]
+            reach = (x.max() - x.min()) / 4 + 1e5
+            boxes.append((x.min() - reach, x.max() + reach))
+    for turn in range(-3, 4):
+        shift = turn * round_m
+        if boxes[1][0] + shift <= boxes[0][1] and boxes[0][0] <= boxes[1][1] + shift:
+            footprint = q.footprint
+            if footprint is not None and turn:
+                footprint = shapely.transform(footprint, _shifted(shift))
+            yield Phase(q.start_us, q.end_us, q.leg, q.globe, q.outline_m, footprint, q.origin_lon - turn * 2 * np.pi)
+
+
+def _shifted(shift_m: float) -> Callable[[Floats], Floats]:
+    return lambda xy: xy + np.array([shift_m, 0.0])
+
+
+def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    merged: list[tuple[float, float]] = []
+    for start, end in sorted(intervals):
+        if merged and start <= merged[-1][1] + SAME_INSTANT_S:
+            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        else:
+            merged.append((start, end))
+    return merged
+
+
+def _low(thing: Area | Track) -> float:
+    return -np.inf if thing.floor_m is None else thing.floor_m
+
+
+def _high(thing: Area | Track) -> float:
+    return np.inf if thing.ceiling_m is None else thing.ceiling_m
+
+
+def _longitudes(thing: Area | Track) -> Floats:
+    return shapely.get_coordinates(thing.footprint)[:, 0] if isinstance(thing, Area) else thing.positions_deg[:, 0]

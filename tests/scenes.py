@@ -1,0 +1,516 @@
+"""Scenes with answers that can be worked out by hand, and a writer of scene files.
+
+Everything rests on three facts. On a parallel, longitude is uniform in time and a haven's fore and aft edges lie on
+meridians. On a meridian, meridian distance is uniform in time and they lie on parallels. A haven step along the
+heading comes before the step across it. Random scenes are in `workloads.py`.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import shapely
+from mpmath import mp, mpf, quad
+from mpmath import sin as mp_sin
+
+from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+
+T0_US: Final = int(datetime(2026, 3, 1, tzinfo=UTC).timestamp()) * 1_000_000
+HOUR_S: Final = 3600.0
+RADIUS_M: Final = {EarthModel.SPHERE: 6371008.771415, EarthModel.WGS84: 6378137.0}
+FLATTENING: Final = {EarthModel.SPHERE: 0.0, EarthModel.WGS84: 1 / 298.257223563}
+
+Pair = tuple[str, str]
+Interval = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene and its answer.
+
+    expected : for each pair that meets, its intervals, seconds after T0 (None: unbounded); all other pairs never meet
+    undecided : pairs that may be reported or not: touching at an instant that rounding or the end of a span decides
+    """
+
+    name: str
+    scene: Scene
+    areas: list[Area] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    expected: dict[Pair, list[Interval]] = field(default_factory=dict)
+    undecided: frozenset[Pair] = frozenset()
+
+
+def meridian_m(earth: EarthModel, lat_deg: float) -> float:
+    """Metres along the meridian from the equator, by quadrature in 30 digits."""
+    with mp.workdps(30):
+        f, a = mpf(FLATTENING[earth]), mpf(RADIUS_M[earth])
+        e2 = f * (2 - f)
+        lat = mp.radians(mpf(lat_deg))
+        return float(quad(lambda p: a * (1 - e2) / (1 - e2 * mp_sin(p) ** 2) ** mpf(1.5), [0, lat]))
+
+
+def parallel_m(earth: EarthModel, lat_deg: float) -> float:
+    """Metres of one degree of longitude on a parallel."""
+    f, a, p = FLATTENING[earth], RADIUS_M[earth], np.radians(lat_deg)
+    return float(np.radians(1.0) * a * np.cos(p) / np.sqrt(1 - f * (2 - f) * np.sin(p) ** 2))
+
+
+def instant_us(seconds: float) -> int:
+    return T0_US + round(seconds * 1e6)
+
+
+def area(
+    key: str,
+    shape: shapely.Polygon | shapely.MultiPolygon,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    heights: tuple[float | None, float | None] = (None, None),
+) -> Area:
+    """An area of one or more polygons, active from and to seconds after T0."""
+    many = shape if isinstance(shape, shapely.MultiPolygon) else shapely.MultiPolygon([shape])
+    span = [None if s is None else instant_us(s) for s in (start_s, end_s)]
+    return Area(key, many, None, *span, *heights)
+
+
+def track(
+    key: str,
+    waypoints: Sequence[tuple[float, float]],
+    times_s: Sequence[float],
+    fore: float = 5000.0,
+    aft: float = 5000.0,
+    port: float = 5000.0,
+    starboard: float = 5000.0,
+    heights: tuple[float | None, float | None] = (None, None),
+) -> Track:
+    """A track through (longitude, latitude) points at seconds after T0, with a rectangular haven in metres."""
+    return Track(
+        key,
+        np.array(waypoints, dtype=np.float64),
+        np.array([instant_us(s) for s in times_s], dtype=np.int64),
+        rectangle_outline_m(fore, aft, port, starboard),
+        None,
+        *heights,
+    )
+
+
+def _passing(
+    earth: EarthModel, lat: float, west: float, east: float, hours: float, fore: float, aft: float
+) -> Interval:
+    """When a haven that covers one degree of a parallel per `hours`, eastbound from longitude 0, meets [west, east]."""
+    degree = parallel_m(earth, lat)
+    return (west - fore / degree) * hours * HOUR_S, (east + aft / degree) * hours * HOUR_S
+
+
+def equator_crossing(earth: EarthModel) -> Known:
+    """Eastbound on the equator through an area that lies on it; a second track crosses the equator northbound."""
+    day = 10 * HOUR_S
+    north = meridian_m(earth, 2.0) * 2 / day
+    return Known(
+        "equator crossing",
+        Scene("equator", earth=earth),
+        [area("A", shapely.box(3.0, -0.5, 4.0, 0.5)), area("B", shapely.box(-1.5, -0.25, -0.5, 0.75))],
+        [
+            track("E", [(0, 0), (10, 0)], [0, day], fore=9000, aft=4000),
+            track("N", [(-1, -2), (-1, 2)], [0, day], fore=9000, aft=4000),
+        ],
+        {
+            ("A", "E"): [_passing(earth, 0.0, 3.0, 4.0, 1.0, 9000, 4000)],
+            ("B", "N"): [
+                (
+                    (meridian_m(earth, 2.0) - meridian_m(earth, 0.25) - 9000) / north,
+                    (meridian_m(earth, 2.0) + meridian_m(earth, 0.75) + 4000) / north,
+                )
+            ],
+        },
+    )
+
+
+def overtaking(earth: EarthModel) -> Known:
+    """Two eastbound on one parallel, the faster one behind; and two on near parallels that stay clear by 50 m."""
+    lat, degree = 10.0, parallel_m(earth, 10.0)
+    clear = 10000.0 + 50.0
+    beside = 10.0 + clear / (meridian_m(earth, 10.5) - meridian_m(earth, 9.5))
+    return Known(
+        "overtaking",
+        Scene("overtaking", earth=earth),
+        [],
+        [
+            track("fast", [(0, lat), (10, lat)], [0, 10 * HOUR_S], fore=9000, aft=1000),
+            track("slow", [(2, lat), (7, lat)], [0, 10 * HOUR_S], fore=3000, aft=7000),
+            track("wide", [(2, beside + 0.001), (7, beside + 0.001)], [0, 10 * HOUR_S], fore=3000, aft=7000),
+        ],
+        # Closing at half a degree an hour.
+        {("fast", "slow"): [((2 - 16000 / degree) / 0.5 * HOUR_S, (2 + 4000 / degree) / 0.5 * HOUR_S)]},
+    )
+
+
+def head_on(earth: EarthModel) -> Known:
+    """Two on one meridian towards each other, at unequal speeds, at 40 to 80 degrees north and south."""
+    tracks, expected = [], {}
+    for side in (1, -1):
+        low, high = meridian_m(earth, 40.0), meridian_m(earth, 80.0)
+        first, second = (high - low) / (100 * HOUR_S), (high - low) / (60 * HOUR_S)
+        a, b = f"away{side}", f"back{side}"
+        tracks.append(track(a, [(20, side * 40.0), (20, side * 80.0)], [0, 100 * HOUR_S], fore=30000, aft=2000))
+        tracks.append(track(b, [(20, side * 80.0), (20, side * 40.0)], [0, 60 * HOUR_S], fore=50000, aft=1000))
+        expected[a, b] = [((high - low - 80000) / (first + second), (high - low + 3000) / (first + second))]
+    return Known("head-on", Scene("head-on", earth=earth), [], tracks, expected)
+
+
+def meridian_entry(earth: EarthModel) -> Known:
+    """In and out of areas along a meridian, northbound at 5 degrees, southbound at 84 and in the south."""
+    cases = [("low", 4.0, 6.0, 4.5, 5.5), ("high", 86.0, 82.0, 83.5, 84.5), ("south", -60.0, -75.0, -71.0, -68.0)]
+    areas, tracks, expected = [], [], {}
+    for key, start, end, low, high in cases:
+        lon = 30.0 * len(tracks)
+        areas.append(area(f"A{key}", shapely.box(lon - 3.0, low, lon + 3.0, high)))
+        tracks.append(track(key, [(lon, start), (lon, end)], [0, 20 * HOUR_S], fore=12345.0, aft=678.0))
+        m = [meridian_m(earth, x) for x in (start, end, low, high)]
+        sign = 1.0 if end > start else -1.0
+        speed = abs(m[1] - m[0]) / (20 * HOUR_S)
+        near, far = (m[2], m[3]) if sign > 0 else (m[3], m[2])
+        expected[f"A{key}", key] = [((sign * (near - m[0]) - 12345.0) / speed, (sign * (far - m[0]) + 678.0) / speed)]
+    return Known("meridian entry", Scene("meridian", earth=earth), areas, tracks, expected)
+
+
+def loiter(earth: EarthModel) -> Known:
+    """A haven that stops keeps its heading: before the stop, after it if it never moved, north if it never will."""
+    long_nose = {"fore": 40000.0, "aft": 1000.0, "port": 1000.0, "starboard": 1000.0}
+    degree = parallel_m(earth, 0.0)
+    reach = 40000.0 / degree
+    stop, go = 2 * HOUR_S, 5 * HOUR_S
+    return Known(
+        "loiter",
+        Scene("loiter", earth=earth),
+        [
+            area("ahead", shapely.box(1.0 + reach - 0.05, -0.2, 1.6, 0.2), 3 * HOUR_S, 4 * HOUR_S),
+            area("waiting", shapely.box(20.1, -0.2, 20.2, 0.2)),
+            area("north", shapely.box(39.9, 0.3, 40.1, 0.4)),
+            area("beside", shapely.box(40.1, -0.1, 40.2, 0.1)),
+        ],
+        [
+            track("stops", [(0, 0), (1, 0), (1, 0), (1, -1)], [0, stop, go, 9 * HOUR_S], **long_nose),
+            track("waits", [(20, 0), (20, 0), (19, 0)], [0, HOUR_S, 2 * HOUR_S], **long_nose),
+            track("moored", [(40, 0), (40, 0)], [0, HOUR_S], **long_nose),
+        ],
+        {
+            ("ahead", "stops"): [(3 * HOUR_S, 4 * HOUR_S)],  # still eastward while it stands
+            ("north", "moored"): [(0.0, HOUR_S)],
+        },
+    )
+
+
+def seam(earth: EarthModel) -> Known:
+    """Across +-180 in both directions, with areas in every way of writing one that lies across it."""
+    cut = shapely.MultiPolygon([shapely.box(179.5, -1, 180, 1), shapely.box(-180, -1, -179.5, 1)])
+    east = [(179, 0), (-179, 0)]
+    times = [0, 2 * HOUR_S]
+    fore, aft = 2000.0, 1000.0
+    across = _passing(earth, 0.0, 0.5, 1.5, 1.0, fore, aft)
+    back = _passing(earth, 0.0, 0.5, 1.5, 1.0, fore, aft)
+    beyond = _passing(earth, 0.0, 1.1, 1.2, 1.0, fore, aft)
+    beyond_back = _passing(earth, 0.0, 0.8, 0.9, 1.0, fore, aft)
+    degree = parallel_m(earth, 0.0)
+    meet = (2 - 2 * fore / degree) / 2 * HOUR_S, (2 + 2 * aft / degree) / 2 * HOUR_S
+    keys = {"cut": across, "east": across, "west": across, "beyond": beyond, "turned": beyond}
+    backs = {"cut": back, "east": back, "west": back, "beyond": beyond_back, "turned": beyond_back}
+    overlaps = [("cut", "east"), ("cut", "west"), ("east", "west"), ("beyond", "turned")]
+    overlaps += [(b, s) for b in ("beyond", "turned") for s in ("cut", "east", "west")]
+    return Known(
+        "seam",
+        Scene("seam", earth=earth),
+        [
+            area("cut", cut),
+            area("east", shapely.box(179.5, -1, 180.5, 1)),
+            area("west", shapely.box(-180.5, -1, -179.5, 1)),
+            area("beyond", shapely.box(-179.9, -1, -179.8, 1)),
+            area("turned", shapely.box(180.1, -1, 180.2, 1)),
+        ],
+        [
+            track("E", east, times, fore, aft, 500, 500),
+            track("W", east[::-1], times, fore, aft, 500, 500),
+            track("Eu", [(179, 0), (181, 0)], times, fore, aft, 500, 500, heights=(0.0, 1.0)),
+        ],
+        {
+            **{(k, "E"): [v] for k, v in keys.items()},
+            **{(k, "Eu"): [v] for k, v in keys.items()},
+            **{(k, "W"): [v] for k, v in backs.items()},
+            ("E", "W"): [meet],
+            ("Eu", "W"): [meet],
+            ("E", "Eu"): [(0.0, 2 * HOUR_S)],
+            **{(min(p), max(p)): [(None, None)] for p in overlaps},
+        },
+    )
+
+
+def on_the_seam(earth: EarthModel) -> Known:
+    """Exactly on the meridian of 180 degrees, written as +180 and as -180."""
+    m, speed = [meridian_m(earth, x) for x in (1.0, 2.0)], meridian_m(earth, 3.0) / (3 * HOUR_S)
+    times = (m[0] - 3000) / speed, (m[1] + 3000) / speed
+    sizes = {"fore": 3000.0, "aft": 3000.0, "port": 1000.0, "starboard": 1000.0}
+    return Known(
+        "on the seam",
+        Scene("on-the-seam", earth=earth),
+        [area("W", shapely.box(-180, 1, -179, 2)), area("E", shapely.box(179, 1, 180, 2))],
+        [
+            track("plus", [(180, 0), (180, 3)], [0, 3 * HOUR_S], **sizes),
+            track("minus", [(-180, 0), (-180, 3)], [0, 3 * HOUR_S], **sizes),
+        ],
+        {
+            **{(a, t): [times] for a in "EW" for t in ("plus", "minus")},
+            ("E", "W"): [(None, None)],
+            ("minus", "plus"): [(0.0, 3 * HOUR_S)],
+        },
+    )
+
+
+def touching(earth: EarthModel) -> Known:
+    """Shared edges and corners touch; half a metre apart is too close to call; five metres is clear."""
+    metre = 1.0 / (meridian_m(earth, 0.5) - meridian_m(earth, -0.5))
+    sizes = {"fore": 3000.0, "aft": 3000.0, "port": 0.0, "starboard": 1000.0}
+    times = _passing(earth, 0.0, 1.0, 2.0, 1.0, 3000, 3000)
+    return Known(
+        "touching",
+        Scene("touching", earth=earth),
+        [
+            area("edge", shapely.box(1, 0, 2, 1)),  # the track's port side runs along its southern edge, on the equator
+            area("close", shapely.box(1, 10 + 0.5 * metre, 2, 11)),
+            area("clear", shapely.box(1, 20 + 5 * metre, 2, 21)),
+            area("left", shapely.box(50, 0, 51, 1)),
+            area("right", shapely.box(51, 0.5, 52, 1.5)),
+            area("corner", shapely.box(52, 1.5, 53, 2.5)),
+        ],
+        [
+            track("T0", [(0, 0), (3, 0)], [0, 3 * HOUR_S], **sizes),
+            track("T10", [(0, 10), (3, 10)], [0, 3 * HOUR_S], **sizes),
+            track("T20", [(0, 20), (3, 20)], [0, 3 * HOUR_S], **sizes),
+        ],
+        {("edge", "T0"): [times], ("left", "right"): [(None, None)], ("corner", "right"): [(None, None)]},
+        frozenset({("close", "T10")}),
+    )
+
+
+def hole(earth: EarthModel) -> Known:
+    """A haven inside the hole of an area is clear of it; one that crosses it meets the area on both sides."""
+    ring = shapely.Polygon(shapely.box(2, -2, 6, 2).exterior, [shapely.box(3, -1, 5, 1).exterior])
+    first = _passing(earth, 0.0, 2.0, 3.0, 1.0, 2000, 1000)
+    second = _passing(earth, 0.0, 5.0, 6.0, 1.0, 2000, 1000)
+    return Known(
+        "hole",
+        Scene("hole", earth=earth),
+        [area("ring", ring)],
+        [
+            track("inside", [(3.5, 0.5), (4.5, -0.5), (3.5, -0.5)], [0, HOUR_S, 2 * HOUR_S], 2000, 1000, 500, 500),
+            track("across", [(0, 0), (8, 0)], [0, 8 * HOUR_S], 2000, 1000, 500, 500, heights=(-10.0, -5.0)),
+        ],
+        {("ring", "across"): [first, second]},
+    )
+
+
+def twice_in_a_leg(earth: EarthModel) -> Known:
+    """Through both arms of a U; and a multipolygon of three parts."""
+    arms = shapely.Polygon([(2, -1), (5, -1), (5, 1), (4, 1), (4, -0.8), (3, -0.8), (3, 1), (2, 1)])
+    three = shapely.MultiPolygon([shapely.box(x, -1, x + 0.5, 1) for x in (10.0, 12.0, 14.0)])
+    sizes = {"fore": 2000.0, "aft": 1000.0, "port": 500.0, "starboard": 500.0}
+
+    def through(west: float, east: float) -> Interval:
+        return _passing(earth, 0.0, west, east, 1.0, 2000, 1000)
+
+    return Known(
+        "twice in a leg",
+        Scene("twice", earth=earth),
+        [area("U", arms), area("parts", three)],
+        [track("T", [(0, 0), (20, 0)], [0, 20 * HOUR_S], **sizes)],
+        {
+            ("U", "T"): [through(2, 3), through(4, 5)],
+            ("parts", "T"): [through(x, x + 0.5) for x in (10.0, 12.0, 14.0)],
+        },
+    )
+
+
+def several_legs(earth: EarthModel) -> Known:
+    """To and fro: three meetings on three legs, the haven's long nose turning with each; then gone."""
+    fore, aft = 20000.0, 3000.0
+    degree = parallel_m(earth, 0.0)
+    intervals = []
+    for leg in range(3):
+        start_s = leg * 4 * HOUR_S
+        intervals.append((start_s + (1.5 - fore / degree) * HOUR_S, start_s + (2.5 + aft / degree) * HOUR_S))
+    return Known(
+        "several legs",
+        Scene("legs", earth=earth),
+        [area("A", shapely.box(1.5, -0.5, 2.5, 0.5))],
+        [track("T", [(0, 0), (4, 0), (0, 0), (4, 0), (4, 4)], [4 * i * HOUR_S for i in range(5)], fore, aft, 500, 500)],
+        {("A", "T"): intervals},
+    )
+
+
+def turning(earth: EarthModel) -> Known:
+    """At a waypoint both orientations count: the nose is in the area until the very instant of the turn."""
+    degree = parallel_m(earth, 0.0)
+    into = 2000.0 / degree
+    reach = 20000.0 / degree
+    inside = 1.0 + reach - into
+    up = meridian_m(earth, 1.0)
+    return Known(
+        "turning",
+        Scene("turning", earth=earth),
+        [
+            area("before", shapely.box(inside, -0.1, inside + 1, 0.1)),
+            # Only the new heading reaches it, from the instant of the turn, and the tail leaves it.
+            area("after", shapely.box(0.99, 0.1, 1.01, 0.15)),
+        ],
+        [track("T", [(0, 0), (1, 0), (1, 1)], [0, HOUR_S, 2 * HOUR_S], 20000, 1000, 500, 500)],
+        {
+            ("before", "T"): [((1 - into) * HOUR_S, HOUR_S)],
+            ("after", "T"): [(HOUR_S, HOUR_S + (meridian_m(earth, 0.15) + 1000) / up * HOUR_S)],
+        },
+    )
+
+
+def heights(earth: EarthModel) -> Known:
+    """Bands [floor, ceiling) that only touch are apart; a missing bound is no bound."""
+    box = shapely.box(3.0, -0.5, 4.0, 0.5)
+    path, day = [(0, 0), (10, 0)], [0, 10 * HOUR_S]
+    meets = [_passing(earth, 0.0, 3.0, 4.0, 1.0, 5000, 5000)]
+    bands = {"deep": (-300.0, -100.0), "keel": (-100.0, 0.0), "air": (0.0, None), "any": (None, None)}
+    areas = [area(f"A-{k}", box, 0, 10 * HOUR_S, heights=v) for k, v in bands.items()]
+    tracks = [track(f"T-{k}", path, day, heights=v) for k, v in bands.items()]
+    expected: dict[Pair, list[Interval]] = {}
+    for i, one in enumerate(sorted(bands)):
+        for two in sorted(bands):
+            if one == two or "any" in (one, two):
+                expected[f"A-{one}", f"T-{two}"] = list(meets)
+        for two in sorted(bands)[i + 1 :]:
+            if "any" in (one, two):
+                expected[f"A-{one}", f"A-{two}"] = [(0.0, 10 * HOUR_S)]
+                expected[f"T-{one}", f"T-{two}"] = [(0.0, 10 * HOUR_S)]
+    return Known("heights", Scene("heights", earth=earth), areas, tracks, expected)
+
+
+def spans(earth: EarthModel) -> Known:
+    """Time decides: before, after, cut short, and exactly at the end of a span, which does not belong to it."""
+    box = shapely.box(3.0, -0.5, 4.0, 0.5)
+    start, end = _passing(earth, 0.0, 3.0, 4.0, 1.0, 5000, 5000)
+    assert start is not None
+    assert end is not None
+    # The arrival on a whole microsecond: move the area, not the clock.
+    degree = parallel_m(earth, 0.0)
+    on_time = shapely.box(3.0 + 5000 / degree, -0.5, 4.0, 0.5)
+    far = shapely.box(30, 0, 31, 1)
+    return Known(
+        "spans",
+        Scene("spans", earth=earth),
+        [
+            area("early", box, -HOUR_S, start - 60),
+            area("late", box, end + 60, None),
+            area("cut", box, start + 60, end - 60),
+            area("half", box, None, start + 600),
+            area("ends-as-it-comes", on_time, None, 3 * HOUR_S),
+            area("p", far, 0, HOUR_S),
+            area("q", far, HOUR_S, 2 * HOUR_S),
+            area("r", far, 1800, None),
+        ],
+        [track("T", [(0, 0), (10, 0)], [0, 10 * HOUR_S])],
+        {
+            ("cut", "T"): [(start + 60, end - 60)],
+            ("half", "T"): [(start, start + 600)],
+            ("cut", "half"): [(start + 60, start + 600)],
+            ("p", "r"): [(1800.0, HOUR_S)],
+            ("q", "r"): [(HOUR_S, 2 * HOUR_S)],
+            ("early", "half"): [(-HOUR_S, start - 60)],
+            ("early", "ends-as-it-comes"): [(-HOUR_S, start - 60)],
+            ("ends-as-it-comes", "half"): [(None, 3 * HOUR_S)],
+        },
+        frozenset({("ends-as-it-comes", "T"), ("cut", "ends-as-it-comes")}),
+    )
+
+
+def identical(earth: EarthModel) -> Known:
+    """The same thing twice is in conflict with itself the whole time."""
+    triangle = shapely.Polygon([(-20, 30), (-19, 30.3), (-19.4, 31)])
+    path, times = [(-30, 50), (-28, 52), (-28, 52), (-31, 51)], [0, 7 * HOUR_S, 8 * HOUR_S, 20 * HOUR_S]
+    return Known(
+        "identical",
+        Scene("identical", earth=earth),
+        [area("A", triangle, 0, HOUR_S), area("B", triangle, 0, HOUR_S)],
+        [track("T", path, times), track("U", path, times)],
+        {("A", "B"): [(0.0, HOUR_S)], ("T", "U"): [(0.0, 20 * HOUR_S)]},
+    )
+
+
+MAKERS: Final[tuple[Callable[[EarthModel], Known], ...]] = (
+    equator_crossing,
+    overtaking,
+    head_on,
+    meridian_entry,
+    loiter,
+    seam,
+    on_the_seam,
+    touching,
+    hole,
+    twice_in_a_leg,
+    several_legs,
+    turning,
+    heights,
+    spans,
+    identical,
+)
+
+
+def known_scenes() -> list[Known]:
+    """Every known scene on both earths."""
+    return [
+        replace(known, scene=replace(known.scene, name=f"{known.scene.name}-{earth}"))
+        for make in MAKERS
+        for earth in EarthModel
+        for known in [make(earth)]
+    ]
+
+
+def iso(instant: int) -> str:
+    """An instant in microseconds since 1970 as ISO 8601."""
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=instant)
+    return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def scene_document(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[str, object]:
+    """A scene as a GeoJSON scene file."""
+    features = []
+    for x in areas:
+        properties: dict[str, object] = {"kind": "area"}
+        if x.start_us is not None:
+            properties["start"] = iso(x.start_us)
+        if x.end_us is not None:
+            properties["end"] = iso(x.end_us)
+        features.append(_feature(x, shapely.geometry.mapping(x.footprint), properties))
+    for t in tracks:
+        line = {"type": "LineString", "coordinates": t.positions_deg.tolist()}
+        outline = {"outline_m": t.outline_m.tolist(), "times": [iso(int(u)) for u in t.times_us]}
+        features.append(_feature(t, line, {"kind": "track", **outline}))
+    settings = {
+        "name": scene.name,
+        "motion": scene.motion.value,
+        "earth": scene.earth.value,
+        "method": scene.method.value,
+        "tolerance_m": scene.tolerance_m,
+        "separation_m": scene.separation_m,
+    }
+    return {"type": "FeatureCollection", "scene": settings, "features": features}
+
+
+def write_scene(path: Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Path:
+    """Write a scene file and return its path."""
+    path.write_text(json.dumps(scene_document(scene, areas, tracks)), encoding="utf-8")
+    return path
+
+
+def _feature(thing: Area | Track, geometry: object, properties: dict[str, object]) -> dict[str, object]:
+    for name in ("name", "floor_m", "ceiling_m"):
+        if getattr(thing, name) is not None:
+            properties[name] = getattr(thing, name)
+    return {"type": "Feature", "id": thing.key, "geometry": geometry, "properties": {**thing.properties, **properties}}

@@ -1,0 +1,142 @@
+"""The oracle is itself held to reference data, to 50 digits and to answers worked out by hand."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import oracle
+import pytest
+import scenes
+import shapely
+from mpmath import mp, mpf
+from oracle_precise import PreciseGlobe, precise_legs, refine, separation
+from reference import data
+from workloads import PAPER, throw
+
+from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_lengths_agree_with_the_rhumb_reference() -> None:
+    table = rows(data("rhumb", "rhumb_inverse_wgs84.csv"))
+    columns = {"s12_m_mpmath40": EarthModel.WGS84, "s12_m_sphere_R6371008.771415_RhumbSolve": EarthModel.SPHERE}
+    for column, earth in columns.items():
+        globe = oracle.Globe.of(earth)
+        for row in table:
+            turn = (float(row["lon2"]) - float(row["lon1"]) + 180.0) % 360.0 - 180.0
+            length = np.hypot(*globe.between(float(row["lat1"]), float(row["lat2"]), turn))
+            assert length == pytest.approx(float(row[column]), rel=1e-11)
+
+
+def test_positions_agree_with_the_rhumb_reference() -> None:
+    table = rows(data("rhumb", "rhumb_direct_wgs84.csv"))
+    globe = oracle.Globe.of(EarthModel.WGS84)
+    column = {name: np.array([float(row[name]) for row in table]) for name in table[0] if name != "kind"}
+    bearing = np.radians(column["azi12"])
+    lon, lat = globe.step(
+        np.radians(column["lon1"]),
+        np.radians(column["lat1"]),
+        column["s12_m"] * np.cos(bearing),
+        column["s12_m"] * np.sin(bearing),
+    )
+    east = np.radians((np.degrees(lon) - column["lon2_RhumbSolve"] + 180.0) % 360.0 - 180.0) * globe.across_m(lat)
+    north = (lat - np.radians(column["lat2_RhumbSolve"])) * globe.along_m(lat)
+    assert np.hypot(east, north).max() < 1e-7
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_haven_agrees_with_fifty_digits(earth: EarthModel) -> None:
+    globe = oracle.Globe.of(earth)
+    cases = [(0, 0, 10, 0), (-20, 60, -35, 60 + 1e-9), (170, -50, -170, 20), (5, 80, 5, 84), (5, 30, 5 + 1e-8, 30)]
+    for lon1, lat1, lon2, lat2 in cases:
+        line = np.array([(lon1, lat1), (lon2, lat2)], dtype=float)
+        track = Track("T", line, np.array([0, 10**10]), rectangle_outline_m(90e3, 40e3, 20e3, 70e3))
+        with mp.workdps(30):
+            precise = precise_legs(PreciseGlobe.of(earth), track)[0].ring(
+                PreciseGlobe.of(earth), track.outline_m.tolist(), mpf(3333)
+            )
+            fraction = np.array([0.3333])
+            lon, lat = oracle.legs(globe, track)[0].vertices(globe, track.outline_m, fraction)
+            for k, (x, y) in enumerate(precise):
+                error = mp.hypot(x - mpf(globe.a * lon[0, k]), y - mpf(globe.a * globe.isometric(lat[0, k])))
+                assert error < 1e-7  # 1e-16 of the plane's coordinates, times the scale at 84 degrees
+
+
+@pytest.mark.parametrize("known", scenes.known_scenes(), ids=lambda k: k.scene.name)
+def test_known_answers(known: scenes.Known) -> None:
+    found = oracle.meetings(known.scene, known.areas, known.tracks, care_m=20.0)
+    for pair, expected in known.expected.items():
+        intervals = found[pair].intervals_us
+        assert len(intervals) == len(expected), pair
+        for (start, end), (expected_start, expected_end) in zip(intervals, expected, strict=True):
+            for got, want in ((start, expected_start), (end, expected_end)):
+                if want is None:
+                    assert np.isinf(got), pair
+                else:
+                    assert (got - scenes.T0_US) / 1e6 == pytest.approx(want, abs=1e-6), pair
+    others = [pair for pair, m in found.items() if m.touches and pair not in known.expected]
+    assert set(others) <= known.undecided
+
+
+def test_least_separation_of_parallel_tracks_in_metres() -> None:
+    """Side by side at 60 degrees, 2 km apart on the earth, 4 km in the plane."""
+    globe = oracle.Globe.of(EarthModel.WGS84)
+    north = np.degrees(globe.latitude_of_meridian(globe.meridian_m(np.radians(60.0)) + 4000.0))
+    tracks = [
+        scenes.track(key, [(0, lat), (3, lat)], [0, 7200], 1e3, 1e3, 1e3, 1e3)
+        for key, lat in (("S", 60.0), ("N", north))
+    ]
+    found = oracle.meeting(Scene("s"), *tracks, care_m=1e4)
+    assert not found.touches
+    assert found.least_m == pytest.approx(2000.0, abs=1e-2)
+    assert found.least_plane_m == pytest.approx(4000.0, rel=0.01)
+
+
+def test_separation_wanted_is_measured_on_the_earth() -> None:
+    """A haven that comes north along a meridian is within 5 km of an area 5 km before it touches it."""
+    earth = EarthModel.WGS84
+    low, high, edge = (scenes.meridian_m(earth, x) for x in (70.0, 72.0, 71.0))
+    speed = (high - low) / 36000
+    zone = scenes.area("A", shapely.box(-3, 71, 3, 71.2))
+    moving = scenes.track("T", [(0, 70), (0, 72)], [0, 36000], 1e3, 1e3, 0.0, 0.0)
+    found = oracle.meeting(Scene("s", earth=earth, separation_m=5000.0), zone, moving)
+    start = found.intervals_us[0][0]
+    # The nearest point of the parallel is the one due north, and the rhumb line there is a meridian.
+    assert (start - scenes.T0_US) / 1e6 == pytest.approx((edge - 5000 - 1000 - low) / speed, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("workload_seed", "limit"),
+    [(2, 1), pytest.param(1, 8, marks=pytest.mark.slow), pytest.param(3, 8, marks=pytest.mark.slow)],
+)
+def test_ends_agree_with_fifty_digits(workload_seed: int, limit: int) -> None:
+    scene, areas, tracks = throw(PAPER, workload_seed, 6, 6)
+    known = {thing.key: thing for thing in (*areas, *tracks)}
+    touching = {
+        pair: m for pair, m in oracle.meetings(scene, areas, tracks, 20.0).items() if m.touches and pair[1][0] == "T"
+    }
+    for (a, b), meeting in list(touching.items())[:limit]:
+        digits = 50 if limit > 1 else 25
+        for (start, end), (sharp_start, sharp_end) in zip(
+            meeting.intervals, refine(scene, known[a], known[b], meeting, digits=digits), strict=True
+        ):
+            assert abs(sharp_start - start) < 1e-7
+            assert abs(sharp_end - end) < 1e-7
+
+
+def test_fifty_digits_distance_agrees_with_shapely() -> None:
+    scene, areas, tracks = throw(PAPER, 5, 4, 3, EarthModel.SPHERE)
+    for area in areas:
+        for track in tracks:
+            at_s = 1000.0
+            epoch_us = int(track.times_us[0])
+            globe = oracle.Globe.of(scene.earth)
+            (one,) = oracle.phases(globe, area, 0.0)
+            two = oracle.phases(globe, track, 0.0)[0]
+            plane_m = shapely.distance(one.footprint, two.place(epoch_us, np.array([at_s]))[0])
+            with mp.workdps(20):
+                assert separation(scene, area, track, mpf(at_s), epoch_us) == pytest.approx(plane_m, abs=1e-6)

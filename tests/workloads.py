@@ -1,0 +1,160 @@
+"""Random scenes, seeded: the published workload and ones that are harder.
+
+`paper` follows the random workload of Bienkowski, Sidoti and Pattipati (2021): areas of 3 to 10 vertices, 50 to 100 nmi
+around; tracks of 50 to 100 nmi; havens 20 to 40 nmi around; all between latitudes 0 and 30. Here every scene is thrown
+into a small window of that region, so that a few dozen objects meet often.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from scenes import T0_US
+
+from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+
+NMI: Final = 1852.0
+METRES_PER_DEGREE: Final = 60 * NMI  # near enough to lay out a scene
+
+
+@dataclass(frozen=True)
+class Workload:
+    """How to throw a scene; lengths in nautical miles, latitudes and longitudes in degrees, times in hours.
+
+    window : side of the square (in latitude degrees) that a scene is thrown into
+    """
+
+    name: str
+    latitudes: tuple[float, float]
+    longitudes: tuple[float, float]
+    window: float
+    leg: tuple[float, float]
+    around_area: tuple[float, float] = (50.0, 100.0)
+    around_haven: tuple[float, float] = (20.0, 40.0)
+    legs: tuple[int, int] = (1, 4)
+    speed_kn: tuple[float, float] = (5.0, 25.0)
+    start_h: tuple[float, float] = (0.0, 6.0)
+    odd_share: float = 0.3  # of areas that are not convex, have a hole or several parts, and of havens not rectangles
+    highest: float = 88.0
+
+
+PAPER: Final = Workload("paper", (0.0, 30.0), (-45.0, -15.0), 2.5, (50.0, 100.0))
+HIGH_LATITUDE: Final = Workload("high latitude", (60.0, 78.0), (-180.0, 180.0), 3.0, (50.0, 200.0), highest=82.0)
+SOUTH: Final = Workload("high southern latitude", (-78.0, -60.0), (-180.0, 180.0), 3.0, (50.0, 200.0), highest=82.0)
+LONG_LEGS: Final = Workload(
+    "long legs", (-55.0, 55.0), (-180.0, 180.0), 12.0, (400.0, 1000.0), (200.0, 400.0), highest=80.0
+)
+SEAM: Final = Workload("seam", (-30.0, 30.0), (179.0, 181.0), 3.0, (50.0, 150.0))
+EQUATOR: Final = Workload("equator", (-1.0, 1.0), (-10.0, 10.0), 2.5, (50.0, 150.0))
+HARBOUR: Final = Workload(
+    "harbour", (-60.0, 70.0), (-180.0, 180.0), 0.015, (0.2, 1.5), (0.1, 0.8), (0.02, 0.2), start_h=(0.0, 0.1)
+)
+WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR)
+
+
+def throw(
+    workload: Workload,
+    seed: int,
+    areas: int,
+    tracks: int,
+    earth: EarthModel = EarthModel.WGS84,
+    tolerance_m: float = 1.0,
+    separation_m: float = 0.0,
+) -> tuple[Scene, list[Area], list[Track]]:
+    """A random scene of so many areas and tracks; the same for the same arguments."""
+    rng = np.random.default_rng([seed, areas, tracks])
+    lat = rng.uniform(*workload.latitudes)
+    lon = rng.uniform(*workload.longitudes)
+    scene = Scene(f"{workload.name} {seed}", earth=earth, tolerance_m=tolerance_m, separation_m=separation_m)
+
+    def somewhere() -> tuple[float, float]:
+        half = workload.window / 2
+        y = float(np.clip(lat + rng.uniform(-half, half), -workload.highest + 2, workload.highest - 2))
+        return lon + float(rng.uniform(-half, half)) / np.cos(np.radians(y)), y
+
+    return (
+        scene,
+        [_area(rng, workload, f"A{i}", *somewhere()) for i in range(areas)],
+        [_track(rng, workload, f"T{i}", *somewhere()) for i in range(tracks)],
+    )
+
+
+def _ring(rng: np.random.Generator, count: int, around_m: float) -> np.ndarray:
+    """Corners (count, 2), metres, of a convex polygon with this circumference, about its middle."""
+    angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+    while np.diff(np.append(angle, angle[0] + 2 * np.pi)).max() > np.pi * 0.95:
+        angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+    xy = np.stack([np.cos(angle), rng.uniform(0.4, 1.0) * np.sin(angle)], axis=1)
+    turn = rng.uniform(0, 2 * np.pi)
+    xy = xy @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return xy * around_m / shapely.length(shapely.polygons(xy))
+
+
+def _ground(lon: float, lat: float, xy_m: np.ndarray) -> np.ndarray:
+    return np.stack(
+        [lon + xy_m[:, 0] / METRES_PER_DEGREE / np.cos(np.radians(lat)), lat + xy_m[:, 1] / METRES_PER_DEGREE], axis=1
+    )
+
+
+def _wrapped(polygon: shapely.Polygon) -> shapely.MultiPolygon:
+    """Unwrapped coordinates are allowed, but not much beyond one turn."""
+    west = shapely.bounds(polygon)[0]
+    turn = 360.0 * np.floor((west + 180.0) / 360.0)
+    return shapely.MultiPolygon([shapely.transform(polygon, lambda xy: xy - np.array([turn, 0.0]))])
+
+
+def _area(rng: np.random.Generator, workload: Workload, key: str, lon: float, lat: float) -> Area:
+    xy = _ring(rng, int(rng.integers(3, 11)), rng.uniform(*workload.around_area) * NMI)
+    holes = []
+    kind = rng.choice(
+        ["plain", "star", "hole"], p=[1 - workload.odd_share, workload.odd_share / 2, workload.odd_share / 2]
+    )
+    if kind == "star":
+        # Every other corner drawn in: not convex, and never crossing itself.
+        between = (xy + np.roll(xy, -1, axis=0)) / 2 * rng.uniform(0.3, 0.8, (len(xy), 1))
+        xy = np.stack([xy, between], axis=1).reshape(-1, 2)
+    elif kind == "hole":
+        holes = [_ground(lon, lat, xy.mean(axis=0) + 0.6 * (xy - xy.mean(axis=0)))]
+    polygon = shapely.Polygon(_ground(lon, lat, xy), holes)
+    start, end = None, None
+    if rng.random() < 0.5:
+        start = T0_US + int(rng.uniform(0, 6) * 3.6e9)
+        end = start + int(rng.uniform(0.5, 12) * 3.6e9)
+    return Area(key, _wrapped(polygon), None, start, end)
+
+
+def _track(rng: np.random.Generator, workload: Workload, key: str, lon: float, lat: float) -> Track:
+    points, hours = [(lon, lat)], [rng.uniform(*workload.start_h)]
+    bearing = rng.uniform(0, 360)
+    for _ in range(int(rng.integers(*workload.legs))):
+        bearing = rng.choice([bearing + rng.uniform(-120, 120), 90.0 * rng.integers(4)], p=[0.85, 0.15])
+        nmi = rng.uniform(*workload.leg)
+        x, y = points[-1]
+        north = y + nmi / 60 * np.cos(np.radians(bearing))
+        if abs(north) > workload.highest - 2:
+            bearing, north = 180 - bearing, y - nmi / 60 * np.cos(np.radians(bearing))
+        # An exact heading east or west needs equal latitudes, and an exact north equal longitudes.
+        north = y if bearing in (90.0, 270.0) else north
+        east = (
+            0.0
+            if bearing in (0.0, 180.0)
+            else nmi / 60 * np.sin(np.radians(bearing)) / np.cos(np.radians((y + north) / 2))
+        )
+        points.append((x + east, north))
+        hours.append(hours[-1] + nmi / rng.uniform(*workload.speed_kn))
+        if rng.random() < 0.15:  # a loiter
+            points.append(points[-1])
+            hours.append(hours[-1] + rng.uniform(0.1, 2.0))
+    lonlat = np.array(points)
+    lonlat[:, 0] = (lonlat[:, 0] + 180.0) % 360.0 - 180.0
+    for i in np.flatnonzero(np.diff(np.array(points)[:, 0]) == 0.0):
+        lonlat[i + 1, 0] = lonlat[i, 0]
+    around = rng.uniform(*workload.around_haven) * NMI
+    if rng.random() < workload.odd_share:
+        outline = _ring(rng, int(rng.integers(3, 8)), around)[:: int(rng.choice([1, -1]))]
+    else:
+        length = rng.uniform(0.25, 0.45) * around
+        fore, port = length * rng.uniform(0.1, 0.9), (around / 2 - length) * rng.uniform(0.1, 0.9)
+        outline = rectangle_outline_m(fore, length - fore, port, around / 2 - length - port)
+    return Track(key, lonlat, T0_US + (np.array(hours) * 3.6e9).astype(np.int64), outline)
