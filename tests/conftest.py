@@ -1,0 +1,124 @@
+"""Fixtures shared by all tests; where the test database comes from is in databases.py."""
+
+import os
+import uuid
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+import psycopg
+import pytest
+from databases import TestServer, clean_up, run_home, test_server
+
+_RUN = pytest.StashKey[str]()
+_SERVERS = pytest.StashKey[set[str]]()
+_NUMBERS = count(1)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the run a name, which its workers share, and keep it away from the user's own databases."""
+    config.stash[_RUN] = _worker_input(config).get("conflictdb_run") or uuid.uuid4().hex[:8]
+    config.stash[_SERVERS] = set()
+    os.environ.pop("CONFLICTDB_DSN", None)
+    os.environ["CONFLICTDB_HOME"] = str(run_home(config.stash[_RUN]))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Tell a worker of pytest-xdist which run it works for."""
+    node.workerinput["conflictdb_run"] = node.config.stash[_RUN]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take from a worker of pytest-xdist which server it used."""
+    node.config.stash[_SERVERS].update(getattr(node, "workeroutput", {}).get("conflictdb_servers", []))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Tell the process that began the run which server this worker used."""
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["conflictdb_servers"] = sorted(session.config.stash[_SERVERS])
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Say which server the tests ran on."""
+    for description in sorted(config.stash[_SERVERS]):
+        terminalreporter.write_line(f"test database: {description}")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove what the run leaves: the process that began it does, once its workers have ended."""
+    if not _worker_input(config):
+        clean_up(config.stash[_RUN])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need a database."""
+    for item in items:
+        if "server_dsn" in getattr(item, "fixturenames", ()):
+            item.add_marker("db")
+
+
+@pytest.fixture(scope="session")
+def _server(request: pytest.FixtureRequest) -> Iterator[TestServer]:
+    with test_server(request.config.stash[_RUN], _worker(request.config)) as server:
+        request.config.stash[_SERVERS].add(server.description)
+        yield server
+
+
+@pytest.fixture(scope="session")
+def server_dsn(_server: TestServer) -> str:
+    """Return how to connect to the test server, as a user who may create databases."""
+    return _server.dsn
+
+
+@pytest.fixture(scope="session")
+def template(_server: TestServer, server_dsn: str) -> str:
+    """Return the name of a database with the schema and nothing in it; do not connect to it, clone it."""
+    try:
+        from conflictdb.schema import upgrade
+    except ModuleNotFoundError:
+
+        def upgrade(dsn: str) -> str:
+            with psycopg.connect(dsn) as conn:
+                conn.execute("CREATE EXTENSION postgis")
+                conn.execute("CREATE EXTENSION btree_gist")
+            return ""
+
+    return _server.template(upgrade)
+
+
+@pytest.fixture
+def _fresh_name(_server: TestServer, request: pytest.FixtureRequest) -> str:
+    return f"{_server.prefix}_{_worker(request.config)}_{next(_NUMBERS)}"
+
+
+@pytest.fixture
+def empty_dsn(_server: TestServer, server_dsn: str, _fresh_name: str) -> Iterator[str]:
+    """Return how to connect to a database without the schema (and without PostGIS), dropped afterwards."""
+    yield _server.clone("template0", _fresh_name)
+    _server.drop(_fresh_name)
+
+
+@pytest.fixture
+def dsn(_server: TestServer, template: str, _fresh_name: str) -> Iterator[str]:
+    """Return how to connect to a fresh database with the schema, dropped afterwards."""
+    yield _server.clone(template, _fresh_name)
+    _server.drop(_fresh_name)
+
+
+@pytest.fixture
+def conn(dsn: str) -> Iterator[psycopg.Connection[Any]]:
+    """Return a connection to a fresh database with the schema, in time zone UTC."""
+    with psycopg.connect(dsn, options="-c timezone=UTC") as connection:
+        yield connection
+
+
+def _worker_input(config: pytest.Config) -> dict[str, Any]:
+    return getattr(config, "workerinput", {})
+
+
+def _worker(config: pytest.Config) -> str:
+    return str(_worker_input(config).get("workerid", "main"))

@@ -1,0 +1,179 @@
+"""Databases for tests: a server from somewhere, one template on it per run, a clone of that per test.
+
+The server comes from the first of these that there is; without any the run fails, it never skips:
+
+1. CONFLICTDB_TEST_DSN: a server whose user may create databases, with PostGIS (nothing else is tried then)
+2. Docker, if CONFLICTDB_TEST_DB=docker asks for it
+3. PostgreSQL with PostGIS on this machine, or unpacked into the cache earlier: a server of this run's own
+4. Docker, if an engine answers within 3 s
+5. the packages of Debian or Ubuntu, fetched into the cache (unless CONFLICTDB_NO_DOWNLOAD=1)
+"""
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, LiteralString
+
+import psycopg
+import pytest
+from psycopg import conninfo, sql
+
+from conflictdb import server
+from conflictdb.errors import ServerError
+
+DOCKER_TIMEOUT_S = 3
+DOCKER_IMAGE = "postgis/postgis:16-3.4"
+
+
+@dataclass(frozen=True)
+class TestServer:
+    """A server for tests.
+
+    dsn : how to connect as a user who may create databases
+    prefix : what the names of databases on it begin with
+    description : which one it is, for the run's summary
+    """
+
+    __test__ = False
+
+    dsn: str
+    prefix: str
+    description: str
+
+    def database(self, name: str) -> str:
+        """Return the connection string of a database on it."""
+        return conninfo.make_conninfo(self.dsn, dbname=name)
+
+    def execute(self, statement: LiteralString, *names: str) -> None:
+        """Run a statement that no transaction may hold, with names in the place of its braces."""
+        with psycopg.connect(self.dsn, autocommit=True) as conn:
+            conn.execute(sql.SQL(statement).format(*map(sql.Identifier, names)))
+
+    def template(self, fill: Callable[[str], object]) -> str:
+        """Return the name of the run's template database; the first worker that asks makes and fills it."""
+        name, making = f"{self.prefix}_template", f"{self.prefix}_making"
+        with psycopg.connect(self.dsn, autocommit=True) as conn:
+            conn.execute("SELECT pg_advisory_lock(hashtext(%s))", [name])
+            if conn.execute("SELECT FROM pg_database WHERE datname = %s", [name]).rowcount == 0:
+                self.drop(making)
+                self.execute("CREATE DATABASE {}", making)
+                fill(self.database(making))
+                self.execute("ALTER DATABASE {} RENAME TO {}", making, name)
+        return name
+
+    def clone(self, template: str, name: str) -> str:
+        """Make a database from a template and return its connection string."""
+        with psycopg.connect(self.dsn) as conn:
+            # Copying files needs no write-ahead log of every page; before version 15 there was no other way.
+            newer = conn.info.server_version >= 150000
+        if newer:
+            self.execute("CREATE DATABASE {} TEMPLATE {} STRATEGY file_copy", name, template)
+        else:
+            self.execute("CREATE DATABASE {} TEMPLATE {}", name, template)
+        return self.database(name)
+
+    def drop(self, name: str) -> None:
+        """Drop a database, whoever is still connected to it."""
+        self.execute("DROP DATABASE IF EXISTS {} WITH (FORCE)", name)
+
+
+@contextmanager
+def test_server(run: str, worker: str) -> Iterator[TestServer]:
+    """Hold a server for one worker of a test run; workers of a run share it where they can."""
+    given = os.environ.get("CONFLICTDB_TEST_DSN")
+    if given:
+        _require_postgis(given)
+        yield TestServer(given, f"conflictdb_test_{run}", "that of CONFLICTDB_TEST_DSN")
+        return
+    if os.environ.get("CONFLICTDB_TEST_DB") == "docker":
+        with _in_docker(worker) as container:
+            yield container
+        return
+    try:
+        embedded = _embedded(run, download=False)
+    except ServerError:
+        if _docker_answers():
+            with _in_docker(worker) as container:
+                yield container
+            return
+        try:
+            embedded = _embedded(run, download=True)
+        except ServerError as error:
+            pytest.fail(f"{error}\n  tests            export CONFLICTDB_TEST_DSN=... (a server to create databases on)")
+    with embedded:
+        dsn = conninfo.make_conninfo(embedded.dsn, dbname="postgres")
+        yield TestServer(dsn, "conflictdb_test", embedded.status().description)
+
+
+test_server.__test__ = False  # type: ignore[attr-defined]
+
+
+def run_home(run: str) -> Path:
+    """Return the home of the embedded server of a test run; short, and open to the account that serves root."""
+    return Path(tempfile.gettempdir(), f"conflictdb-tests-{run}")
+
+
+def clean_up(run: str) -> None:
+    """Remove what a run leaves, once its workers have ended."""
+    given = os.environ.get("CONFLICTDB_TEST_DSN")
+    if given:
+        left = TestServer(given, f"conflictdb_test_{run}", "")
+        try:
+            left.drop(f"{left.prefix}_template")
+            left.drop(f"{left.prefix}_making")
+        except psycopg.OperationalError:
+            return  # the server could not be reached, which the tests have said already
+    home = run_home(run)
+    if not home.exists():
+        return
+    for _ in range(1000):
+        if server.status(home).pid is None:
+            shutil.rmtree(home, ignore_errors=True)
+            return
+        time.sleep(0.01)
+
+
+def _embedded(run: str, *, download: bool) -> server.EmbeddedServer:
+    settings = server.Settings.from_environment(home=run_home(run))
+    settings = replace(settings, download=download and settings.download)
+    return server.embedded(durable=False, settings=settings)
+
+
+def _require_postgis(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        asked = "SELECT name FROM pg_available_extensions WHERE name IN ('postgis', 'btree_gist')"
+        found = {name for (name,) in conn.execute(asked)}
+    if found != {"postgis", "btree_gist"}:
+        pytest.fail(f"the server of CONFLICTDB_TEST_DSN offers only {found or 'nothing'} of postgis and btree_gist")
+
+
+def _docker_answers() -> bool:
+    import docker
+    from docker.errors import DockerException
+
+    try:
+        client: Any = docker.from_env(timeout=DOCKER_TIMEOUT_S)
+    except DockerException:
+        return False
+    try:
+        return bool(client.ping())
+    except (DockerException, OSError):
+        return False
+    finally:
+        client.close()
+
+
+@contextmanager
+def _in_docker(worker: str) -> Iterator[TestServer]:
+    from testcontainers.community.postgres import PostgresContainer
+
+    image = os.environ.get("CONFLICTDB_TEST_IMAGE", DOCKER_IMAGE)
+    with PostgresContainer(image, driver="psycopg") as container:
+        # The address is SQLAlchemy's, with the driver in it; libpq wants it without.
+        dsn = container.get_connection_url().replace("+psycopg", "", 1)
+        yield TestServer(dsn, f"conflictdb_test_{worker}", f"Docker: {image}")
