@@ -173,15 +173,19 @@ class RhumbShapes:
         return np.asarray(ELLIPSOID_SLACK * np.hypot(x, y))
 
     def highest_latitude(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) an absolute latitude (rectifying, radians) that no vertex exceeds during [t0, t1]."""
-        ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
-        return np.maximum(np.abs(ends[0]), np.abs(ends[1])) + self.reach()
+        """Return (n,) the highest absolute latitude (rectifying, radians) of any vertex or step during [t0, t1]."""
+        highest = np.zeros(len(self.start_mu))
+        # Latitudes are linear in time, so that each is furthest from the equator at one end.
+        for t in (t0, t1):
+            for mu in self._steps(self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu):
+                highest = np.maximum(highest, np.abs(mu).max(axis=1))
+        return highest
 
     def reach(self) -> Floats:
         """Return (n,) how far in rectifying latitude any vertex lies from the reference point, radians."""
         first = self.forward * self.north[:, None]
         second = first - self.starboard * self.east[:, None]
-        return np.maximum(np.abs(first), np.abs(second)).max(axis=1)
+        return np.abs(second).max(axis=1)
 
     def offset_bend(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) bounds on how the vertices' offsets from the reference point bend during [t0, t1].
