@@ -289,7 +289,7 @@ class Cluster:
             socket_directory = self._socket_directory()
             script = Path(__file__).with_name("supervise.sh").read_text()
             arguments = [script, "supervise", str(self.home), str(socket_directory), str(server)]
-            arguments += [str(server.bin / "postgres"), "-D", str(self.data), "-p", "5432"]
+            arguments += [str(server.bin / "postgres"), "-D", str(self.data.resolve()), "-p", "5432"]
             for name, value in configuration.forced(socket_directory):
                 arguments += ["-c", f"{name}={value}"]
             # The outer shell ends at once, so that the supervisor is nobody's child who would have to wait for it.
@@ -354,8 +354,10 @@ def _is_server_of(pid: int, data: Path) -> bool:
     """Return whether a process is the server of a data directory; after a crash its number may be another's."""
     try:
         os.kill(pid, 0)
-        if Path("/proc/self/cwd").exists():
-            return Path("/proc", str(pid), "cwd").readlink() == data.resolve()
-    except OSError:
+    except (ProcessLookupError, PermissionError):  # ours never refuses: it runs as this user, or this user is root
         return False
-    return True
+    try:
+        arguments = Path("/proc", str(pid), "cmdline").read_bytes().split(b"\0")
+    except OSError:  # a system that does not show them: the number has to do
+        return True
+    return os.fsencode(data.resolve()) in arguments

@@ -12,26 +12,29 @@ cd "$home" || exit 1
 umask 077
 trap '' HUP INT QUIT
 exec 3<&0 </dev/null >>server.log 2>&1
-rm -f held joined
+rm -f held joined server.pid
 printf '%s\n' "$description" >description
 
-# The server, and the end of this script when the server ends: at our request, or by a crash.
 {
-    "$@" 3<&- &
+    "$@" &
     echo $! >server.pid
     wait $!
-    rm -f server.pid description held joined
-    case $socket_directory in "$home") ;; *) rmdir "$socket_directory" ;; esac
-    kill -KILL $$
-} &
+    rm -f description held joined server.pid
+    [ "$socket_directory" = "$home" ] || rmdir "$socket_directory"
+    echo "ended $$" 1<>alive # wakes the loop below, also when the server crashed while it has users
+} 3<&- &
 
-trap 'kill -INT "$(cat server.pid)"' TERM
+server=
+trap 'kill -INT "$server"' TERM
 while read -r command token <&3; do
+    until [ -n "$server" ]; do read -r server <server.pid; done 2>/dev/null
     case $command in
-        hold) exec 4>alive && : >held ;; # a user of our own: the server stays until release
+        hold) [ -p alive ] && exec 4>alive && : >held ;; # a user of our own: the server stays until release
         release) exec 4>&- && rm -f held ;;
+        ended) [ "$token" = $$ ] && break ;;
     esac
     echo "$token" >joined
 done
-kill -INT "$(cat server.pid)"
+[ -n "$server" ] || server=$(cat server.pid)
+kill -INT "$server" 2>/dev/null
 wait
