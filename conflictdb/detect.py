@@ -4,18 +4,26 @@ The only module that knows both halves: the database, where stages 1 and 2 run, 
 `solve` runs the same stages on objects in memory, with an index in memory in place of the database's.
 """
 
+import multiprocessing
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Conflicts, Contacts, Pairs, Pieces, TrackBatch
+from conflictdb.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Method, Scene, Track, Verdict
 from conflictdb.pieces import area_pieces, check_plane, track_pieces
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4_contacts import CONFLICT, UNRESOLVED, Effort, Progress, contacts, meeting_points, still_pairs
+
+# Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
+PAIRS_PER_JOB: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +92,16 @@ class Funnel:
     effort: Effort | None = None
 
 
-def settle(scene: Scene, pieces: Pieces, pairs: Pairs, progress: Progress | None = None) -> tuple[Conflicts, Funnel]:
-    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method."""
+def settle(
+    scene: Scene, pieces: Pieces, pairs: Pairs, *, jobs: int = 1, progress: Progress | None = None
+) -> tuple[Conflicts, Funnel]:
+    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
+
+    jobs : processes that stage 4 may use; the answer does not depend on it
+    progress : called with the number of pairs settled since the last call
+    """
     funnel = Funnel()
+    started = time.perf_counter()
     still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
     rows = np.flatnonzero(still)
     verdict = still_pairs(scene, pieces, pairs.take(rows))
@@ -101,15 +116,54 @@ def settle(scene: Scene, pieces: Pieces, pairs: Pairs, progress: Progress | None
         first, last = windows(scene, pieces, some)
         possible = np.flatnonzero(first <= last)
         funnel.window_pairs = len(possible)
+        funnel.stage3_s = time.perf_counter() - started
+        started = time.perf_counter()
         if scene.method == Method.WINDOW:
             width = last[possible] - first[possible]
             verdict = np.full(len(possible), UNRESOLVED, np.int8)
             found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict))
         else:
-            solved, funnel.effort = contacts(scene, pieces, some, first, last, progress)
+            if progress:
+                progress(len(moving) - len(possible))
+            solved, funnel.effort = _contacts(
+                scene, pieces, some.take(possible), first[possible], last[possible], jobs, progress
+            )
             funnel.solved_pairs = len(possible)
-            found.append(Contacts(moving[solved.pair], solved.start_s, solved.end_s, solved.error_s, solved.verdict))
-    return _by_object(scene, pieces, pairs, Contacts.concatenate(found)), funnel
+            rows = moving[possible[solved.pair]]
+            found.append(Contacts(rows, solved.start_s, solved.end_s, solved.error_s, solved.verdict))
+    conflicts = _by_object(scene, pieces, pairs, Contacts.concatenate(found))
+    funnel.stage4_s = time.perf_counter() - started
+    return conflicts, funnel
+
+
+def _contacts(
+    scene: Scene, pieces: Pieces, pairs: Pairs, first: Floats, last: Floats, jobs: int, progress: Progress | None
+) -> tuple[Contacts, Effort]:
+    """Return the contacts of pairs, in processes of their own where that pays."""
+    jobs = min(jobs, -(-len(pairs) // PAIRS_PER_JOB))
+    if jobs <= 1:
+        return contacts(scene, pieces, pairs, first, last, progress)
+    effort, found = Effort(), []
+    blocks = [np.arange(k, min(k + PAIRS_PER_JOB, len(pairs))) for k in range(0, len(pairs), PAIRS_PER_JOB)]
+    # A fresh interpreter for each: a forked one would share the database connection.
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        tasks = {
+            pool.submit(contacts, scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]): rows
+            for rows in blocks
+        }
+        for task in as_completed(tasks):
+            one, spent = task.result()
+            found.append(Contacts(tasks[task][one.pair], one.start_s, one.end_s, one.error_s, one.verdict))
+            effort.add(spent)
+            if progress:
+                progress(len(tasks[task]))
+    return Contacts.concatenate(found), effort
+
+
+def _closed(pieces: Pieces, pairs: Pairs) -> tuple[Pieces, Pairs]:
+    """Return the pairs with only the pieces that occur in them."""
+    rows, number = np.unique(np.concatenate([pairs.a, pairs.b]), return_inverse=True)
+    return pieces.take(rows), replace(pairs, a=number[: len(pairs)], b=number[len(pairs) :])
 
 
 def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict: NDArray[np.int8]) -> Contacts:

@@ -112,13 +112,15 @@ class Earth:
         mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
         ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
         cos1, cos2 = np.cos(chi1), np.cos(chi2)
-        secant_change = np.sin(0.5 * (chi1 + chi2)) * _sinc(0.5 * ratio * (mu2 - mu1)) / (cos1 * cos2)
-        total, difference = mu1 + mu2, mu2 - mu1
+        change = np.sin(0.5 * (chi1 + chi2)) * _sinc(0.5 * ratio * (mu2 - mu1)) / (cos1 * cos2) * ratio
+        if not self.to_conformal:
+            return np.asarray(change)
+        # The slope is a product, (d chi / d mu) times sec(chi): so is its divided difference.
         slope_of_chi = np.zeros(np.broadcast_shapes(mu1.shape, mu2.shape))
-        for j, beta in enumerate(self.to_conformal, 1):
-            slope_of_chi -= 4.0 * j * j * beta * np.sin(j * total) * _sinc(j * difference)
+        for j, (_, sine, spread) in enumerate(_harmonics(mu1 + mu2, mu2 - mu1, len(self.to_conformal)), 1):
+            slope_of_chi -= 4.0 * j * self.to_conformal[j - 1] * sine * spread
         mean_slope = 0.5 * (self._conformal_slope(mu1) + self._conformal_slope(mu2))
-        return secant_change * ratio * mean_slope + 0.5 * (1.0 / cos1 + 1.0 / cos2) * slope_of_chi
+        return np.asarray(change * mean_slope + 0.5 * (1.0 / cos1 + 1.0 / cos2) * slope_of_chi)
 
     def plane_scale(self, psi: ArrayLike) -> Floats:
         """Return plane metres per metre on the earth at an isometric latitude (the projection is conformal)."""
@@ -151,10 +153,34 @@ class Earth:
     def _conformal_slope_between(self, mu1: Floats, mu2: Floats) -> tuple[Floats, Floats, Floats]:
         """Return (chi2 - chi1) / (mu2 - mu1), chi1 and chi2."""
         ratio = np.ones(np.broadcast_shapes(mu1.shape, mu2.shape))
-        total, difference = mu1 + mu2, mu2 - mu1
-        for j, beta in enumerate(self.to_conformal, 1):
-            ratio += 2.0 * j * beta * np.cos(j * total) * _sinc(j * difference)
+        if self.to_conformal:
+            harmonics = _harmonics(mu1 + mu2, mu2 - mu1, len(self.to_conformal))
+            for beta, (cosine, _, spread) in zip(self.to_conformal, harmonics, strict=True):
+                ratio += 2.0 * beta * cosine * spread
         return ratio, self.conformal(mu1), self.conformal(mu2)
+
+
+def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floats, Floats, Floats]]:
+    """Return cos(j total), sin(j total) and sin(j difference) / difference for j = 1 to count.
+
+    A divided difference of sin(2 j mu) is 2 cos(j (mu1 + mu2)) sin(j (mu2 - mu1)) / (mu2 - mu1).
+    """
+    turn, swing = 2.0 * np.cos(total), 2.0 * np.cos(difference)
+    harmonics = [(0.5 * turn, np.sin(total), _sinc(difference))]
+    before: tuple[Floats | float, Floats | float, Floats | float] = (1.0, 0.0, 0.0)
+    for _ in range(count - 1):
+        cosine, sine, spread = harmonics[-1]
+        harmonics.append((turn * cosine - before[0], turn * sine - before[1], swing * spread - before[2]))
+        before = (cosine, sine, spread)
+    return harmonics
+
+
+def _series(n: float, rows: tuple[tuple[float, ...], ...], sign: float) -> tuple[float, ...]:
+    """Return the coefficients of sin(2 j .), without the last ones where float64 cannot tell them from none."""
+    terms = [sign * sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(rows, 1)]
+    while terms and 2.0 * len(terms) * abs(terms[-1]) < 0.1 * np.finfo(np.float64).eps:
+        terms.pop()
+    return tuple(terms)
 
 
 def _ellipsoid(radius_m: float, flattening: float) -> Earth:
@@ -179,8 +205,8 @@ def _ellipsoid(radius_m: float, flattening: float) -> Earth:
         radius_m=radius_m,
         rectifying_m=radius_m / (1.0 + n) * (1.0 + n**2 / 4 + n**4 / 64 + n**6 / 256),
         eccentricity=float(np.sqrt(flattening * (2.0 - flattening))),
-        to_rectifying=tuple(sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(alpha, 1)),
-        to_conformal=tuple(-sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(beta, 1)),
+        to_rectifying=_series(n, alpha, 1.0),
+        to_conformal=_series(n, beta, -1.0),
     )
 
 
@@ -253,11 +279,12 @@ def rhumb_direct(
 
 def _sinc(x: Floats) -> Floats:
     """Return sin(x) / x, 1 at 0."""
-    return np.sinc(x / np.pi)
+    safe = np.where(x == 0.0, 1.0, x)
+    return np.where(x == 0.0, 1.0, np.sin(safe) / safe)
 
 
 def _atanhc(z: Floats) -> Floats:
     """Return atanh(z) / z, 1 at 0."""
-    safe = np.where(z == 0.0, 1.0, z)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(z == 0.0, 1.0, np.arctanh(np.where(z == 0.0, 0.5, z)) / safe)
+    safe = np.where(z == 0.0, 0.5, z)
+    with np.errstate(invalid="ignore", divide="ignore"):  # beyond a pole
+        return np.where(z == 0.0, 1.0, np.arctanh(safe) / safe)

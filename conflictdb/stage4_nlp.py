@@ -10,6 +10,7 @@ Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, eqs. 14-19. D. Kraft
 quadratic programming", DFVLR-FB 88-28 (1988), as scipy's SLSQP.
 """
 
+import functools
 from typing import Final
 
 import numpy as np
@@ -34,6 +35,7 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     m, n = pair.a.vertex_count, pair.b.vertex_count
     wanted = _wanted(pair, 0.5 * (start_s + end_s))
 
+    @functools.lru_cache(maxsize=8)  # constraint and gradient ask for the same instant
     def vertices(fraction: float) -> tuple[Floats, Floats]:
         t = np.array([start_s + fraction * width])
         return pair.a.positions(t)[0], pair.b.positions(t)[0]
