@@ -1,0 +1,68 @@
+"""The only module that runs SQL: every statement is one call of a routine of sql/, or a COPY to or from one."""
+
+from conflictdb.store.connection import begin_snapshot, connect, translated
+from conflictdb.store.detection import (
+    RunOutcome,
+    RunRecord,
+    changed_areas,
+    changed_tracks,
+    find_candidates,
+    find_intersections,
+    intersecting_pairs,
+    mark_all,
+    record_failure,
+    replace_pieces,
+    scene_lock,
+    write_run,
+)
+from conflictdb.store.objects import (
+    LoadCounts,
+    SceneStatus,
+    list_scenes,
+    pending_scenes,
+    read_scene,
+    read_settings,
+    replace_scene,
+    scene_id,
+    scene_settings,
+    set_scene,
+)
+from conflictdb.store.reading import Conflict, RunStatus, conflicts, runs
+from conflictdb.store.service import Service, listen, service, wait_for_change, worker_dsn
+
+__all__ = [
+    "Conflict",
+    "LoadCounts",
+    "RunOutcome",
+    "RunRecord",
+    "RunStatus",
+    "SceneStatus",
+    "Service",
+    "begin_snapshot",
+    "changed_areas",
+    "changed_tracks",
+    "conflicts",
+    "connect",
+    "find_candidates",
+    "find_intersections",
+    "intersecting_pairs",
+    "list_scenes",
+    "listen",
+    "mark_all",
+    "pending_scenes",
+    "read_scene",
+    "read_settings",
+    "record_failure",
+    "replace_pieces",
+    "replace_scene",
+    "runs",
+    "scene_id",
+    "scene_lock",
+    "scene_settings",
+    "service",
+    "set_scene",
+    "translated",
+    "wait_for_change",
+    "worker_dsn",
+    "write_run",
+]

@@ -1,0 +1,116 @@
+"""Conflicts and runs, as the database knows them."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import psycopg
+
+from conflictdb.store.connection import call_many, transaction
+
+Period = tuple[datetime | None, datetime | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """A pair of objects that interfere: a row of the view `conflicts`. Instants in UTC.
+
+    periods : (start, end) pairs, inclusive, in order; None where unbounded
+    first_contact, last_contact : start of the first and end of the last period
+    verdict : conflict, grazing or unresolved
+    region : GeoJSON geometry, longitude and latitude; None unless asked for
+    first_contact_deg : longitude and latitude where they first touch; None if not computed
+    time_error_s : bound on the error of every end of every period, seconds
+    is_current : whether neither object changed since
+    """
+
+    scene: str
+    a_key: str
+    a_kind: str
+    b_key: str
+    b_kind: str
+    periods: list[Period]
+    first_contact: datetime | None
+    last_contact: datetime | None
+    verdict: str
+    region: str | None
+    first_contact_deg: tuple[float, float] | None
+    method: str
+    time_error_s: float
+    is_current: bool
+    run_id: int
+    found_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class RunStatus:
+    """A detection that was done: a row of the table `run`. Instants in UTC; error is None unless it failed."""
+
+    run_id: int
+    scene_id: int
+    started_at: datetime
+    finished_at: datetime
+    method: str
+    settings: dict[str, Any]
+    objects: int
+    candidate_pairs: int | None
+    intersecting_pairs: int | None
+    window_pairs: int | None
+    solved_pairs: int | None
+    conflicts: int | None
+    unresolved: int | None
+    opened: int | None
+    changed: int | None
+    closed: int | None
+    pieces_s: float | None
+    stage1_s: float | None
+    stage2_s: float | None
+    stage3_s: float | None
+    stage4_s: float | None
+    write_s: float | None
+    error: str | None
+
+
+def conflicts(
+    conn: psycopg.Connection[Any], scene: str, at: datetime | None = None, *, with_region: bool = False
+) -> list[Conflict]:
+    """Return the conflicts of a scene, or those on at an instant, earliest first; InvalidInput if it is not known."""
+    with transaction(conn):
+        rows = call_many(conn, "_conflicts", scene, at, with_region)
+    found = []
+    for row in rows:
+        a_key, a_kind, b_key, b_kind, starts, ends, verdict, region, lon_deg, lat_deg, *rest = row
+        periods = [(_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True)]
+        method, time_error_s, is_current, run_id, found_at = rest
+        found.append(
+            Conflict(
+                scene=scene,
+                a_key=a_key,
+                a_kind=a_kind,
+                b_key=b_key,
+                b_kind=b_kind,
+                periods=periods,
+                first_contact=periods[0][0],
+                last_contact=periods[-1][1],
+                verdict=verdict,
+                region=region,
+                first_contact_deg=None if lon_deg is None else (lon_deg, lat_deg),
+                method=method,
+                time_error_s=time_error_s,
+                is_current=is_current,
+                run_id=run_id,
+                found_at=found_at.astimezone(UTC),
+            )
+        )
+    return found
+
+
+def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:
+    """Return the last runs of a scene, newest first; InvalidInput if the scene is not known."""
+    with transaction(conn):
+        rows = call_many(conn, "_runs", scene, limit)
+    return [RunStatus(row[0], row[1], row[2].astimezone(UTC), row[3].astimezone(UTC), *row[4:]) for row in rows]
+
+
+def _utc(instant: datetime | None) -> datetime | None:
+    return None if instant is None else instant.astimezone(UTC)

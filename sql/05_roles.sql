@@ -1,0 +1,34 @@
+-- Roles, shared by all databases of a server; what each may do is granted in 90_grants.sql.
+-- Another database's upgrade may create them at the same time: whoever comes second has nothing left to do.
+
+DO $$
+DECLARE
+    v_role text;
+BEGIN
+    FOREACH v_role IN ARRAY ARRAY['conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker'] LOOP
+        IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles WHERE rolname = v_role) THEN
+            BEGIN
+                EXECUTE format('CREATE ROLE %I NOLOGIN', v_role);
+            EXCEPTION
+                WHEN duplicate_object OR unique_violation THEN NULL;
+                WHEN insufficient_privilege THEN
+                    RAISE EXCEPTION 'role % is missing and % may not create it', v_role, current_user
+                        USING ERRCODE = 'insufficient_privilege',
+                              HINT = 'Let an administrator run: CREATE ROLE conflictdb_reader; '
+                                     'CREATE ROLE conflictdb_editor IN ROLE conflictdb_reader; '
+                                     'CREATE ROLE conflictdb_worker IN ROLE conflictdb_editor;';
+            END;
+        END IF;
+    END LOOP;
+    -- Each role can do what the one before it can.
+    IF NOT pg_has_role('conflictdb_editor', 'conflictdb_reader', 'MEMBER') THEN
+        GRANT conflictdb_reader TO conflictdb_editor;
+    END IF;
+    IF NOT pg_has_role('conflictdb_worker', 'conflictdb_editor', 'MEMBER') THEN
+        GRANT conflictdb_editor TO conflictdb_worker;
+    END IF;
+EXCEPTION
+    -- Two databases granting at once: the other one's grant is the same.
+    WHEN unique_violation THEN NULL;
+END
+$$;

@@ -1,0 +1,50 @@
+-- How bad input is refused: one SQLSTATE per rule, class ZC.
+--
+-- ZC001 invalid_geometry        ZC002 time_not_increasing    ZC003 invalid_span
+-- ZC004 invalid_heights         ZC005 coordinate_out_of_range ZC006 invalid_outline
+-- ZC007 duplicate_key           ZC008 invalid_key            ZC009 invalid_setting
+-- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
+-- ZC013 wrong_sequence (a private routine was called out of order)
+
+CREATE OR REPLACE FUNCTION _refuse(
+    p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
+) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
+        USING ERRCODE = p_state, DETAIL = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb',
+              HINT = p_hint;
+END
+$$;
+COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
+'Raises SQLSTATE p_state: DETAIL says which object, COLUMN which field, CONSTRAINT which rule by name.';
+
+CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
+    v_known text;
+BEGIN
+    IF v_scene_id IS NULL THEN
+        SELECT string_agg(quote_literal(k.name), ', ' ORDER BY k.name)
+            INTO v_known FROM (SELECT s.name FROM scene s ORDER BY s.name LIMIT 20) k;
+        PERFORM _refuse('ZC010', format('scene %L', p_scene), 'name',
+                        'is not in this database; known: ' || coalesce(v_known, 'none'), 'scene_known',
+                        'create_scene(name) creates one.');
+    END IF;
+    RETURN v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; refuses (ZC010) a name that is not known.';
+
+CREATE OR REPLACE FUNCTION _require_snapshot() RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF current_setting('transaction_isolation') = 'read committed' THEN
+        PERFORM _refuse('ZC013', 'detection', 'transaction', 'must read one snapshot: REPEATABLE READ',
+                        'detection_on_one_snapshot');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _require_snapshot() IS
+'Refuses (ZC013) a transaction whose statements each see another state: marks and objects would not belong together.';

@@ -1,0 +1,177 @@
+-- How users put scenes, areas and tracks in and take them out. Everything is an upsert by scene and key; what does not
+-- change anything leaves no mark. The triggers of 12_validation.sql refuse what is wrong.
+
+CREATE OR REPLACE FUNCTION create_scene(
+    p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
+    p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint;
+BEGIN
+    LOOP
+        UPDATE scene s SET motion = coalesce(p_motion, s.motion), earth = coalesce(p_earth, s.earth),
+                           method = coalesce(p_method, s.method), tolerance_m = coalesce(p_tolerance_m, s.tolerance_m),
+                           separation_m = coalesce(p_separation_m, s.separation_m)
+            WHERE s.name = p_name
+              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m) IS DISTINCT FROM
+                  (coalesce(p_motion, s.motion), coalesce(p_earth, s.earth), coalesce(p_method, s.method),
+                   coalesce(p_tolerance_m, s.tolerance_m), coalesce(p_separation_m, s.separation_m));
+        SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
+        IF FOUND THEN
+            RETURN v_scene_id;
+        END IF;
+        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m)
+            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(p_earth, 'wgs84'), coalesce(p_method, 'nlp'),
+                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0))
+            ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
+        IF FOUND THEN
+            RETURN v_scene_id;
+        END IF;
+        -- Somebody else has created it just now: the next turn finds it.
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision) IS
+'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
+'Left out, a new scene gets rhumb, wgs84, nlp, tolerance 1 m, separation 0 m.';
+
+CREATE OR REPLACE FUNCTION put_area(
+    p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}'
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_who text := format('area %L', p_key);
+    v_area_id bigint;
+BEGIN
+    IF ST_SRID(p_footprint) <> 4326 THEN
+        PERFORM _refuse('ZC001', v_who, 'footprint', format('must have SRID 4326; got %s', ST_SRID(p_footprint)),
+                        'footprint_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
+    END IF;
+    IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
+        PERFORM _refuse('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+                        GeometryType(p_footprint)), 'footprint_polygon');
+    END IF;
+    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+        VALUES (v_scene_id, p_key, p_name, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m,
+                p_properties)
+        ON CONFLICT (scene_id, key) DO UPDATE
+            SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties
+            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties) IS DISTINCT FROM
+                  (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
+                   excluded.properties)
+        RETURNING a.area_id INTO v_area_id;
+    RETURN coalesce(v_area_id, (SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key));
+END
+$$;
+COMMENT ON FUNCTION put_area(text, text, geometry, tstzrange, double precision, double precision, text, jsonb) IS
+'Adds an area to a scene, or replaces the one with that key; returns its id. '
+'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
+'left out is unbounded.';
+
+CREATE OR REPLACE FUNCTION put_track(
+    p_scene text, p_key text, p_path geometry, p_outline geometry,
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}'
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_who text := format('track %L', p_key);
+    v_track_id bigint;
+BEGIN
+    IF ST_SRID(p_path) <> 4326 THEN
+        PERFORM _refuse('ZC001', v_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid',
+                        'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
+    END IF;
+    IF GeometryType(p_path) <> 'LINESTRINGM' THEN
+        PERFORM _refuse('ZC001', v_who, 'path', format('must be a LineStringM; got %s', GeometryType(p_path)),
+                        'path_linestring_m', 'track_path(waypoints, times) makes one.');
+    END IF;
+    IF GeometryType(p_outline) NOT IN ('POLYGON') THEN
+        PERFORM _refuse('ZC006', v_who, 'outline', format('must be a Polygon; got %s', GeometryType(p_outline)),
+                        'outline_ring', 'rectangle_outline(fore_m, aft_m, port_m, starboard_m) makes one.');
+    END IF;
+    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties)
+        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties)
+        ON CONFLICT (scene_id, key) DO UPDATE
+            SET name = excluded.name, path = excluded.path, outline = excluded.outline,
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties
+            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties) IS DISTINCT FROM
+                  (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
+                   excluded.properties)
+        RETURNING t.track_id INTO v_track_id;
+    RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
+END
+$$;
+COMMENT ON FUNCTION put_track(text, text, geometry, geometry, double precision, double precision, text, jsonb) IS
+'Adds a track to a scene, or replaces the one with that key; returns its id. '
+'Path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
+'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point.';
+
+CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    DELETE FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key;
+    IF FOUND THEN
+        RETURN true;
+    END IF;
+    DELETE FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key;
+    RETURN FOUND;
+END
+$$;
+COMMENT ON FUNCTION remove_object(text, text) IS
+'Removes the area or track with that key from a scene; returns whether there was one. '
+'Its conflicts are shown as not current until the next detection.';
+
+CREATE OR REPLACE FUNCTION rectangle_outline(
+    p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_MakePolygon(ST_MakeLine(ARRAY[
+        ST_MakePoint(p_starboard_m, p_fore_m), ST_MakePoint(p_starboard_m, -p_aft_m),
+        ST_MakePoint(-p_port_m, -p_aft_m), ST_MakePoint(-p_port_m, p_fore_m), ST_MakePoint(p_starboard_m, p_fore_m)]));
+END;
+COMMENT ON FUNCTION rectangle_outline(double precision, double precision, double precision, double precision) IS
+'The outline of a rectangular haven: metres ahead, astern, to port and to starboard of the reference point.';
+
+CREATE OR REPLACE FUNCTION track_path(p_waypoints geometry, p_times timestamptz[]) RETURNS geometry
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF GeometryType(p_waypoints) <> 'LINESTRING' OR ST_NPoints(p_waypoints) <> cardinality(p_times) THEN
+        PERFORM _refuse('ZC002', 'track path', 'times',
+                        format('must be one per waypoint of a LineString: %s waypoints, %s times',
+                               ST_NPoints(p_waypoints), cardinality(p_times)), 'path_time_per_waypoint');
+    END IF;
+    RETURN (SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(ST_X(d.geom), ST_Y(d.geom),
+                                                        extract(epoch FROM p_times[d.path[1]])::double precision)
+                                          ORDER BY d.path[1]), ST_SRID(p_waypoints))
+            FROM ST_DumpPoints(p_waypoints) d);
+END
+$$;
+COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
+'The path of a track: a LineString of waypoints with one instant each as M (Unix seconds).';
+
+CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    IF p_full THEN
+        PERFORM _mark_all(v_scene_id);
+    END IF;
+    PERFORM pg_notify('conflictdb_request', '');
+    RETURN (SELECT count(*) FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
+                                  WHERE c.scene_id = v_scene_id) pending);
+END
+$$;
+COMMENT ON FUNCTION request_detection(text, boolean) IS
+'Wakes the workers (channel conflictdb_request); returns how many objects of the scene wait for detection. '
+'p_full marks all of them first.';

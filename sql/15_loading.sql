@@ -1,0 +1,124 @@
+-- Bulk loading: the store COPYs into temporary tables, `_load` brings scene and tables in step, set by set.
+-- Rows that do not change are not touched: no new version, no mark.
+
+CREATE OR REPLACE FUNCTION _begin_load() RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+BEGIN
+    CREATE TEMPORARY TABLE IF NOT EXISTS staged_area (
+        key text COLLATE "C", name text, footprint geometry, span_start timestamptz, span_end timestamptz,
+        floor_m double precision, ceiling_m double precision, properties jsonb
+    ) ON COMMIT DROP;
+    CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
+        key text COLLATE "C", name text, path geometry, outline geometry,
+        floor_m double precision, ceiling_m double precision, properties jsonb
+    ) ON COMMIT DROP;
+    TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
+END
+$$;
+COMMENT ON FUNCTION _begin_load() IS
+'Creates the temporary tables staged_area and staged_track, empty, for this transaction. '
+'Infinite heights (metres) and instants stand for unbounded.';
+
+CREATE OR REPLACE FUNCTION _load(
+    p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
+    p_separation_m double precision, p_merge boolean,
+    OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m);
+    v_rows bigint;
+    v_key text;
+    v_total bigint;
+BEGIN
+    -- Loads of one scene come one after the other.
+    PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
+    ANALYZE pg_temp.staged_area;
+    ANALYZE pg_temp.staged_track;
+    SELECT k.key INTO v_key
+        FROM (SELECT a.key FROM pg_temp.staged_area a UNION ALL SELECT t.key FROM pg_temp.staged_track t) k
+        GROUP BY k.key HAVING count(*) > 1 ORDER BY k.key LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC007', format('object %L', v_key), 'key', 'is given twice', 'object_key_unique');
+    END IF;
+    SELECT (SELECT count(*) FROM pg_temp.staged_area) + (SELECT count(*) FROM pg_temp.staged_track) INTO v_total;
+
+    -- A key may pass from an area to a track: the old object goes first.
+    DELETE FROM area a WHERE a.scene_id = v_scene_id
+        AND CASE WHEN p_merge THEN EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = a.key)
+                 ELSE NOT EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = a.key) END;
+    GET DIAGNOSTICS removed = ROW_COUNT;
+    DELETE FROM track t WHERE t.scene_id = v_scene_id
+        AND CASE WHEN p_merge THEN EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = t.key)
+                 ELSE NOT EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = t.key) END;
+    GET DIAGNOSTICS v_rows = ROW_COUNT;
+    removed := removed + v_rows;
+
+    UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
+                      ceiling_m = n.ceiling_m, properties = n.properties
+        FROM (SELECT s.key, s.name, ST_SetSRID(s.footprint, 4326) AS footprint,
+                     tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')) AS active_span,
+                     nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
+                     s.properties FROM pg_temp.staged_area s) n
+        WHERE a.scene_id = v_scene_id AND a.key = n.key
+          AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties)
+              IS DISTINCT FROM (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties);
+    GET DIAGNOSTICS updated = ROW_COUNT;
+    UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
+                       ceiling_m = n.ceiling_m, properties = n.properties
+        FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
+                     nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
+                     s.properties FROM pg_temp.staged_track s) n
+        WHERE t.scene_id = v_scene_id AND t.key = n.key
+          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties)
+              IS DISTINCT FROM (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.properties);
+    GET DIAGNOSTICS v_rows = ROW_COUNT;
+    updated := updated + v_rows;
+
+    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+        SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.footprint, 4326),
+               tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
+        FROM pg_temp.staged_area s
+        WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key);
+    GET DIAGNOSTICS added = ROW_COUNT;
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties)
+        SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
+        FROM pg_temp.staged_track s
+        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key);
+    GET DIAGNOSTICS v_rows = ROW_COUNT;
+    added := added + v_rows;
+    unchanged := v_total - added - updated;
+END
+$$;
+COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, boolean) IS
+'Brings a scene in step with the staged tables; counts objects. Without p_merge, objects that are not staged go.';
+
+-- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.
+
+CREATE OR REPLACE FUNCTION _read_areas(
+    p_scene_id bigint, OUT span_start timestamptz, OUT span_end timestamptz, OUT floor_m double precision,
+    OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text,
+    OUT properties text
+) RETURNS SETOF record
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(lower(a.active_span), '-infinity'), coalesce(upper(a.active_span), 'infinity'),
+           coalesce(a.floor_m, '-infinity'), coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
+           ST_AsBinary(a.footprint, 'NDR'), a.key, coalesce(a.name, ''), a.properties::text
+    FROM area a WHERE a.scene_id = p_scene_id ORDER BY a.area_id;
+END;
+COMMENT ON FUNCTION _read_areas(bigint) IS 'All areas of a scene, without nulls, for COPY.';
+
+CREATE OR REPLACE FUNCTION _read_tracks(
+    p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
+    OUT path bytea, OUT outline bytea, OUT key text, OUT name text, OUT properties text
+) RETURNS SETOF record
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL,
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), t.key, coalesce(t.name, ''), t.properties::text
+    FROM track t WHERE t.scene_id = p_scene_id ORDER BY t.track_id;
+END;
+COMMENT ON FUNCTION _read_tracks(bigint) IS 'All tracks of a scene, without nulls, for COPY.';

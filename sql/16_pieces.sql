@@ -1,0 +1,84 @@
+-- Keeping pieces in step with objects. The worker (conflictdb.store) reads marked objects, cuts them in arrays and
+-- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
+
+CREATE OR REPLACE FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean) RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_lock bigint := hashtextextended('conflictdb.scene.' || p_scene_id, 0);
+BEGIN
+    IF p_wait THEN
+        PERFORM pg_advisory_lock(v_lock);
+        RETURN true;
+    END IF;
+    RETURN pg_try_advisory_lock(v_lock);
+END
+$$;
+COMMENT ON FUNCTION _lock_scene(bigint, boolean) IS
+'Takes the session lock that lets one detection of a scene run at a time; returns whether it got it.';
+
+CREATE OR REPLACE FUNCTION _unlock_scene(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    SELECT pg_advisory_unlock(hashtextextended('conflictdb.scene.' || p_scene_id, 0));
+END;
+COMMENT ON FUNCTION _unlock_scene(bigint) IS 'Gives back the lock of _lock_scene.';
+
+CREATE OR REPLACE FUNCTION _changed_areas(
+    p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
+) RETURNS SETOF record
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
+           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
+           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
+    FROM area a
+    WHERE a.scene_id = p_scene_id
+      AND EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0 AND c.object_id = a.area_id)
+    ORDER BY a.area_id;
+END;
+COMMENT ON FUNCTION _changed_areas(bigint) IS
+'The marked areas of a scene, without nulls, for COPY: infinite instants and heights (metres) stand for unbounded.';
+
+CREATE OR REPLACE FUNCTION _changed_tracks(
+    p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
+    OUT ceiling_m double precision, OUT path bytea, OUT outline bytea
+) RETURNS SETOF record
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR')
+    FROM track t
+    WHERE t.scene_id = p_scene_id
+      AND EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id = t.track_id)
+    ORDER BY t.track_id;
+END;
+COMMENT ON FUNCTION _changed_tracks(bigint) IS
+'The marked tracks of a scene, without nulls, for COPY: infinite heights (metres) stand for unbounded.';
+
+CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint) RETURNS integer
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _require_snapshot();
+    DELETE FROM piece p
+        USING (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) marked
+        WHERE p.scene_id = p_scene_id AND p.object_kind = marked.object_kind AND p.object_id = marked.object_id;
+    UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
+    RETURN (SELECT _plane_srid(s.earth) FROM scene s WHERE s.scene_id = p_scene_id);
+END
+$$;
+COMMENT ON FUNCTION _begin_pieces(bigint) IS
+'Drops the pieces of all marked (also removed) objects of a scene and covers their marks, for their new pieces follow '
+'in this transaction; returns the SRID of the plane.';
+
+CREATE OR REPLACE FUNCTION _end_pieces(p_changed bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    -- Without statistics that know the new pieces the next joins may be planned for an empty table.
+    IF p_changed > 1000 THEN
+        ANALYZE piece;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _end_pieces(bigint) IS
+'Refreshes the planner''s statistics after many pieces changed. Runs as its owner, whom ANALYZE asks for.';

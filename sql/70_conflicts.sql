@@ -1,0 +1,148 @@
+-- What users query.
+
+CREATE OR REPLACE VIEW conflicts AS
+SELECT s.name AS scene,
+       c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
+       c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
+       c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
+       coalesce(c.region, _conflict_region(c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, s.earth))
+           ::geometry(Geometry, 4326) AS region,
+       c.first_contact_point, c.method, c.time_error_s,
+       NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
+                   AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
+       c.run_id, c.found_at
+FROM conflict c JOIN scene s USING (scene_id);
+
+COMMENT ON VIEW conflicts IS
+'Pairs of objects that interfere: one row per pair, as of the last detection of the scene. '
+'a is the area if there is one, else the smaller key in byte order.';
+COMMENT ON COLUMN conflicts.scene IS 'Name of the scene.';
+COMMENT ON COLUMN conflicts.a_key IS 'Key of the first object.';
+COMMENT ON COLUMN conflicts.a_kind IS 'area or track.';
+COMMENT ON COLUMN conflicts.b_key IS 'Key of the second object.';
+COMMENT ON COLUMN conflicts.b_kind IS 'area or track.';
+COMMENT ON COLUMN conflicts.periods IS
+'When they interfere: bounds inclusive, rounded outward to the microsecond; no bound where it has none.';
+COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if it has none.';
+COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if it has none.';
+COMMENT ON COLUMN conflicts.verdict IS
+'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled, '
+'periods then say when they might meet.';
+COMMENT ON COLUMN conflicts.region IS
+'Where, longitude and latitude in degrees. Computed when the column is read: leave it out where it is not needed. '
+'Two areas: the intersection; else a superset, where what both sweep meanwhile meets.';
+COMMENT ON COLUMN conflicts.first_contact_point IS 'Where they first touch, longitude and latitude in degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
+COMMENT ON COLUMN conflicts.time_error_s IS 'Bound on the error of every end of every period, seconds.';
+COMMENT ON COLUMN conflicts.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
+COMMENT ON COLUMN conflicts.run_id IS 'The run that last computed this pair.';
+COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found to interfere.';
+
+CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND c.periods @> p_instant;
+END;
+COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene that are on at an instant.';
+
+CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF conflicts
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
+END;
+COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
+
+CREATE OR REPLACE FUNCTION _pieces_near(
+    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+) RETURNS TABLE (object_kind smallint, object_id bigint, span tstzrange, region geometry)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Hulls are padded by half of what counts as meeting, at their own scale; the other half is added here, at the
+    -- largest scale (metres of the plane per metre) the geometry reaches. All turns at which it may lie are tried.
+    SELECT p.object_kind, p.object_id, p.span * p_span, ST_Intersection(p.hull, ST_Buffer(g.plane, 1.01 * g.pad_m))
+    FROM scene s
+    CROSS JOIN LATERAL (SELECT _to_plane(p_geometry, s.earth) AS plane, _radius_m(s.earth) AS radius_m) h
+    CROSS JOIN LATERAL (
+        SELECT ST_Translate(h.plane, turn * 2 * pi() * h.radius_m, 0) AS plane,
+               1e-6 + 0.505 * (s.tolerance_m + s.separation_m)
+               * cosh(greatest(abs(ST_YMin(h.plane)), abs(ST_YMax(h.plane))) / h.radius_m) AS pad_m
+        FROM generate_series(-1, 1) turn
+    ) g
+    JOIN piece p ON p.scene_id = p_scene_id AND p.hull && ST_Expand(g.plane, g.pad_m) AND p.span && p_span
+    WHERE s.scene_id = p_scene_id
+      AND p.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < p.ceiling_m
+      AND ST_DWithin(p.hull, g.plane, g.pad_m);
+END;
+COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
+'Pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between two heights '
+'(metres; null is unbounded): stages 1 and 2.';
+
+CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
+RETURNS SETOF conflicts
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Both members must come near the geometry, which the index tells; only then is a region computed.
+    WITH near AS MATERIALIZED (
+        SELECT DISTINCT n.object_kind, coalesce(a.key, t.key) AS key
+        FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, NULL, NULL) n
+        LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
+        LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
+    )
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = p_scene AND c.periods && p_span
+      AND c.a_key IN (SELECT n.key FROM near n) AND c.b_key IN (SELECT n.key FROM near n)
+      AND ST_Intersects(c.region, _wrapped(p_geometry));
+END;
+COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
+'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet a span.';
+
+CREATE OR REPLACE FUNCTION probe(
+    p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL
+) RETURNS TABLE (key text, kind text, spans tstzmultirange, region geometry)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans,
+           _wrapped(_from_plane(n.region, s.earth))
+    FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans, ST_Union(x.region) AS region
+          FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, p_floor_m, p_ceiling_m) x
+          GROUP BY x.object_kind, x.object_id) n
+    JOIN scene s ON s.name = p_scene
+    LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
+    LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
+    WHERE coalesce(a.key, t.key) IS NOT NULL;
+END;
+COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
+'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
+'and 2 against the pieces of the last detection, a superset of the truth. Writes nothing.';
+
+CREATE OR REPLACE FUNCTION candidates(p_scene text)
+RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
+           coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans,
+           _wrapped(_from_plane(c.region, c.earth))
+    FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, b.object_kind AS b_kind, b.object_id AS b_id,
+                 max(s.earth) AS earth, range_agg(a.span * b.span) AS spans,
+                 ST_Union(ST_Intersection(a.hull, b.hull)) AS region
+          FROM scene s
+          JOIN piece a ON a.scene_id = s.scene_id
+          JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
+          WHERE s.scene_id = _scene_id(p_scene)
+            AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
+            AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+            AND (a.turn = 0 OR b.turn = 0)
+            AND ST_Intersects(a.hull, b.hull)
+          GROUP BY a.object_kind, a.object_id, b.object_kind, b.object_id) c
+    LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id
+    LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id
+    LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id
+    LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id
+    WHERE coalesce(aa.key, ta.key) IS NOT NULL AND coalesce(ab.key, tb.key) IS NOT NULL;
+END;
+COMMENT ON FUNCTION candidates(text) IS
+'Pairs of objects of a scene that might interfere: stages 1 and 2 on the pieces of the last detection, a superset of '
+'the truth. spans: when both are there; region: where what both sweep meets, longitude and latitude in degrees.';

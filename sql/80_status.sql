@@ -1,0 +1,80 @@
+-- What the store reads: rows for Python, nothing more than the tables hold.
+
+CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean)
+RETURNS TABLE (
+    a_key text, a_kind text, b_key text, b_kind text, starts timestamptz[], ends timestamptz[],
+    verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision,
+    method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY
+        SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, p.starts, p.ends, c.verdict,
+               CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
+               ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
+               c.run_id, c.found_at
+        FROM conflicts c
+        CROSS JOIN LATERAL (SELECT array_agg(lower(r) ORDER BY r) AS starts, array_agg(upper(r) ORDER BY r) AS ends
+                            FROM unnest(c.periods) r) p
+        WHERE c.scene = p_scene AND (p_at IS NULL OR c.periods @> p_at)
+        ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
+END
+$$;
+COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
+'The conflicts of a scene (at an instant, if given), earliest first; periods as arrays of starts and ends.';
+
+CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
+    scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
+    separation_m double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint,
+    run_id bigint, finished_at timestamptz, error text
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m,
+           (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
+           (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id),
+           (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
+                                  WHERE m.scene_id = s.scene_id) d),
+           (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id),
+           r.run_id, r.finished_at, r.error
+    FROM scene s
+    LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
+                       ORDER BY x.run_id DESC LIMIT 1) r ON true
+    ORDER BY s.name;
+END;
+COMMENT ON FUNCTION _scenes() IS
+'Every scene with its settings, how many objects it holds, how many wait for detection, and its last run.';
+
+CREATE OR REPLACE FUNCTION _runs(p_scene text, p_limit integer) RETURNS SETOF run
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT r.* FROM run r WHERE r.scene_id = _scene_id(p_scene) ORDER BY r.run_id DESC LIMIT p_limit;
+END;
+COMMENT ON FUNCTION _runs(text, integer) IS 'The last runs of a scene, newest first.';
+
+CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (
+    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m
+    FROM scene s WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _scene(bigint) IS 'The settings of a scene.';
+
+CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (
+    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m FROM scene s WHERE s.name = p_scene;
+END;
+COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if there is none of that name.';
+
+CREATE OR REPLACE FUNCTION _pending_scenes() RETURNS SETOF text
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.name FROM scene s JOIN change m USING (scene_id) GROUP BY s.name ORDER BY min(m.change_id);
+END;
+COMMENT ON FUNCTION _pending_scenes() IS 'Scenes with objects that wait for detection, the longest waiting first.';

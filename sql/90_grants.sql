@@ -1,0 +1,33 @@
+-- Who may do what. Nothing is granted to PUBLIC; each role can do what the one before it can (05_roles.sql).
+
+REVOKE ALL ON SCHEMA conflictdb FROM PUBLIC;
+REVOKE ALL ON ALL TABLES IN SCHEMA conflictdb FROM PUBLIC;
+REVOKE ALL ON ALL SEQUENCES IN SCHEMA conflictdb FROM PUBLIC;
+REVOKE ALL ON ALL ROUTINES IN SCHEMA conflictdb FROM PUBLIC;
+
+-- Readers see everything. Query functions run as their caller, so that the planner can look into them; what they read
+-- must be readable.
+GRANT USAGE ON SCHEMA conflictdb TO conflictdb_reader;
+GRANT SELECT ON ALL TABLES IN SCHEMA conflictdb TO conflictdb_reader;
+GRANT EXECUTE ON ALL ROUTINES IN SCHEMA conflictdb TO conflictdb_worker;
+DO $$
+DECLARE
+    v_routine regprocedure;
+BEGIN
+    -- A function that does not write is a query; it comes with the helpers it calls.
+    FOR v_routine IN
+        SELECT p.oid FROM pg_catalog.pg_proc p
+        WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile <> 'v' LOOP
+        EXECUTE format('GRANT EXECUTE ON FUNCTION %s TO conflictdb_reader', v_routine);
+    END LOOP;
+END
+$$;
+
+-- Editors change the input. Marks and keys are kept by triggers that run as their owner.
+GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
+GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
+GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _begin_load, _load
+    TO conflictdb_editor;
+
+-- Workers keep the derived tables.
+GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run TO conflictdb_worker;
