@@ -1,0 +1,366 @@
+"""The private cluster for real: who keeps it running, when it stops, and what it survives.
+
+Users are processes of their own, so that they can be killed. Each test gets a copy of one initialised home.
+"""
+
+import errno
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+
+from conflictdb import server
+from conflictdb.errors import ServerError
+from conflictdb.server.account import account_for
+
+#: Seconds for something that takes milliseconds on an idle machine.
+PATIENCE_S = 60.0
+
+USER = """
+import sys
+from pathlib import Path
+from conflictdb import server
+with server.embedded(Path(sys.argv[1]), durable=False) as embedded:
+    print(embedded.status().pid, flush=True)
+    sys.stdin.readline()
+"""
+
+
+class User:
+    """A process that uses a server until it is told to leave, or killed."""
+
+    def __init__(self, home: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", USER, str(home)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def server_pid(self) -> int:
+        """Wait until it has joined; return the process of the server it got."""
+        assert self.process.stdout is not None
+        return int(self.process.stdout.readline())
+
+    def leave(self) -> None:
+        """End it the ordinary way."""
+        self.process.communicate("\n", timeout=PATIENCE_S)
+        assert self.process.returncode == 0
+
+    def kill(self) -> None:
+        """End it with kill -9."""
+        self.process.kill()
+        self.process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def places() -> Iterator[Path]:
+    """Return a directory for homes."""
+    # Not tmp_path: that is closed to the account that runs the server of root.
+    root = Path(tempfile.mkdtemp(prefix="conflictdb-"))
+    root.chmod(0o755)
+    yield root
+    shutil.rmtree(root)
+
+
+@pytest.fixture(scope="module")
+def initialised(places: Path) -> Path:
+    """Return the home of a cluster to copy."""
+    home = places / "initialised"
+    server.embedded(home, durable=False).stop()
+    await_stop(home)
+    return home
+
+
+@pytest.fixture
+def new_home(places: Path) -> Iterator[Path]:
+    """Return a directory that is not there yet; whatever runs in it in the end must have stopped."""
+    home = Path(tempfile.mkdtemp(dir=places))
+    home.rmdir()
+    yield home
+    await_stop(home)
+    shutil.rmtree(home, ignore_errors=True)
+
+
+@pytest.fixture
+def home(initialised: Path, new_home: Path) -> Path:
+    """Return the home of a cluster that does not run."""
+    copy(initialised, new_home)
+    return new_home
+
+
+@pytest.fixture
+def user(home: Path) -> Iterator[Callable[[], User]]:
+    """Return what starts users of the home; those that are left in the end are killed."""
+    with ExitStack() as stack:
+
+        def start() -> User:
+            started = User(home)
+            stack.callback(started.kill)
+            return started
+
+        yield start
+
+
+def copy(home: Path, to: Path) -> None:
+    """Copy a home with the owners of its files."""
+    subprocess.run(["cp", "-a", home, to], check=True)
+
+
+def await_stop(home: Path) -> None:
+    """Wait until neither the server nor its supervisor runs."""
+    await_that(lambda: server.status(home).pid is None, "the server stops")
+    await_that(lambda: not has_reader(home / "alive"), "the supervisor ends")
+
+
+def has_reader(fifo: Path) -> bool:
+    """Return whether a process holds the read end."""
+    try:
+        os.close(os.open(fifo, os.O_WRONLY | os.O_NONBLOCK))
+    except OSError as error:
+        if error.errno not in (errno.ENXIO, errno.ENOENT):
+            raise
+        return False
+    return True
+
+
+def await_that(reached: Callable[[], bool], what: str) -> None:
+    """Wait until something is so."""
+    end = time.monotonic() + PATIENCE_S
+    while not reached():
+        assert time.monotonic() < end, f"{what}: not within {PATIENCE_S} s"
+        time.sleep(0.01)
+
+
+def query(dsn: str, statement: str) -> Any:
+    """Return the one value that a statement gives."""
+    with psycopg.connect(dsn) as conn:
+        row = conn.execute(statement.encode()).fetchone()
+        return row[0] if row else None
+
+
+def test_new_home_is_private_and_serves_its_database(new_home: Path) -> None:
+    """A new cluster has its database, takes connections on its socket alone, and nobody else can enter."""
+    said: list[str] = []
+    with server.embedded(new_home, say=said.append) as embedded:
+        assert query(embedded.dsn, "SELECT current_database()") == "conflictdb"
+        expected = {"listen_addresses": "", "jit": "off", "fsync": "on", "TimeZone": "UTC", "server_encoding": "UTF8"}
+        assert {name: query(embedded.dsn, f"SHOW {name}") for name in expected} == expected
+        assert query(embedded.dsn, "SHOW unix_socket_directories").strip('"') == str(new_home)
+        assert query(embedded.dsn, "SELECT count(*) FROM pg_available_extensions WHERE name = 'postgis'") == 1
+    assert stat.S_IMODE(new_home.stat().st_mode) == 0o700
+    assert len([line for line in said if "PostgreSQL" in line and "PostGIS" in line and str(new_home) in line]) == 1
+    owners = {path.lstat().st_uid for path in new_home.iterdir()}
+    assert owners == {account_for(new_home).uid}
+    assert owners != {0}
+
+
+def test_simultaneous_first_starts_give_one_server(new_home: Path) -> None:
+    """Processes that start at once on a home that is not there yet share one data directory and one server."""
+    users = [User(new_home) for _ in range(4)]
+    try:
+        assert len({user.server_pid() for user in users}) == 1
+    finally:
+        for user in users:
+            user.kill()
+
+
+def test_kill_of_the_only_user_leaves_nothing(home: Path, user: Callable[[], User]) -> None:
+    """The server stops although its user had no chance to say goodbye."""
+    only = user()
+    pid = only.server_pid()
+    only.kill()
+    await_stop(home)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_server_stays_until_the_last_user_leaves(home: Path, user: Callable[[], User]) -> None:
+    """It does not matter who started the server, nor how its users end."""
+    first, second, third = user(), user(), user()
+    pid = first.server_pid()
+    assert (second.server_pid(), third.server_pid()) == (pid, pid)
+    first.kill()
+    second.leave()
+    time.sleep(0.2)
+    assert server.status(home).pid == pid
+    third.leave()
+    await_stop(home)
+
+
+def test_kill_while_it_starts_leaves_nothing(home: Path, user: Callable[[], User]) -> None:
+    """Whenever a starting process is killed, the server stops or was never started."""
+    for delay_s in (0.2, 0.25, 0.3):
+        starting = user()
+        time.sleep(delay_s)
+        starting.kill()
+        await_stop(home)
+    with server.embedded(home) as embedded:
+        assert query(embedded.dsn, "SELECT 1") == 1
+
+
+def test_joining_a_server_that_stops_gives_a_working_one(home: Path) -> None:
+    """A user that comes just when the last one leaves gets a server that stays."""
+    for _ in range(5):
+        server.embedded(home).stop()
+        with server.embedded(home) as embedded:
+            assert query(embedded.dsn, "SELECT 1") == 1
+
+
+def test_stop_may_be_called_twice(home: Path) -> None:
+    """The second call does nothing."""
+    embedded = server.embedded(home)
+    embedded.stop()
+    embedded.stop()
+    await_stop(home)
+    assert embedded.status().dsn is None
+
+
+def test_held_server_runs_without_users_until_released(home: Path) -> None:
+    """`start_holder` keeps the server, users come and go, `stop_holder` waits until it is down."""
+    held = server.start_holder(home)
+    assert (held.running, held.held) == (True, True)
+    assert held.dsn is not None
+    assert query(held.dsn, "SELECT 1") == 1
+    server.embedded(home).stop()
+    assert server.start_holder(home) == held
+    assert server.status(home) == held
+    stopped = server.stop_holder(home)
+    assert (stopped.running, stopped.held, stopped.pid, stopped.dsn) == (False, False, None, None)
+    assert server.stop_holder(home) == stopped
+
+
+def test_release_while_used_stops_later(home: Path) -> None:
+    """A server that is no longer held runs on for the users it has."""
+    server.start_holder(home)
+    with server.embedded(home) as embedded:
+        left = server.stop_holder(home)
+        assert (left.running, left.held) == (True, False)
+        assert query(embedded.dsn, "SELECT 1") == 1
+    await_stop(home)
+
+
+def test_status_and_stop_of_a_home_that_is_not_there(new_home: Path) -> None:
+    """Asking makes nothing."""
+    assert server.status(new_home).running is False
+    assert server.stop_holder(new_home).running is False
+    assert not new_home.exists()
+
+
+def test_crashed_server_is_replaced(home: Path, user: Callable[[], User]) -> None:
+    """After the server was killed the next user gets another one, with the data, while an old user is still there."""
+    old = user()
+    pid = old.server_pid()
+    os.kill(pid, signal.SIGKILL)
+    with server.embedded(home) as embedded:
+        assert embedded.status().pid != pid
+        assert query(embedded.dsn, "SELECT 1") == 1
+
+
+def test_server_without_supervisor_is_replaced(home: Path, user: Callable[[], User]) -> None:
+    """A server whose supervisor was killed would never stop: the next user gets a supervised one."""
+    old = user()
+    pid = old.server_pid()
+    supervisor = parent_of(parent_of(pid))
+    os.kill(supervisor, signal.SIGKILL)
+    old.kill()
+    with server.embedded(home) as embedded:
+        assert embedded.status().pid != pid
+        assert query(embedded.dsn, "SELECT 1") == 1
+
+
+def parent_of(pid: int) -> int:
+    """Return the parent of a process."""
+    answer = subprocess.run(["ps", "-o", "ppid=", "-p", str(pid)], capture_output=True, text=True, check=True)
+    return int(answer.stdout)
+
+
+def test_number_of_a_dead_server_may_be_taken(home: Path) -> None:
+    """A lock file left by a crash names a process that is another one by now; the server starts all the same."""
+    (home / "data/postmaster.pid").write_text(f"{os.getppid()}\n{home}/data\n1700000000\n5432\n{home}\n\n\nready\n")
+    with server.embedded(home) as embedded:
+        assert query(embedded.dsn, "SELECT 1") == 1
+
+
+def test_interrupted_initialisation_is_repeated(home: Path) -> None:
+    """A half-made data directory has another name; the next start begins afresh."""
+    (home / "data").rename(home / "data.new")
+    with server.embedded(home, durable=False) as embedded:
+        assert query(embedded.dsn, "SHOW fsync") == "off"
+    assert not (home / "data.new").exists()
+
+
+@pytest.mark.parametrize(("name", "is_short"), [("deep" * 40, False), ("a,b", False), ("ä 'b' \"c\" $d", True)])
+def test_any_path_will_do(initialised: Path, new_home: Path, name: str, is_short: bool) -> None:
+    """A path that is no good for a socket gets a short private directory, gone afterwards."""
+    new_home.mkdir(mode=0o755)
+    new_home.chmod(0o755)
+    home = new_home / name
+    copy(initialised, home)
+    with server.embedded(home) as embedded:
+        assert query(embedded.dsn, "SELECT 1") == 1
+        socket_directory = Path(psycopg.conninfo.conninfo_to_dict(embedded.dsn)["host"])
+        assert stat.S_IMODE(socket_directory.stat().st_mode) == 0o700
+        assert (socket_directory == home) == is_short
+    await_stop(home)
+    assert socket_directory.exists() == is_short
+
+
+def test_variables_of_the_user_change_nothing(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PG* variables lead neither the server nor the connection astray."""
+    odd = {"PGHOST": "192.0.2.1", "PGHOSTADDR": "192.0.2.1", "PGPORT": "1", "PGUSER": "nobody", "PGDATA": "/nowhere"}
+    odd |= {"PGOPTIONS": "-c jit=on", "PGCHANNELBINDING": "require", "PGTARGETSESSIONATTRS": "standby"}
+    odd |= {"PGDATABASE": "other", "PGREQUIREAUTH": "scram-sha-256", "LC_ALL": "xx_XX", "PROJ_LIB": "/nowhere"}
+    for name, value in odd.items():
+        monkeypatch.setenv(name, value)
+    with server.embedded(home) as embedded:
+        assert query(embedded.dsn, "SELECT current_database() || ' ' || current_user") == "conflictdb postgres"
+        assert query(embedded.dsn, "SHOW jit") == "off"
+
+
+def test_data_of_another_major_version_ask_for_their_own_server(home: Path) -> None:
+    """The server that made the data is missing: the error says which it is and how to start afresh."""
+    (home / "data/PG_VERSION").write_text("99\n")
+    settings = server.Settings(home, home.parent / "empty-cache", download=False)
+    with pytest.raises(ServerError, match=r"are of PostgreSQL 99, .*\n.*CONFLICTDB_HOME"):
+        server.embedded(settings=settings)
+
+
+def test_data_directory_of_something_else_is_refused(new_home: Path) -> None:
+    """A directory called data that PostgreSQL did not make is left alone."""
+    (new_home / "data").mkdir(parents=True)
+    with pytest.raises(ServerError, match="is no PostgreSQL data directory"):
+        server.embedded(new_home)
+
+
+def test_home_with_other_files_is_refused(new_home: Path) -> None:
+    """CONFLICTDB_HOME at a directory that is in use for something else changes nothing there."""
+    new_home.mkdir(mode=0o755)
+    (new_home / "letter.txt").write_text("dear")
+    before = new_home.stat()
+    with pytest.raises(ServerError, match="must be a new or an empty directory"):
+        server.embedded(new_home)
+    assert new_home.stat() == before
+
+
+def test_server_that_does_not_start_says_why(home: Path) -> None:
+    """The error carries the end of the server's log, and nothing is left running."""
+    with (home / "data/conflictdb.conf").open("a") as file:
+        file.write("shared_buffers = 'lots'\n")
+    with pytest.raises(ServerError, match=r"does not start; the end of (?s:.*)shared_buffers"):
+        server.embedded(home)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can put a directory where others cannot reach it")
+def test_home_out_of_reach_of_its_account_is_said() -> None:
+    """As root, a home below a private directory is refused with the reason."""
+    with tempfile.TemporaryDirectory() as private, pytest.raises(ServerError, match=r"cannot reach .* CONFLICTDB_HOME"):
+        server.embedded(Path(private, "home"))
