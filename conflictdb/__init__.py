@@ -1,1 +1,83 @@
-"""Which plans interfere, where, and exactly when: inside PostGIS."""
+"""Which plans interfere, where, and exactly when: inside PostGIS.
+
+>>> import conflictdb
+>>> with conflictdb.connect() as db:
+...     scene = db.load("exercise-7.geojson")
+...     run = db.detect(scene, tolerance_m=1.0)
+...     for conflict in db.conflicts(scene):
+...         print(conflict.a_key, conflict.b_key, conflict.first_contact, conflict.periods)
+
+Without a database, `solve` runs the same stages on objects in memory.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+from conflictdb.errors import (
+    ConflictDBError,
+    InvalidInput,
+    SchemaError,
+    SchemaMissing,
+    SchemaOutdated,
+    SchemaTooNew,
+    ServerError,
+    StoreError,
+)
+
+if TYPE_CHECKING:
+    from conflictdb.database import Database, Loaded, connect
+    from conflictdb.detect import Interference, Run, solve
+    from conflictdb.io import Skipped
+    from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
+    from conflictdb.store import Conflict
+
+__all__ = [
+    "Area",
+    "Conflict",
+    "ConflictDBError",
+    "Database",
+    "EarthModel",
+    "Interference",
+    "InvalidInput",
+    "Loaded",
+    "Method",
+    "Motion",
+    "Run",
+    "Scene",
+    "SchemaError",
+    "SchemaMissing",
+    "SchemaOutdated",
+    "SchemaTooNew",
+    "ServerError",
+    "Skipped",
+    "StoreError",
+    "Track",
+    "Verdict",
+    "connect",
+    "rectangle_outline_m",
+    "solve",
+]
+
+# Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
+_HOME: Final = {
+    **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
+    **dict.fromkeys(("Interference", "Run", "solve"), "conflictdb.detect"),
+    **dict.fromkeys(("Skipped",), "conflictdb.io"),
+    **dict.fromkeys(("Conflict",), "conflictdb.store"),
+    **dict.fromkeys(
+        ("Area", "EarthModel", "Method", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
+        "conflictdb.model",
+    ),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

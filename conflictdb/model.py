@@ -157,7 +157,9 @@ class Track:
             raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
         _check_coordinates(who, "geometry", positions)
         if len(times) != len(positions):
-            raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
+            raise InvalidInput(
+                who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times"
+            )
         if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
             raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
         late = np.flatnonzero(np.diff(times) <= 0)

@@ -213,12 +213,22 @@ class RhumbShapes:
         return mu0, mu1, mu1 - self.starboard * self.east[:, None]
 
 
+def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
+
+    Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
+    depend on the company it is in.
+    """
+    count = np.diff(pieces.shape_offset)
+    return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+
+
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
-    """Return the shapes of some pieces, (n, v, 2); shorter ones repeat their last vertex."""
+    """Return the shapes of some pieces of equal slots, (n, v, 2); shorter ones repeat their last vertex."""
     first = pieces.shape_offset[rows]
     count = pieces.shape_offset[rows + 1] - first
-    widest = int(count.max(initial=1))
-    index = first[:, None] + np.minimum(np.arange(widest), count[:, None] - 1)
+    slots = int(vertex_slots(pieces)[rows].max(initial=1))
+    index = first[:, None] + np.minimum(np.arange(slots), count[:, None] - 1)
     return pieces.shape_xy[index]
 
 

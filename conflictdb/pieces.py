@@ -17,7 +17,7 @@ from conflictdb.batches import AreaBatch, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Area, Kind, Scene, Track
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, vertex_slots
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
@@ -270,9 +270,9 @@ def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces) -> tuple[Floats, ND
     points: list[Floats] = []
     owners: list[NDArray[np.int64]] = []
     pad = np.zeros(n)
-    counts = np.diff(pieces.shape_offset)
-    for vertices in np.unique(counts):
-        rows = np.flatnonzero(counts == vertices)
+    slots = vertex_slots(pieces)
+    for count in np.unique(slots):
+        rows = np.flatnonzero(slots == count)
         shapes = rhumb_shapes(earth, pieces, rows, pieces.start_us[rows])
         t0, t1 = np.zeros(len(rows)), (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
         way = earth.isometric(shapes.reference(t1)[1]) - earth.isometric(shapes.reference(t0)[1])
@@ -281,7 +281,7 @@ def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces) -> tuple[Floats, ND
         pad[rows] += shapes.offset_bend(t0, t1) * way**2 / 8.0
         for t in (t0, t1):
             points.append(shapes.positions(t).reshape(-1, 2))
-            owners.append(np.repeat(rows, vertices))
+            owners.append(np.repeat(rows, count))
     return _padded_hulls(
         np.concatenate([np.empty((0, 2)), *points]), np.concatenate([np.empty(0, np.int64), *owners]), n, pad
     )

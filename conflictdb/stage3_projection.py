@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb.batches import Pairs, Pieces
 from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import Kind, Scene
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, vertex_slots
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
 _OUTWARD_SHARE = 1e-11
@@ -59,9 +59,9 @@ def _track_window(
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    counts = np.diff(pieces.shape_offset)[member]
-    for vertices in np.unique(counts):
-        some = np.flatnonzero(counts == vertices)
+    slots = vertex_slots(pieces)[member]
+    for count in np.unique(slots):
+        some = np.flatnonzero(slots == count)
         low[some], high[some] = _fractions(scene, earth, pieces, member[some], duration[some], pairs, rows[some])
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward

@@ -19,7 +19,7 @@ from conflictdb import stage4_lp, stage4_nlp
 from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import Scene, Verdict
-from conflictdb.motion import shapes_of
+from conflictdb.motion import shapes_of, vertex_slots
 from conflictdb.separation import TOUCH_M, Encounters, Leaf, Leaves, crossing, deepest, not_clear
 
 _VERDICTS: Final = list(Verdict)
@@ -128,10 +128,8 @@ def _encounters(
 
 
 def _alike(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return batches of rows whose pieces are of the same kinds and similar numbers of vertices."""
-    count = np.diff(pieces.shape_offset)
-    # Points and lines are apart; beyond, the next power of two.
-    size = np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+    """Return batches of rows whose pieces are of the same kinds and of equal slots for vertices."""
+    size = vertex_slots(pieces)
     keys = [pieces.kind[pairs.a[rows]], pieces.kind[pairs.b[rows]], size[pairs.a[rows]], size[pairs.b[rows]]]
     if not len(rows):
         return []

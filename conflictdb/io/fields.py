@@ -2,11 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_storable, check_text
+
+# What an index of the database can hold, with room to spare.
+MAX_KEY_BYTES: Final = 1000
 
 
 class Fields:
@@ -64,6 +67,17 @@ class Fields:
     def refusal(self, field: str, rule: str) -> InvalidInput:
         """Return the error that refuses a field of this object."""
         return InvalidInput(self.who, field, rule)
+
+
+def key(who: str, where: str, value: Any) -> str:
+    """Return the id of an object or the name of a scene: a string that can be stored and indexed."""
+    if not isinstance(value, str) or not value:
+        hint = f' (write it as "{value}")' if type(value) is int else ""
+        raise InvalidInput(who, where, f"must be a non-empty string; got {value!r:.60}{hint}")
+    check_text(who, where, value)
+    if len(value.encode()) > MAX_KEY_BYTES:
+        raise InvalidInput(who, where, f"must be at most {MAX_KEY_BYTES} bytes long; got {value[:40]!r}…")
+    return value
 
 
 def finite(who: str, where: str, value: Any) -> float:

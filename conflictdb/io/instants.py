@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND: Final = timedelta(microseconds=1)
+MICROSECOND: Final = timedelta(microseconds=1)
 # Digits beyond the sixth, which datetime would cut off: they are rounded instead.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
 
@@ -30,12 +30,12 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
         if not naive_is_utc:
             raise ValueError(f"{OFFSET_RULE}; got {text!r}")
         moment = moment.replace(tzinfo=UTC)
-    return (moment - EPOCH) // _MICROSECOND + carry
+    return (moment - EPOCH) // MICROSECOND + carry
 
 
 def format_instant(instant_us: int) -> str:
     """Return an instant (microseconds since 1970, years 1 to 9999) as ISO 8601 UTC, as short as is exact."""
-    return (EPOCH + instant_us * _MICROSECOND).isoformat().removesuffix("+00:00") + "Z"
+    return (EPOCH + instant_us * MICROSECOND).isoformat().removesuffix("+00:00") + "Z"
 
 
 def format_moment(moment: datetime | None) -> str | None:

@@ -17,6 +17,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.io.contents import Contents
 from conflictdb.io.fields import Fields
+from conflictdb.io.fields import key as checked_key
 from conflictdb.model import Area
 
 COLUMNS: Final = ("id", "name", "start", "end", "floor_m", "ceiling_m")
@@ -70,6 +71,7 @@ def _areas(
             key = str(int(key)) if float(key).is_integer() else repr(key)
         if key is None or key == "":
             key = f"{prefix}{number}"
+        key = checked_key(where, "id", key)
         fields = Fields(f"area {key!r}", values)
         shape = shapes[i]
         if shape is None or shape.is_empty:
@@ -77,7 +79,7 @@ def _areas(
         if shapely.get_type_id(shape) not in _POLYGONS:
             raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
         area = Area(
-            str(key),
+            key,
             shape if isinstance(shape, shapely.MultiPolygon) else shapely.MultiPolygon([shape]),
             name=fields.text("name"),
             start_us=fields.instant("start"),

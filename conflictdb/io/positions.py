@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from conflictdb import geodesy
 from conflictdb.errors import InvalidInput
 from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io.fields import key as checked_key
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_text
 from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
@@ -153,7 +154,7 @@ class _Reader:
         if key is None:
             self.left_out["(rows without id)", "no id"].append(line)
             return
-        who = f"track {key!r}"
+        who = f"track {checked_key('file', f'line {line}', key)!r}"
         check_text(who, f"line {line}", "".join(row))
         when = _cell(row[self.at["time"]])
         place = self._position(who, row, line)

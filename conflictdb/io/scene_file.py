@@ -14,8 +14,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io import moving_features, objects
 from conflictdb.io.contents import Contents
 from conflictdb.io.fields import Fields
+from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
-from conflictdb.io.json_text import check_text, parse
+from conflictdb.io.json_text import parse
 from conflictdb.model import Area, EarthModel, Scene, Track
 
 _SETTINGS: Final = tuple(member.name for member in members_of(Scene))
@@ -105,10 +106,7 @@ def _object(i: int, feature: Any, earth: EarthModel) -> Area | Track:
     key = feature.get("id")
     if key is None:
         raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
-    if not isinstance(key, str) or not key:
-        hint = f" (write it as {json.dumps(str(key))})" if type(key) is int else ""
-        raise InvalidInput(who, "id", f"must be a non-empty string; got {key!r:.60}{hint}")
-    check_text(who, "id", key)
+    key = checked_key(who, "id", key)
     properties = feature.get("properties")
     if properties is None:
         properties = {}
@@ -140,7 +138,7 @@ def _scene(settings: Any, stem: str) -> Scene:
         raise InvalidInput("scene", unknown[0], f"is no setting of a scene; known are {', '.join(_SETTINGS)}")
     given = {name: value for name, value in settings.items() if value is not None}
     scene = Scene(**{"name": stem, **given})
-    check_text("scene", "name", scene.name)
+    checked_key("scene", "name", scene.name)
     return scene
 
 

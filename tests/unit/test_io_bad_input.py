@@ -208,6 +208,7 @@ def test_track_is_refused_with_object_field_and_rule(
         (True, "non-empty"),
         ([], "non-empty"),
         ("\0", "U+0000"),
+        ("é" * 501, "at most 1000 bytes"),
     ],
 )
 def test_id_must_be_a_string(tmp_path: Path, key: object, rule: str) -> None:
