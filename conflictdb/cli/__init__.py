@@ -1,0 +1,50 @@
+"""The command line: `conflictdb [--dsn DSN] COMMAND`, also `python -m conflictdb`.
+
+This is where the environment is read, where errors become one message and an exit code, and where text is printed.
+"""
+
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_UNFIT
+from conflictdb.cli.output import remark
+from conflictdb.cli.parser import build
+from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
+
+_CODES: Final = ((InvalidInput, INPUT_REFUSED), (SchemaError, SCHEMA_UNFIT), (ServerError, NO_SERVER))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; usage errors and --help raise SystemExit."""
+    args = build().parse_args(arguments)
+    if args.debug:
+        logging.basicConfig(level=logging.DEBUG, format="%(asctime)s %(name)s: %(message)s")
+    args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
+    try:
+        code = int(args.run(args))
+        sys.stdout.flush()
+    except ConflictDBError as error:
+        return _failed(error, next((code for kind, code in _CODES if isinstance(error, kind)), FAILED), args.debug)
+    except KeyboardInterrupt:
+        remark("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone, as `head` does. Python would complain again when it flushes at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        return _failed(error, FAILED, args.debug)
+    except Exception as error:  # a mistake of this program: say so, and how to see more
+        name = type(error).__name__
+        return _failed(error, FAILED, args.debug, f"{name}: {error} (a mistake of this program; --debug shows where)")
+    return code
+
+
+def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:
+    if debug:
+        logging.getLogger(__name__).error("failed", exc_info=error)
+    remark(message or str(error))
+    return code

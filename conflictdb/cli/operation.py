@@ -1,0 +1,122 @@
+"""`worker`, `status`, `init` and `upgrade`."""
+
+import argparse
+import json
+import signal
+from contextlib import suppress
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from conflictdb import store
+from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.cli.output import note, out, remark, table
+from conflictdb.cli.parser import check
+from conflictdb.cli.report import moment_text, run_text
+from conflictdb.cli.session import database
+from conflictdb.database import Status, connect
+from conflictdb.io.instants import format_moment
+from conflictdb.store import SceneStatus
+
+if TYPE_CHECKING:
+    from conflictdb.detect import Run
+
+
+def work(args: argparse.Namespace) -> int:
+    """Keep all scenes current."""
+    check(args, [(args.once and args.every is not None, "--once and --every exclude each other")])
+    # Not above: it brings the solvers, which other commands need not wait for.
+    from conflictdb.worker import EVERY_S, Worker
+
+    # A service manager ends a worker with SIGTERM. As an interrupt it also cancels what the database is doing.
+    signal.signal(signal.SIGTERM, _interrupt)
+    with database(args) as db:
+        dsn = store.worker_dsn(args.dsn or db.connection.info.dsn)
+        worker = Worker(lambda: store.connect(dsn), _report, args.every or EVERY_S, args.jobs)
+        if args.once:
+            return DONE if worker.once() else FAILED
+        note("working; Ctrl-C ends")
+        with suppress(KeyboardInterrupt):
+            worker.run()
+    note("stopped")
+    return DONE
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _report(scene: str, outcome: "Run | Exception") -> None:
+    if isinstance(outcome, Exception):
+        remark(f"{scene}: failed: {outcome}")
+    else:
+        out(run_text(scene, outcome), flush=True)
+
+
+def status(args: argparse.Namespace) -> int:
+    """Show the database, its schema, its scenes and its workers."""
+    with database(args) as db:
+        state = db.status()
+    if args.format == "json":
+        out(json.dumps(_members(state), indent=2, ensure_ascii=False))
+        return DONE
+    out(f"database  {state.database}")
+    out(f"server    {state.server}")
+    out(f"schema    {state.revision}")
+    out(f"workers   {state.worker_count}")
+    out()
+    header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
+    rows = [
+        [
+            *(scene.scene.name, scene.areas, scene.tracks, scene.pending, scene.conflicts, scene.run_id),
+            *(moment_text(scene.finished_at, up=False) if scene.finished_at else None, _result(scene)),
+        ]
+        for scene in state.scenes
+    ]
+    out(
+        table(header, rows, right=header[1:6])
+        if rows
+        else "no scenes: `conflictdb demo` or `conflictdb load FILE` makes one"
+    )
+    return DONE
+
+
+def _result(scene: SceneStatus) -> str:
+    if scene.run_id is None:
+        return "never detected"
+    return f"failed: {scene.error}" if scene.error else "done"
+
+
+def _members(state: Status) -> dict[str, Any]:
+    scenes = [
+        {
+            "name": scene.scene.name,
+            "areas": scene.areas,
+            "tracks": scene.tracks,
+            "pending": scene.pending,
+            "conflicts": scene.conflicts,
+            "run_id": scene.run_id,
+            "finished_at": format_moment(scene.finished_at),
+            "error": scene.error,
+        }
+        for scene in state.scenes
+    ]
+    return {
+        "database": state.database,
+        "server": state.server,
+        "schema_revision": state.revision,
+        "worker_count": state.worker_count,
+        "scenes": scenes,
+    }
+
+
+def init(args: argparse.Namespace) -> int:
+    """Create the schema."""
+    return upgrade(args)
+
+
+def upgrade(args: argparse.Namespace) -> int:
+    """Create the schema, or bring it to this program's revision."""
+    with connect(args.dsn, create=True, say=note) as db:
+        state = db.status()
+    out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
+    return DONE

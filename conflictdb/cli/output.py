@@ -1,0 +1,55 @@
+"""What the command line prints: results on stdout; progress and remarks on stderr, progress on a terminal only."""
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+_CLEAR_LINE: Final = "\r\033[K"
+
+
+def out(text: str = "", *, flush: bool = False) -> None:
+    """Print one line of a result; `flush` for what somebody waits for."""
+    sys.stdout.write(f"{text}\n")
+    if flush:
+        sys.stdout.flush()
+
+
+def remark(text: str) -> None:
+    """Say something about the work, which is no part of its result."""
+    _end_progress()
+    sys.stderr.write(f"conflictdb: {text}\n")
+
+
+def note(text: str) -> None:
+    """Say something that only matters to somebody who watches: on a terminal."""
+    if sys.stderr.isatty():
+        remark(text)
+
+
+def progress(text: str) -> None:
+    """Show how far the work is, on one line of a terminal; nothing in a pipe. An empty text takes it away."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"{_CLEAR_LINE}{text}")
+        sys.stderr.flush()
+
+
+def _end_progress() -> None:
+    progress("")
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[str] = ()) -> str:
+    """Return rows under a header in aligned columns, without a final line break; columns in `right` end flush."""
+    cells = [list(header), *([_text(value) for value in row] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    lines = []
+    for row in cells:
+        padded = [
+            text.rjust(width) if name in right else text.ljust(width)
+            for text, width, name in zip(row, widths, header, strict=True)
+        ]
+        lines.append("  ".join(padded).rstrip())
+    return "\n".join(lines)
+
+
+def _text(value: object) -> str:
+    return "" if value is None else str(value)

@@ -1,0 +1,255 @@
+"""Commands and options. Nothing here imports a library, so that help and usage errors come at once."""
+
+import argparse
+import re
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Final, NoReturn
+
+# Kept in step with conflictdb.model.Method by a test; the model itself would bring numpy and shapely with it.
+METHODS: Final = ("screen", "window", "nlp")
+FORMATS: Final = ("table", "json", "csv", "geojson")
+
+EPILOG: Final = """\
+environment:
+  CONFLICTDB_DSN           database to use when there is no --dsn; without either, the embedded one
+  CONFLICTDB_HOME          directory of the embedded database
+  CONFLICTDB_PG_BIN        the only directory to take PostgreSQL's programs from
+  CONFLICTDB_NO_DOWNLOAD   1: never fetch PostgreSQL, use what is there
+
+exit codes:
+  0 done   1 failed   2 usage   3 schema missing, older or newer than the program   4 input refused
+  5 no usable PostgreSQL with PostGIS   10 conflicts found (detect --fail-on-conflict)   130 interrupted
+"""
+_UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+Command = Callable[[argparse.Namespace], int]
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose usage errors are one line that names the help."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with exit code 2."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def build() -> Parser:
+    """Return the parser of the whole command line."""
+    parser = Parser(
+        prog="conflictdb",
+        description="Find when and where moving and static areas interfere, inside PostGIS.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"conflictdb {_version()}")
+    parser.add_argument(
+        "--dsn",
+        help="database to use: a libpq connection string or URI (env CONFLICTDB_DSN; default: the embedded one)",
+    )
+    parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
+    commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
+    for add in (_detect, _load, _conflicts, _export, _worker, _status, _schema, _server, _demo):
+        add(commands)
+    return parser
+
+
+def _version() -> str:
+    try:
+        return version("conflictdb")
+    except PackageNotFoundError:  # run from a source tree that was never installed
+        return "(not installed)"
+
+
+def _command(commands: Any, name: str, target: str, summary: str, more: str = "") -> Parser:
+    """Add a command that runs function `target`, written ``module:function``, which is imported when it runs."""
+    module, _, function = target.partition(":")
+
+    def run(args: argparse.Namespace) -> int:
+        return int(getattr(import_module(f"conflictdb.cli.{module}"), function)(args))
+
+    description = f"{summary[0].upper()}{summary[1:]}. {more}".strip()
+    parser: Parser = commands.add_parser(name, help=summary, description=description, allow_abbrev=False)
+    parser.set_defaults(run=run, parser=parser)
+    return parser
+
+
+def _detect(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "detect",
+        "detection:detect",
+        "load files, detect, and print the conflicts",
+        "The settings given here become the scene's. Several files of one scene are taken together.",
+    )
+    parser.add_argument("files", nargs="*", metavar="FILE", help="scene files, moving features, positions, or areas")
+    parser.add_argument("--scene", metavar="NAME", help="scene to detect; with files: the scene to load them into")
+    parser.add_argument("--method", choices=METHODS, help="where to stop: the trade between speed and accuracy")
+    parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
+    parser.add_argument(
+        "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"
+    )
+    parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
+    parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
+    parser.add_argument("--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts")
+    _add_merge(parser)
+    _add_output(parser)
+
+
+def _load(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "load",
+        "objects:load",
+        "load files, without detecting",
+        "All or nothing: if one object is refused, nothing is changed.",
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")
+    parser.add_argument("--scene", metavar="NAME", help="scene to load into (default: the one that the file names)")
+    _add_merge(parser)
+
+
+def _conflicts(commands: Any) -> None:
+    parser = _command(commands, "conflicts", "detection:conflicts", "print the conflicts that are known")
+    parser.add_argument("--scene", required=True, metavar="NAME", help="scene to print")
+    parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
+    _add_output(parser)
+
+
+def _export(commands: Any) -> None:
+    parser = _command(
+        commands, "export", "objects:export", "write a scene file", "Loading it again gives exactly the same objects."
+    )
+    parser.add_argument("--scene", required=True, metavar="NAME", help="scene to write")
+    parser.add_argument("file", metavar="FILE", help="file to write (.gz: compressed); - is the standard output")
+
+
+def _worker(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "worker",
+        "operation:work",
+        "keep all scenes current",
+        "Detects again whatever changed, as soon as it changes; stops cleanly on SIGTERM and SIGINT.",
+    )
+    parser.add_argument("--once", action="store_true", help="detect what changed, then end")
+    parser.add_argument(
+        "--every",
+        type=duration_s,
+        metavar="DURATION",
+        help="look for changes at least this often: 30s, 5m, 1h (default 60s)",
+    )
+    parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
+
+
+def _status(commands: Any) -> None:
+    parser = _command(
+        commands, "status", "operation:status", "show database, schema, scenes, pending changes, last runs and workers"
+    )
+    parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
+
+
+def _schema(commands: Any) -> None:
+    _command(commands, "init", "operation:init", "create the schema `conflictdb` in a database")
+    _command(
+        commands, "upgrade", "operation:upgrade", "upgrade the schema `conflictdb` of a database to this program's"
+    )
+
+
+def _server(commands: Any) -> None:
+    parser = _command(commands, "server", "embedded:server", "start, stop or show the embedded database")
+    actions = parser.add_subparsers(title="actions", dest="action", required=True, metavar="ACTION")
+    for name, summary in (
+        ("start", "start it and keep it running until `server stop`"),
+        ("stop", "stop it, as soon as nobody uses it any more"),
+        ("status", "show whether it runs, and where it lives"),
+        ("dsn", "start it and print its connection string, for psql and others"),
+    ):
+        actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False)
+
+
+def _demo(commands: Any) -> None:
+    _command(
+        commands,
+        "demo",
+        "demo:demo",
+        "detect a small scene that comes with the program",
+        "A strait with closed areas, a ferry, a tow, two submarines and an aircraft.",
+    )
+
+
+def _add_merge(parser: Parser) -> None:
+    parser.add_argument(
+        "--merge", action="store_true", help="add and update; otherwise the files replace what the scene held"
+    )
+    parser.add_argument(
+        "--max-speed-kn",
+        type=speed_kn,
+        metavar="KN",
+        help="files of positions: faster is an error of the fix (default 102.2 for AIS, else 2000)",
+    )
+
+
+def _add_output(parser: Parser) -> None:
+    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
+    parser.add_argument(
+        "--no-region", action="store_true", help="json and geojson: leave out where each conflict is, which takes time"
+    )
+
+
+def metres(text: str) -> float:
+    """Return a length in metres, 0 or more."""
+    return _number(text, "a number of metres, 0 or more", least=0.0)
+
+
+def speed_kn(text: str) -> float:
+    """Return a speed in knots, more than 0."""
+    value = _number(text, "a speed in knots, more than 0", least=0.0)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError("must be a speed in knots, more than 0")
+    return value
+
+
+def count(text: str) -> int:
+    """Return a whole number, 1 or more."""
+    if not re.fullmatch(r"\d{1,6}", text) or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more; got {text!r}")
+    return int(text)
+
+
+def duration_s(text: str) -> float:
+    """Return a duration such as 90, 30s, 5m, 1.5h or 1d in seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-z]*)", text.strip())
+    if not match or match[2] not in _UNITS_S or float(match[1]) == 0.0:
+        raise argparse.ArgumentTypeError(f"must be a duration such as 30s, 5m or 1h; got {text!r}")
+    return float(match[1]) * _UNITS_S[match[2]]
+
+
+def instant(text: str) -> datetime:
+    """Return an ISO 8601 instant with offset."""
+    from conflictdb.io.instants import EPOCH, MICROSECOND, parse_instant
+
+    try:
+        return EPOCH + parse_instant(text) * MICROSECOND
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _number(text: str, rule: str, least: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not least <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be {rule}; got {text!r}")
+    return value
+
+
+def check(args: argparse.Namespace, rules: Sequence[tuple[bool, str]]) -> None:
+    """End with a usage error (exit code 2) if a rule between options is broken."""
+    for is_broken, message in rules:
+        if is_broken:
+            args.parser.error(message)

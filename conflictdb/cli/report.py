@@ -1,0 +1,96 @@
+"""How results look on a terminal: conflicts, runs, and what was loaded or left out."""
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+from conflictdb.cli.output import out, remark, table
+from conflictdb.database import Loaded
+from conflictdb.io import Skipped, conflict_text
+from conflictdb.store import Conflict
+
+if TYPE_CHECKING:
+    from conflictdb.detect import Run
+
+_SECOND = timedelta(seconds=1)
+
+
+def print_conflicts(conflicts: Sequence[Conflict], form: str) -> None:
+    """Print conflicts as a table, JSON, CSV or GeoJSON."""
+    if form == "table":
+        out(conflict_table(conflicts) if conflicts else "no conflicts")
+        return
+    write = {"json": conflict_text.as_json, "csv": conflict_text.as_csv, "geojson": conflict_text.as_geojson}[form]
+    sys.stdout.writelines(write(conflicts))
+
+
+def conflict_table(conflicts: Sequence[Conflict]) -> str:
+    """Return a table of conflicts, one line per pair, times in UTC rounded outward to the second."""
+    several = len({conflict.scene for conflict in conflicts}) > 1
+    header = ["A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)", "PERIODS"]
+    rows = [
+        [
+            conflict.a_key,
+            conflict.b_key,
+            conflict.verdict + ("" if conflict.is_current else " (outdated)"),
+            moment_text(conflict.first_contact, up=False),
+            moment_text(conflict.last_contact, up=True),
+            len(conflict.periods),
+        ]
+        for conflict in conflicts
+    ]
+    if several:
+        header.insert(0, "SCENE")
+        for row, conflict in zip(rows, conflicts, strict=True):
+            row.insert(0, conflict.scene)
+    return table(header, rows, right=["PERIODS"])
+
+
+def moment_text(moment: datetime | None, *, up: bool) -> str:
+    """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
+    if moment is None:
+        return ".."
+    moment = moment.astimezone(UTC)
+    whole = moment.replace(microsecond=0)
+    if up and whole != moment and whole.year < datetime.max.year:
+        whole += _SECOND
+    return whole.strftime("%Y-%m-%d %H:%M:%S")
+
+
+def run_text(scene: str, run: "Run") -> str:
+    """Return in one line what a detection did."""
+    parts = [f"{run.conflicts} conflict{'' if run.conflicts == 1 else 's'}"]
+    if run.unresolved:
+        parts.append(f"{run.unresolved} of them unresolved")
+    changes = [f"{n} {what}" for n, what in ((run.opened, "new"), (run.changed, "changed"), (run.closed, "gone")) if n]
+    parts.append(", ".join(changes) if changes else "nothing changed")
+    return f"{scene}: {', '.join(parts)} (run {run.run_id}, {run.total_s:.2f} s)"
+
+
+def loaded_text(loaded: Loaded) -> str:
+    """Return in one line what loading did to a scene."""
+    counts = loaded.counts
+    changes = f"{counts.added} added, {counts.updated} updated, {counts.removed} removed, {counts.unchanged} unchanged"
+    return f"{loaded.scene}: {changes}"
+
+
+def remark_skipped(loaded: Iterable[Loaded]) -> None:
+    """Say by name what was left out of files of observations, and why."""
+    for one in loaded:
+        for line in skipped_text(one.skipped):
+            remark(line)
+
+
+def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
+    """Return one line per file and reason, with the names of the objects and how many rows of each."""
+    groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
+    for one in skipped:
+        groups[one.source, one.reason].append(one)
+    lines = []
+    for (source, reason), members in groups.items():
+        rows = sum(len(one.lines) for one in members)
+        named = ", ".join(f"{one.key} ({'all' if one.is_whole else len(one.lines)})" for one in members)
+        lines.append(f"{source}: left out {rows} row{'' if rows == 1 else 's'}, {reason}: {named}")
+    return lines

@@ -1,0 +1,347 @@
+"""The whole product on one database connection: load, detect, read, export.
+
+`connect` is the way in. The command line is written against this module; so can be any other program.
+"""
+
+import gzip
+import logging
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.resources import files
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self, cast
+
+import psycopg
+
+from conflictdb import schema, store
+from conflictdb.errors import InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
+from conflictdb.io import Skipped, scene_text
+from conflictdb.io.gather import Plan, gather
+from conflictdb.model import Area, Method, Scene, Track
+from conflictdb.pieces import check_plane
+
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+    from conflictdb.detect import Progress, Run
+
+_log = logging.getLogger(__name__)
+
+DEMO_SCENE: Final = "strait"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """What loading did to one scene.
+
+    counts : objects added, updated, removed, unchanged
+    skipped : rows and objects of observations that were left out
+    """
+
+    scene: str
+    counts: store.LoadCounts
+    skipped: tuple[Skipped, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """State of a database.
+
+    database : its name and where it is
+    server : versions of PostgreSQL and PostGIS
+    revision : of the schema
+    worker_count : workers that are connected to it
+    scenes : all scenes, by name
+    """
+
+    database: str
+    server: str
+    revision: str
+    worker_count: int
+    scenes: tuple[store.SceneStatus, ...]
+
+
+def connect(
+    target: "str | psycopg.Connection[Any] | Engine | None" = None,
+    *,
+    create: bool | None = None,
+    say: Callable[[str], None] = _log.info,
+) -> "Database":
+    """Return a database to work with.
+
+    Parameters
+    ----------
+    target : str, psycopg connection, SQLAlchemy engine (driver psycopg), or None
+        Connection string or URI of PostgreSQL with PostGIS; a connection or engine of the caller's, which stays open
+        when the database is closed; None is the embedded database, which is started when needed.
+    create : bool, optional
+        Create or upgrade the schema if need be. By default that is done in the embedded database only.
+    say : callable
+        Told in a line what takes a while: starting a server, creating the schema.
+
+    Raises
+    ------
+    SchemaError
+        The database has no schema of conflictdb, or one of another version.
+    ServerError
+        No usable PostgreSQL with PostGIS.
+    StoreError
+        Any other error of the database.
+    """
+    if target is None:
+        from conflictdb import server
+
+        embedded = server.embedded(say=say)
+        try:
+            return _opened(embedded.dsn, embedded.stop, create is not False, say)
+        except BaseException:
+            embedded.stop()
+            raise
+    if isinstance(target, str):
+        return _opened(target, _nothing, bool(create), say)
+    return _borrowed(target)
+
+
+def _opened(dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None]) -> "Database":
+    try:
+        connection = store.connect(dsn)
+    except StoreError as error:
+        raise ServerError(f"cannot connect: {error}") from error.__cause__
+    try:
+        try:
+            _check(connection)
+        except (SchemaMissing, SchemaOutdated) as unfit:
+            if not create:
+                raise
+            say("creating the schema" if isinstance(unfit, SchemaMissing) else "upgrading the schema")
+            schema.upgrade(dsn)
+            _check(connection)
+    except BaseException:
+        connection.close()
+        raise
+    return Database(connection, [connection.close, release])
+
+
+def _borrowed(target: "psycopg.Connection[Any] | Engine") -> "Database":
+    release: Callable[[], None] = _nothing
+    connection = target
+    if not isinstance(connection, psycopg.Connection):
+        driver = getattr(getattr(target, "dialect", None), "driver", None)
+        if driver != "psycopg":
+            what = f"an engine with driver {driver!r}" if driver else f"a {type(target).__name__}"
+            rule = "must be a DSN, a psycopg 3 connection, or an SQLAlchemy engine of postgresql+psycopg"
+            raise InvalidInput("connect", "target", f"{rule}; got {what}")
+        pooled = connection.raw_connection()
+        release, connection = pooled.close, cast("psycopg.Connection[Any]", pooled.driver_connection)
+    try:
+        _check(connection)
+    except BaseException:
+        release()
+        raise
+    return Database(connection, [release])
+
+
+def _check(connection: "psycopg.Connection[Any]") -> None:
+    with store.translated(), connection.transaction():
+        schema.check(connection)
+
+
+def _nothing() -> None:
+    """Release nothing: it belongs to the caller."""
+
+
+class Database:
+    """A database of scenes; made by `connect`, closed by `close` or at the end of a ``with``.
+
+    Not for several threads at once: open one each.
+    """
+
+    def __init__(self, connection: "psycopg.Connection[Any]", release: Sequence[Callable[[], None]] = ()) -> None:
+        self.connection = connection
+        self._release = list(release)
+
+    def close(self) -> None:
+        """Close the connection, and stop the embedded database if nobody else uses it. May be called again."""
+        while self._release:
+            self._release.pop(0)()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def load(self, path: str | Path, scene: str | None = None, *, merge: bool = False) -> str:
+        """Load one file, all or nothing, and return the name of its scene.
+
+        Parameters
+        ----------
+        path : path
+            Any file that `conflictdb.io.read` reads.
+        scene : str, optional
+            Scene to load into; default is the one that the file names, else the name of the file.
+        merge : bool
+            Add and update objects; otherwise the file replaces what the scene held.
+
+        Raises
+        ------
+        InvalidInput
+            Names the file, the object, the field and the rule; nothing has been changed.
+        """
+        return self.load_files([path], scene, merge=merge)[0].scene
+
+    def load_files(
+        self,
+        paths: Sequence[str | Path],
+        scene: str | None = None,
+        *,
+        merge: bool = False,
+        max_speed_kn: float | None = None,
+    ) -> list[Loaded]:
+        """Load some files as `load` does, files of one scene as if they were one; return what it did to each scene.
+
+        All files are read and checked before the first scene is changed; each scene is changed in one transaction.
+        """
+        plans = [self._with_settings(plan) for plan in gather(paths, scene, max_speed_kn=max_speed_kn)]
+        return [self._loaded(plan, settings, merge) for plan, settings in plans]
+
+    def _with_settings(self, plan: Plan) -> tuple[Plan, Scene]:
+        """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects."""
+        settings = plan.settings
+        if settings is None:
+            try:
+                settings = self._settings(plan.name)
+            except InvalidInput:  # a new scene
+                settings = Scene(plan.name)
+        for source in plan.sources:
+            areas = [area for area in plan.areas if plan.source_of[area.key] == source]
+            tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
+            try:
+                check_plane(settings, areas, tracks)
+            except InvalidInput as refused:
+                raise refused.at(source) from None
+        return plan, settings
+
+    def _loaded(self, plan: Plan, settings: Scene, merge: bool) -> Loaded:
+        counts = store.replace_scene(self.connection, settings, plan.areas, plan.tracks, merge=merge)
+        return Loaded(plan.name, counts, tuple(plan.skipped))
+
+    def _settings(self, scene: str) -> Scene:
+        """Return the settings of a scene; raises InvalidInput, naming the known ones, if there is none."""
+        with self._transaction():
+            return store.read_settings(self.connection, store.scene_id(self.connection, scene))
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Read or write in one transaction; within one of the caller's, as a part of it."""
+        with store.translated(), self.connection.transaction():
+            yield
+
+    def detect(
+        self,
+        scene: str,
+        *,
+        method: Method | str | None = None,
+        tolerance_m: float | None = None,
+        separation_m: float | None = None,
+        full: bool = False,
+        jobs: int | None = None,
+        progress: "Progress | None" = None,
+    ) -> "Run":
+        """Bring the conflicts of a scene up to date and return what was done.
+
+        Parameters
+        ----------
+        method, tolerance_m, separation_m : optional
+            New settings of the scene; they stay, and other settings mean that everything is computed again.
+        full : bool
+            Compute everything again, also what did not change.
+        jobs : int, optional
+            Processes to solve in; default is one per processor.
+        progress : callable, optional
+            Called now and then with what is done and how much there is.
+        """
+        given: dict[str, Any] = {"method": method, "tolerance_m": tolerance_m, "separation_m": separation_m}
+        changes = {name: value for name, value in given.items() if value is not None}
+        if changes:
+            store.set_scene(self.connection, replace(self._settings(scene), **changes))
+        # Not above: the solvers bring scipy, which takes longer to import than everything else.
+        from conflictdb import detect
+
+        return detect.detect(self.connection, scene, full=full, jobs=jobs, progress=progress)
+
+    def conflicts(self, scene: str, at: datetime | None = None, *, with_region: bool = False) -> list[store.Conflict]:
+        """Return the conflicts of a scene that are known, with `at` only those at that instant.
+
+        Where each conflict is (`region`) is computed only `with_region`, because it takes time.
+        """
+        if at is not None and at.tzinfo is None:
+            raise InvalidInput("conflicts", "at", f"needs an offset from UTC; got {at.isoformat()}")
+        with self._transaction():
+            return store.conflicts(self.connection, scene, at, with_region=with_region)
+
+    def export(self, scene: str, path: str | Path) -> None:
+        """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.
+
+        The file appears when it is complete; if it cannot be written, an older one stays.
+        """
+        lines = scene_text(*self._read(scene))
+        path = Path(path)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as raw:
+                if path.suffix == ".gz":
+                    with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
+                        packed.writelines(line.encode() for line in lines)
+                else:
+                    raw.writelines(line.encode() for line in lines)
+            Path(temporary).chmod(0o666 & ~_umask())
+            Path(temporary).replace(path)
+        except BaseException:
+            with suppress(FileNotFoundError):
+                Path(temporary).unlink()
+            raise
+
+    def scene_text(self, scene: str) -> str:
+        """Return a scene as the text of the file that `export` writes."""
+        return "".join(scene_text(*self._read(scene)))
+
+    def _read(self, scene: str) -> tuple[Scene, list[Area], list[Track]]:
+        with self._transaction():
+            return store.read_scene(self.connection, scene)
+
+    def scenes(self) -> list[store.SceneStatus]:
+        """Return all scenes with their objects, pending changes and last run."""
+        with self._transaction():
+            return store.list_scenes(self.connection)
+
+    def status(self) -> Status:
+        """Return the state of the database and of all scenes."""
+        with self._transaction():
+            service = store.service(self.connection)
+            revision = schema.revision(self.connection)
+        info = self.connection.info
+        return Status(
+            database=f"{info.dbname} on {info.host}",
+            server=f"PostgreSQL {service.server_version}, PostGIS {service.postgis_version}",
+            revision=str(revision),
+            worker_count=service.worker_count,
+            scenes=tuple(self.scenes()),
+        )
+
+    def load_demo(self) -> Loaded:
+        """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
+        return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

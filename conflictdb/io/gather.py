@@ -1,0 +1,80 @@
+"""Several files, and the scenes that they make up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io import read, stem
+from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io.fields import key as checked_key
+from conflictdb.model import Area, Scene, Track
+
+
+@dataclass(slots=True)
+class Plan:
+    """The objects of one scene, from one or more files.
+
+    name : of the scene
+    settings : what a file says about the scene, None if none does
+    sources : the files, in the order given
+    source_of : file that each object came from, by key
+    """
+
+    name: str
+    settings: Scene | None = None
+    sources: list[str] = field(default_factory=list)
+    areas: list[Area] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    skipped: list[Skipped] = field(default_factory=list)
+    source_of: dict[str, str] = field(default_factory=dict)
+
+
+def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_kn: float | None = None) -> list[Plan]:
+    """Return the scenes that some files make up, in order of first appearance.
+
+    Parameters
+    ----------
+    paths : sequence of paths
+        Files of one scene are taken together, as if they were one file.
+    scene : str, optional
+        Name of the one scene of all files; default is the one that each file names, else the name of the file.
+    max_speed_kn : float, optional
+        For files of positions, see `conflictdb.io.positions`.
+
+    Raises
+    ------
+    InvalidInput
+        A file is refused, an id appears in two files of a scene, or they disagree about its settings.
+    """
+    plans: dict[str, Plan] = {}
+    for i, path in enumerate(paths):
+        if path in paths[:i]:
+            raise InvalidInput("file", "", "is given twice", str(path))
+        contents = read(path, max_speed_kn=max_speed_kn)
+        own = contents.scene.name if contents.scene else stem(Path(path))
+        name = checked_key("scene", "name", own if scene is None else scene)
+        _add(plans.setdefault(name, Plan(name)), str(path), contents)
+    return list(plans.values())
+
+
+def _add(plan: Plan, source: str, contents: Contents) -> None:
+    if contents.scene is not None:
+        settings = replace(contents.scene, name=plan.name)
+        if plan.settings is not None and plan.settings != settings:
+            differing = [f.name for f in fields(Scene) if getattr(settings, f.name) != getattr(plan.settings, f.name)]
+            rule = f"differs from that in {plan.sources[0]}; a scene has one set of settings"
+            raise InvalidInput(f"scene {plan.name!r}", differing[0], rule, source)
+        plan.settings = settings
+    items: list[Area | Track] = [*contents.areas, *contents.tracks]
+    for item in items:
+        other = plan.source_of.setdefault(item.key, source)
+        if other != source:
+            kind = "area" if isinstance(item, Area) else "track"
+            raise InvalidInput(
+                f"{kind} {item.key!r}", "id", f"is also in {other}; ids must be unique in the scene", source
+            )
+    plan.sources.append(source)
+    plan.areas.extend(contents.areas)
+    plan.tracks.extend(contents.tracks)
+    plan.skipped.extend(contents.skipped)
