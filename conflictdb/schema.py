@@ -15,7 +15,7 @@ import psycopg
 from psycopg import sql
 from psycopg.rows import tuple_row
 
-from conflictdb.errors import SchemaError, SchemaMissing, SchemaOutdated, SchemaTooNew, StoreError
+from conflictdb.errors import SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
 SCHEMA: Final = "conflictdb"
 MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
@@ -106,24 +106,24 @@ def upgrade(dsn: str) -> str:
 def prepare(conn: psycopg.Connection[Any]) -> None:
     """Lock out other upgrades until the transaction ends; make sure of the extensions, the schema and the search path.
 
-    Raises SchemaError if the server is too old, lacks PostGIS or refuses to create it.
+    Raises ServerError if the server is too old, lacks PostGIS or refuses to create it.
     """
     if conn.info.server_version < MIN_SERVER_VERSION:
-        raise SchemaError(f"PostgreSQL {MIN_SERVER_VERSION // 10000} or newer is needed; this is {_server(conn)}")
+        raise ServerError(f"PostgreSQL {MIN_SERVER_VERSION // 10000} or newer is needed; this is {_server(conn)}")
     conn.execute("SELECT pg_advisory_xact_lock(%s)", (_UPGRADE_LOCK,))
     for extension in ("postgis", "btree_gist"):
         try:
             conn.execute(sql.SQL("CREATE EXTENSION IF NOT EXISTS {}").format(sql.Identifier(extension)))
         except (psycopg.errors.FeatureNotSupported, psycopg.errors.UndefinedFile) as error:
-            raise SchemaError(f"the server has no extension {extension!r}: install it ({_server(conn)})") from error
+            raise ServerError(f"the server has no extension {extension!r}: install it ({_server(conn)})") from error
         except psycopg.errors.InsufficientPrivilege as error:
-            raise SchemaError(
+            raise ServerError(
                 f"extension {extension!r} is missing in database {conn.info.dbname!r} and {conn.info.user!r} may not "
                 f"create it; let an administrator run: CREATE EXTENSION {extension}"
             ) from error
     version = str(_one(conn, "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"))
     if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
-        raise SchemaError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
+        raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
     conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
     _set_search_path(conn)
 
