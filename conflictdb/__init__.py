@@ -26,8 +26,9 @@ from conflictdb.errors import (
 
 if TYPE_CHECKING:
     from conflictdb.database import Database, Loaded, connect
-    from conflictdb.detect import Interference, Run, solve
+    from conflictdb.detect import Run
     from conflictdb.io import Skipped
+    from conflictdb.memory import Interference, solve
     from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
     from conflictdb.store import Conflict
 
@@ -61,7 +62,8 @@ __all__ = [
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
-    **dict.fromkeys(("Interference", "Run", "solve"), "conflictdb.detect"),
+    **dict.fromkeys(("Run",), "conflictdb.detect"),
+    **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
     **dict.fromkeys(("Skipped",), "conflictdb.io"),
     **dict.fromkeys(("Conflict",), "conflictdb.store"),
     **dict.fromkeys(

@@ -1,275 +1,179 @@
-"""Detection: a scene taken through the four stages.
+"""Detection: a scene of the database taken through the four stages.
 
 The only module that knows both halves: the database, where stages 1 and 2 run, and the arrays of stages 3 and 4.
-`solve` runs the same stages on objects in memory, with an index in memory in place of the database's.
+
+Two transactions. The first refreshes the pieces of the objects that changed. The second sees one state of the database:
+it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the marks that the
+pieces cover. So after a crash at any point either nothing or all of it happened to the conflicts, and marks made
+meanwhile stay.
 """
 
-import multiprocessing
+import os
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, replace
-from typing import Final
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
+import psycopg
 
-from conflictdb.batches import AreaBatch, Conflicts, Contacts, Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import Floats
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Method, Scene, Track, Verdict
-from conflictdb.pieces import area_pieces, check_plane, track_pieces
-from conflictdb.stage3_projection import shared_span, windows
-from conflictdb.stage4_contacts import CONFLICT, UNRESOLVED, Effort, Progress, contacts, meeting_points, still_pairs
+from conflictdb import store
+from conflictdb.batches import Pieces
+from conflictdb.errors import ConflictDBError
+from conflictdb.model import Method, Scene
+from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.settle import Progress, settle
 
-# Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
-PAIRS_PER_JOB: Final = 2_000
+__all__ = ["Progress", "Run", "detect"]
 
 
 @dataclass(frozen=True, slots=True)
-class Interference:
-    """A pair that interferes, or might, as `solve` reports it.
+class Run:
+    """What a detection did.
 
-    a_key, b_key : the area first if there is one, else the smaller key
-    periods_us : (start, end) inclusive, microseconds since 1970; None where unbounded
-    first_contact_deg : longitude and latitude of the first contact, None if the method does not tell
-    time_error_s : bound on the error of every end of every period, seconds
+    run_id : its row in the table `run`
+    candidate_pairs, intersecting_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after stage 1, after
+        stage 2, after stage 3, given to stage 4, and reported
+    conflicts, unresolved : of the scene now, also those this run had no reason to look at
+    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
+    pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds
     """
 
-    a_key: str
-    a_kind: Kind
-    b_key: str
-    b_kind: Kind
-    verdict: Verdict
-    periods_us: tuple[tuple[int | None, int | None], ...]
-    first_contact_deg: tuple[float, float] | None
-    time_error_s: float
+    run_id: int
+    method: Method
+    candidate_pairs: int
+    intersecting_pairs: int
+    window_pairs: int
+    solved_pairs: int
+    met_pairs: int
+    conflicts: int
+    unresolved: int
+    opened: int
+    changed: int
+    closed: int
+    pieces_s: float
+    stage1_s: float
+    stage2_s: float
+    stage3_s: float
+    stage4_s: float
+    total_s: float
 
 
-def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
-    """Return the pairs of tracks and areas that interfere, without a database.
+def detect(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    *,
+    full: bool = False,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
-    The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
-    that the scene's plane cannot hold, and for keys that occur twice.
+    Parameters
+    ----------
+    conn : psycopg connection without an open transaction; waits for another detection of the scene, if there is one
+    full : compute everything again, also what did not change
+    jobs : processes that stage 4 may use; None is one per processor
+    progress : told now and then how many pairs stage 4 has settled, and of how many
+
+    Raises
+    ------
+    InvalidInput
+        There is no such scene.
+    StoreError
+        The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
-    scene = scene or Scene("in memory")
-    check_plane(scene, areas, tracks)
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
-    found, _ = settle(scene, pieces, _pairs_in_memory(pieces))
-    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
-    answer = []
-    for k in range(len(found)):
-        pair = [
-            (Kind(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
-            for kind, number in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
-        ]
-        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0], member[1].encode()))
-        lon, lat = found.first_contact_deg[k].tolist()
-        periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
-        answer.append(
-            Interference(
-                a_key,
-                a_kind,
-                b_key,
-                b_kind,
-                list(Verdict)[found.verdict[k]],
-                tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
-                None if np.isnan(lon) else (lon, lat),
-                float(found.time_error_s[k]),
-            )
-        )
-    return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
-
-
-@dataclass(slots=True)
-class Funnel:
-    """How many pairs of pieces each stage left, and what stage 4 did."""
-
-    window_pairs: int = 0
-    solved_pairs: int = 0
-    stage3_s: float = 0.0
-    stage4_s: float = 0.0
-    effort: Effort | None = None
-
-
-def settle(
-    scene: Scene, pieces: Pieces, pairs: Pairs, *, jobs: int = 1, progress: Progress | None = None
-) -> tuple[Conflicts, Funnel]:
-    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
-
-    jobs : processes that stage 4 may use; the answer does not depend on it
-    progress : called with the number of pairs settled since the last call
-    """
-    funnel = Funnel()
     started = time.perf_counter()
-    still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
-    rows = np.flatnonzero(still)
-    verdict = still_pairs(scene, pieces, pairs.take(rows))
-    meets = np.flatnonzero(verdict >= 0)
-    found = [_whole_spans(pieces, pairs, rows[meets], verdict[meets])]
-
-    moving = np.flatnonzero(~still)
-    if scene.method == Method.SCREEN:
-        found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
-    elif moving.size:
-        some = pairs.take(moving)
-        first, last = windows(scene, pieces, some)
-        possible = np.flatnonzero(first <= last)
-        funnel.window_pairs = len(possible)
-        funnel.stage3_s = time.perf_counter() - started
-        started = time.perf_counter()
-        if scene.method == Method.WINDOW:
-            width = last[possible] - first[possible]
-            verdict = np.full(len(possible), UNRESOLVED, np.int8)
-            found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict))
-        else:
-            if progress:
-                progress(len(moving) - len(possible))
-            solved, funnel.effort = _contacts(
-                scene, pieces, some.take(possible), first[possible], last[possible], jobs, progress
-            )
-            funnel.solved_pairs = len(possible)
-            rows = moving[possible[solved.pair]]
-            found.append(Contacts(rows, solved.start_s, solved.end_s, solved.error_s, solved.verdict))
-    conflicts = _by_object(scene, pieces, pairs, Contacts.concatenate(found))
-    funnel.stage4_s = time.perf_counter() - started
-    return conflicts, funnel
+    with store.translated(), conn.transaction():
+        scene_id = store.scene_id(conn, scene)
+    record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
+    with store.scene_lock(conn, scene_id, wait=True):
+        try:
+            if full:
+                store.mark_all(conn, scene_id)
+                conn.commit()
+            settings, record = _refresh_pieces(conn, scene_id, record)
+            return _refresh_conflicts(conn, scene_id, settings, record, jobs or os.cpu_count() or 1, progress, started)
+        except Exception as error:
+            # A lost connection cannot record anything; the marks are still there.
+            with suppress(ConflictDBError, psycopg.Error):
+                conn.rollback()
+                store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
+            raise
 
 
-def _contacts(
-    scene: Scene, pieces: Pieces, pairs: Pairs, first: Floats, last: Floats, jobs: int, progress: Progress | None
-) -> tuple[Contacts, Effort]:
-    """Return the contacts of pairs, in processes of their own where that pays."""
-    jobs = min(jobs, -(-len(pairs) // PAIRS_PER_JOB))
-    if jobs <= 1:
-        return contacts(scene, pieces, pairs, first, last, progress)
-    effort, found = Effort(), []
-    blocks = [np.arange(k, min(k + PAIRS_PER_JOB, len(pairs))) for k in range(0, len(pairs), PAIRS_PER_JOB)]
-    # A fresh interpreter for each: a forked one would share the database connection.
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = {
-            pool.submit(contacts, scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]): rows
-            for rows in blocks
-        }
-        for task in as_completed(tasks):
-            one, spent = task.result()
-            found.append(Contacts(tasks[task][one.pair], one.start_s, one.end_s, one.error_s, one.verdict))
-            effort.add(spent)
-            if progress:
-                progress(len(tasks[task]))
-    return Contacts.concatenate(found), effort
+def _refresh_pieces(
+    conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord
+) -> tuple[Scene, store.RunRecord]:
+    """Transaction 1: make the pieces of the changed objects anew."""
+    clock = time.perf_counter()
+    store.begin_snapshot(conn)
+    settings = store.read_settings(conn, scene_id)
+    wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
+    record = replace(record, method=settings.method, settings=wanted)
+    areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
+    pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
+    store.replace_pieces(conn, scene_id, pieces)
+    conn.commit()
+    return settings, replace(record, pieces_s=time.perf_counter() - clock)
 
 
-def _closed(pieces: Pieces, pairs: Pairs) -> tuple[Pieces, Pairs]:
-    """Return the pairs with only the pieces that occur in them."""
-    rows, number = np.unique(np.concatenate([pairs.a, pairs.b]), return_inverse=True)
-    return pieces.take(rows), replace(pairs, a=number[: len(pairs)], b=number[len(pairs) :])
+def _refresh_conflicts(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    settings: Scene,
+    record: store.RunRecord,
+    jobs: int,
+    progress: Progress | None,
+    started: float,
+) -> Run:
+    """Transaction 2: recompute the pairs with a changed member, on one snapshot."""
+    clock = [time.perf_counter()]
 
+    def lap() -> float:
+        clock.append(time.perf_counter())
+        return clock[-1] - clock[-2]
 
-def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict: NDArray[np.int8]) -> Contacts:
-    """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
-    start, end = shared_span(pieces, pairs.take(rows))
-    unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
-    width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
-    return Contacts(rows, np.zeros(len(rows)), width, np.where(verdict == UNRESOLVED, width, 0.0), verdict)
-
-
-def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> Conflicts:
-    """Return the contacts of pieces, merged into one row per pair of objects with its periods."""
-    shared_start, shared_end = shared_span(pieces, pairs)
-    a, b = pairs.a[found.pair], pairs.b[found.pair]
-    swap = (pieces.kind[a] > pieces.kind[b]) | (
-        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
+    store.begin_snapshot(conn)
+    candidates = store.find_candidates(conn, scene_id)
+    stage1_s = lap()
+    regions = settings.method != Method.SCREEN
+    intersecting = store.find_intersections(conn, scene_id, regions)
+    pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
+    stage2_s = lap()
+    conflicts, funnel = settle(settings, pieces, pairs, jobs=jobs, progress=progress)
+    record = replace(
+        record,
+        settings={**record.settings, **asdict(funnel.effort)},
+        candidate_pairs=candidates,
+        intersecting_pairs=intersecting,
+        window_pairs=funnel.window_pairs,
+        solved_pairs=funnel.solved_pairs,
+        stage1_s=stage1_s,
+        stage2_s=stage2_s,
+        stage3_s=funnel.stage3_s,
+        stage4_s=funnel.stage4_s,
     )
-    a, b = np.where(swap, b, a), np.where(swap, a, b)
-    start, end = _instants(found, shared_start[found.pair], shared_end[found.pair])
-    keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
-    unique, group = np.unique(keys, axis=1, return_inverse=True)
-    order = np.lexsort((end, start, group))
-    group, start, end = group[order], start[order], end[order]
-    error, verdict = found.error_s[order], found.verdict[order]
-    n = unique.shape[1]
-
-    # The latest end so far within each group: ranks let one running maximum serve all groups.
-    values, rank = np.unique(end, return_inverse=True)
-    reached = values[np.maximum.accumulate(group * len(values) + rank) - group * len(values)] if len(end) else end
-    opens = np.ones(len(group), np.bool_)
-    opens[1:] = (group[1:] != group[:-1]) | (start[1:] > reached[:-1])
-    period = np.cumsum(opens) - 1
-    period_start = start[opens]
-    period_end = reached[np.append(np.flatnonzero(opens)[1:], len(opens)) - 1] if len(opens) else end
-    period_error = np.zeros(len(period_start))
-    outermost = (start == period_start[period]) | (end == period_end[period])
-    np.maximum.at(period_error, period[outermost], error[outermost])
-
-    owner = group[opens]
-    time_error = np.zeros(n)
-    np.maximum.at(time_error, owner, period_error)
-    has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    has_conflict[group[verdict == CONFLICT]] = True
-    has_open[group[verdict == UNRESOLVED]] = True
-    grazing = list(Verdict).index(Verdict.GRAZING)
-
-    first = np.searchsorted(group, np.arange(n))
-    points = np.full((n, 2), np.nan)
-    if scene.method not in (Method.SCREEN, Method.WINDOW):
-        at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
-        points = meeting_points(scene, pieces, pairs.take(found.pair[order][first]), at)
-    member_a, member_b = a[order][first], b[order][first]
-    return Conflicts(
-        a_kind=pieces.kind[member_a],
-        a_id=pieces.object_id[member_a],
-        a_version=pieces.version[member_a],
-        b_kind=pieces.kind[member_b],
-        b_id=pieces.object_id[member_b],
-        b_version=pieces.version[member_b],
-        period_us=np.stack([period_start, period_end], axis=1),
-        period_offset=np.searchsorted(owner, np.arange(n + 1)).astype(np.int64),
-        verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], grazing).astype(np.int8),
-        first_contact_deg=points,
-        time_error_s=time_error,
+    outcome = store.write_run(conn, scene_id, record, conflicts)
+    now = store.runs(conn, settings.name)[0]
+    conn.commit()
+    return Run(
+        run_id=outcome.run_id,
+        method=settings.method,
+        candidate_pairs=candidates,
+        intersecting_pairs=intersecting,
+        window_pairs=funnel.window_pairs,
+        solved_pairs=funnel.solved_pairs,
+        met_pairs=funnel.met_pairs,
+        conflicts=now.conflicts or 0,
+        unresolved=now.unresolved or 0,
+        opened=outcome.opened,
+        changed=outcome.changed,
+        closed=outcome.closed,
+        pieces_s=record.pieces_s or 0.0,
+        stage1_s=stage1_s,
+        stage2_s=stage2_s,
+        stage3_s=funnel.stage3_s,
+        stage4_s=funnel.stage4_s,
+        total_s=time.perf_counter() - started,
     )
-
-
-def _instants(
-    found: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
-    whole = (found.start_s <= 0.0) & np.isinf(found.end_s)
-    offset = np.floor(found.start_s * 1e6).astype(np.int64)
-    start = np.where(whole, shared_start, shared_start + offset)
-    with np.errstate(invalid="ignore"):
-        until = np.ceil(np.where(whole, 0.0, found.end_s) * 1e6).astype(np.int64)
-    end = np.where(whole, shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end))
-    return np.maximum(start, shared_start), end
-
-
-def _pairs_in_memory(pieces: Pieces) -> Pairs:
-    """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
-    hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
-    a, b = shapely.STRtree(hulls).query(hulls)
-    earlier = (pieces.kind[a] < pieces.kind[b]) | (
-        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
-    )
-    keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
-    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    a, b = a[keep], b[keep]
-    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
-    last = np.ones(len(a), np.bool_)
-    for member in (a, b):
-        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
-    keep = (start < end) | ((start == end) & last)
-    a, b = a[keep], b[keep]
-    order = np.lexsort((b, a))
-    a, b = a[order], b[order]
-    met = shapely.intersects(hulls[a], hulls[b])
-    a, b = a[met], b[met]
-    moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
-    region = np.full(len(a), None, dtype=object)
-    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
-    xy, owner = shapely.get_coordinates(region, return_index=True)
-    return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
-
-
-def _owners(offset: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.repeat(np.arange(len(offset) - 1), np.diff(offset))

@@ -130,10 +130,11 @@ def _encounters(
 def _alike(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return batches of rows whose pieces are of the same kinds and of equal slots for vertices."""
     size = vertex_slots(pieces)
-    keys = [pieces.kind[pairs.a[rows]], pieces.kind[pairs.b[rows]], size[pairs.a[rows]], size[pairs.b[rows]]]
     if not len(rows):
         return []
-    _, group = np.unique(np.stack(keys), axis=1, return_inverse=True)
+    a, b = pairs.a[rows], pairs.b[rows]
+    keys = np.stack([pieces.kind[a].astype(np.int64), pieces.kind[b].astype(np.int64), size[a], size[b]])
+    _, group = np.unique(keys, axis=1, return_inverse=True)
     batches = []
     for g in range(int(group.max()) + 1):
         same = rows[group == g]

@@ -1,0 +1,105 @@
+"""The stages on objects in memory: no database, the same answer."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.errors import InvalidInput
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
+from conflictdb.pieces import area_pieces, check_plane, track_pieces
+from conflictdb.settle import settle
+
+
+@dataclass(frozen=True, slots=True)
+class Interference:
+    """A pair that interferes, or might, as `solve` reports it.
+
+    a_key, b_key : the area first if there is one, else the smaller key
+    periods_us : (start, end) inclusive, microseconds since 1970; None where unbounded
+    first_contact_deg : longitude and latitude of the first contact, None if the method does not tell
+    time_error_s : bound on the error of every end of every period, seconds
+    """
+
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    periods_us: tuple[tuple[int | None, int | None], ...]
+    first_contact_deg: tuple[float, float] | None
+    time_error_s: float
+
+
+def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
+    """Return the pairs of tracks and areas that interfere, without a database.
+
+    The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
+    that the scene's plane cannot hold, and for keys that occur twice.
+    """
+    scene = scene or Scene("in memory")
+    seen: set[str] = set()
+    for key in [area.key for area in areas] + [track.key for track in tracks]:
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(key)
+    check_plane(scene, areas, tracks)
+    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    found, _ = settle(scene, pieces, _pairs_in_memory(pieces))
+    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
+    answer = []
+    for k in range(len(found)):
+        pair = [
+            (Kind(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
+            for kind, number in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
+        ]
+        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0], member[1].encode()))
+        lon, lat = found.first_contact_deg[k].tolist()
+        periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
+        answer.append(
+            Interference(
+                a_key,
+                a_kind,
+                b_key,
+                b_kind,
+                list(Verdict)[found.verdict[k]],
+                tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
+                None if np.isnan(lon) else (lon, lat),
+                float(found.time_error_s[k]),
+            )
+        )
+    return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
+
+
+def _pairs_in_memory(pieces: Pieces) -> Pairs:
+    """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
+    hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
+    a, b = shapely.STRtree(hulls).query(hulls)
+    earlier = (pieces.kind[a] < pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
+    )
+    keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
+    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
+    a, b = a[keep], b[keep]
+    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
+    last = np.ones(len(a), np.bool_)
+    for member in (a, b):
+        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
+    keep = (start < end) | ((start == end) & last)
+    a, b = a[keep], b[keep]
+    order = np.lexsort((b, a))
+    a, b = a[order], b[order]
+    met = shapely.intersects(hulls[a], hulls[b])
+    a, b = a[met], b[met]
+    moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
+    region = np.full(len(a), None, dtype=object)
+    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
+    xy, owner = shapely.get_coordinates(region, return_index=True)
+    return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
+
+
+def _owners(offset: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.repeat(np.arange(len(offset) - 1), np.diff(offset))

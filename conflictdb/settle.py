@@ -1,0 +1,200 @@
+"""Stages 3 and 4 on pairs of pieces, and their merging into one row per pair of objects; arrays in, arrays out."""
+
+import multiprocessing
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
+from conflictdb.geodesy import Floats
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene
+from conflictdb.stage3_projection import shared_span, windows
+from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, Effort, contacts, meeting_points, still_pairs
+
+# Told how many pairs are settled, and of how many.
+Progress = Callable[[int, int], None]
+
+# Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
+PAIRS_PER_JOB: Final = 2_000
+
+
+@dataclass(slots=True)
+class Funnel:
+    """How many pairs of pieces the stages left, the seconds they took, and what stage 4 did.
+
+    window_pairs : with a time when they could meet, areas included
+    solved_pairs : given to stage 4
+    met_pairs : reported
+    """
+
+    window_pairs: int = 0
+    solved_pairs: int = 0
+    met_pairs: int = 0
+    stage3_s: float = 0.0
+    stage4_s: float = 0.0
+    effort: Effort = field(default_factory=Effort)
+
+
+def settle(
+    scene: Scene, pieces: Pieces, pairs: Pairs, *, jobs: int = 1, progress: Progress | None = None
+) -> tuple[Conflicts, Funnel]:
+    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
+
+    jobs : processes that stage 4 may use; the answer does not depend on it
+    progress : told how many pairs are settled, and of how many
+    """
+    funnel = Funnel()
+    started = time.perf_counter()
+    still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
+    rows = np.flatnonzero(still)
+    verdict = still_pairs(scene, pieces, pairs.take(rows))
+    meets = np.flatnonzero(verdict >= 0)
+    found = [_whole_spans(pieces, pairs, rows[meets], verdict[meets])]
+    funnel.window_pairs = len(meets)
+
+    moving = np.flatnonzero(~still)
+    if scene.method == Method.SCREEN:
+        found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
+    elif moving.size:
+        some = pairs.take(moving)
+        first, last = windows(scene, pieces, some)
+        possible = np.flatnonzero(first <= last)
+        funnel.window_pairs += len(possible)
+        funnel.stage3_s = time.perf_counter() - started
+        started = time.perf_counter()
+        if scene.method == Method.WINDOW:
+            width = last[possible] - first[possible]
+            verdict = np.full(len(possible), UNRESOLVED, np.int8)
+            found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict))
+        else:
+            solved, funnel.effort = _contacts(
+                scene, pieces, some.take(possible), first[possible], last[possible], jobs, progress
+            )
+            funnel.solved_pairs = len(possible)
+            rows = moving[possible[solved.pair]]
+            found.append(Contacts(rows, solved.start_s, solved.end_s, solved.error_s, solved.verdict))
+    all_found = Contacts.concatenate(found)
+    funnel.met_pairs = len(np.unique(all_found.pair))
+    conflicts = _by_object(scene, pieces, pairs, all_found)
+    funnel.stage4_s = time.perf_counter() - started
+    return conflicts, funnel
+
+
+def _contacts(
+    scene: Scene, pieces: Pieces, pairs: Pairs, first: Floats, last: Floats, jobs: int, progress: Progress | None
+) -> tuple[Contacts, Effort]:
+    """Return the contacts of pairs, in processes of their own where that pays."""
+    settled = 0
+
+    def advance(count: int) -> None:
+        nonlocal settled
+        settled += count
+        if progress:
+            progress(settled, len(pairs))
+
+    advance(0)
+    jobs = min(jobs, -(-len(pairs) // PAIRS_PER_JOB))
+    if jobs <= 1:
+        return contacts(scene, pieces, pairs, first, last, advance)
+    effort, found = Effort(), []
+    blocks = [np.arange(k, min(k + PAIRS_PER_JOB, len(pairs))) for k in range(0, len(pairs), PAIRS_PER_JOB)]
+    # A fresh interpreter for each: a forked one would share the database connection.
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        tasks = {
+            pool.submit(contacts, scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]): rows
+            for rows in blocks
+        }
+        for task in as_completed(tasks):
+            one, spent = task.result()
+            found.append(Contacts(tasks[task][one.pair], one.start_s, one.end_s, one.error_s, one.verdict))
+            effort.add(spent)
+            advance(len(tasks[task]))
+    return Contacts.concatenate(found), effort
+
+
+def _closed(pieces: Pieces, pairs: Pairs) -> tuple[Pieces, Pairs]:
+    """Return the pairs with only the pieces that occur in them."""
+    rows, number = np.unique(np.concatenate([pairs.a, pairs.b]), return_inverse=True)
+    return pieces.take(rows), replace(pairs, a=number[: len(pairs)], b=number[len(pairs) :])
+
+
+def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict: NDArray[np.int8]) -> Contacts:
+    """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
+    start, end = shared_span(pieces, pairs.take(rows))
+    unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
+    width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
+    return Contacts(rows, np.zeros(len(rows)), width, np.where(verdict == UNRESOLVED, width, 0.0), verdict)
+
+
+def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> Conflicts:
+    """Return the contacts of pieces, merged into one row per pair of objects with its periods."""
+    shared_start, shared_end = shared_span(pieces, pairs)
+    a, b = pairs.a[found.pair], pairs.b[found.pair]
+    swap = (pieces.kind[a] > pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
+    )
+    a, b = np.where(swap, b, a), np.where(swap, a, b)
+    start, end = _instants(found, shared_start[found.pair], shared_end[found.pair])
+    keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
+    unique, group = np.unique(keys, axis=1, return_inverse=True)
+    order = np.lexsort((end, start, group))
+    group, start, end = group[order], start[order], end[order]
+    error, verdict = found.error_s[order], found.verdict[order]
+    n = unique.shape[1]
+
+    # The latest end so far within each group: ranks let one running maximum serve all groups.
+    values, rank = np.unique(end, return_inverse=True)
+    reached = values[np.maximum.accumulate(group * len(values) + rank) - group * len(values)] if len(end) else end
+    opens = np.ones(len(group), np.bool_)
+    opens[1:] = (group[1:] != group[:-1]) | (start[1:] > reached[:-1])
+    period = np.cumsum(opens) - 1
+    period_start = start[opens]
+    period_end = reached[np.append(np.flatnonzero(opens)[1:], len(opens)) - 1] if len(opens) else end
+    period_error = np.zeros(len(period_start))
+    outermost = (start == period_start[period]) | (end == period_end[period])
+    np.maximum.at(period_error, period[outermost], error[outermost])
+
+    owner = group[opens]
+    time_error = np.zeros(n)
+    np.maximum.at(time_error, owner, period_error)
+    has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    has_conflict[group[verdict == CONFLICT]] = True
+    has_open[group[verdict == UNRESOLVED]] = True
+
+    first = np.searchsorted(group, np.arange(n))
+    points = np.full((n, 2), np.nan)
+    if scene.method not in (Method.SCREEN, Method.WINDOW):
+        at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
+        points = meeting_points(scene, pieces, pairs.take(found.pair[order][first]), at)
+    member_a, member_b = a[order][first], b[order][first]
+    return Conflicts(
+        a_kind=pieces.kind[member_a],
+        a_id=pieces.object_id[member_a],
+        a_version=pieces.version[member_a],
+        b_kind=pieces.kind[member_b],
+        b_id=pieces.object_id[member_b],
+        b_version=pieces.version[member_b],
+        period_us=np.stack([period_start, period_end], axis=1),
+        period_offset=np.searchsorted(owner, np.arange(n + 1)).astype(np.int64),
+        verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], GRAZING).astype(np.int8),
+        first_contact_deg=points,
+        time_error_s=time_error,
+    )
+
+
+def _instants(
+    found: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
+    whole = (found.start_s <= 0.0) & np.isinf(found.end_s)
+    offset = np.floor(found.start_s * 1e6).astype(np.int64)
+    start = np.where(whole, shared_start, shared_start + offset)
+    with np.errstate(invalid="ignore"):
+        until = np.ceil(np.where(whole, 0.0, found.end_s) * 1e6).astype(np.int64)
+    end = np.where(whole, shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end))
+    return np.maximum(start, shared_start), end
