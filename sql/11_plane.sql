@@ -26,38 +26,38 @@ END;
 COMMENT ON FUNCTION _middle_x(geometry, double precision) IS
 'By how much to shift a geometry west so that it lies within +-p_half_width: 0 if it does already.';
 
+-- The next three are single expressions, so that they are inlined: a SQL function that is not is set up anew at every
+-- call. EPSG:3857 is the Mercator plane of a sphere that has the radius of the WGS84 equator; ours has another size.
+
 CREATE OR REPLACE FUNCTION _to_plane(p_geometry geometry, p_earth text) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth
-        WHEN 'wgs84' THEN
-            ST_Translate(ST_Transform(ST_Translate(p_geometry, -m.lon_deg, 0), 3395),
-                         radians(m.lon_deg) * _radius_m(p_earth), 0)
-        ELSE
-            ST_Translate(ST_SetSRID(ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -m.lon_deg, 0), 0),
-                                                 '+proj=longlat +R=6371008.771415 +type=crs'::text,
-                                                 '+proj=merc +R=6371008.771415 +type=crs'::text), 0),
-                         radians(m.lon_deg) * _radius_m(p_earth), 0)
-        END
-    FROM (SELECT _middle_x(p_geometry, 180.0) AS lon_deg) m;
+    SELECT CASE WHEN p_earth = 'wgs84' THEN
+        ST_Translate(ST_Transform(ST_Translate(p_geometry, -_middle_x(p_geometry, 180.0), 0), 3395),
+                     radians(_middle_x(p_geometry, 180.0)) * 6378137.0, 0)
+    ELSE
+        ST_SetSRID(ST_Translate(
+            ST_Scale(ST_Transform(ST_Translate(p_geometry, -_middle_x(p_geometry, 180.0), 0), 3857),
+                     6371008.771415 / 6378137.0, 6371008.771415 / 6378137.0),
+            radians(_middle_x(p_geometry, 180.0)) * 6371008.771415, 0), 0)
+    END;
 END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
-'Longitude and latitude (degrees, not wrapped) to the Mercator plane of the earth (metres).';
+'Longitude and latitude (degrees, not wrapped, SRID 4326) to the Mercator plane of the earth (metres).';
 
 CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_earth text) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth
-        WHEN 'wgs84' THEN
-            ST_Translate(ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -m.x_m, 0), 3395), 4326),
-                         degrees(m.x_m / _radius_m(p_earth)), 0)
-        ELSE
-            ST_SetSRID(ST_Translate(ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -m.x_m, 0), 0),
-                                                 '+proj=merc +R=6371008.771415 +type=crs'::text,
-                                                 '+proj=longlat +R=6371008.771415 +type=crs'::text),
-                                    degrees(m.x_m / _radius_m(p_earth)), 0), 4326)
-        END
-    FROM (SELECT _middle_x(p_geometry, pi() * _radius_m(p_earth)) AS x_m) m;
+    SELECT CASE WHEN p_earth = 'wgs84' THEN
+        ST_Translate(ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6378137.0), 0), 3395),
+                                  4326),
+                     degrees(_middle_x(p_geometry, pi() * 6378137.0) / 6378137.0), 0)
+    ELSE
+        ST_Translate(ST_Transform(ST_SetSRID(
+            ST_Scale(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6371008.771415), 0),
+                     6378137.0 / 6371008.771415, 6378137.0 / 6371008.771415), 3857), 4326),
+            degrees(_middle_x(p_geometry, pi() * 6371008.771415) / 6371008.771415), 0)
+    END;
 END;
 COMMENT ON FUNCTION _from_plane(geometry, text) IS
 'The Mercator plane of the earth (metres) to longitude and latitude (degrees, not wrapped, SRID 4326).';
