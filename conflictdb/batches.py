@@ -5,7 +5,7 @@ Units: metres, degrees for longitude, latitude and bearings, microseconds since 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -241,6 +241,7 @@ class Contacts:
     start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
     error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
     verdict : (m,) int8        index into list(Verdict)
+    touches : (m,) bool        whether they meet during it, not only come within the tolerance
     """
 
     pair: NDArray[np.int64]
@@ -248,6 +249,11 @@ class Contacts:
     end_s: NDArray[np.float64]
     error_s: NDArray[np.float64]
     verdict: NDArray[np.int8]
+    touches: NDArray[np.bool_]
+
+    def of_pairs(self, rows: NDArray[np.int64]) -> "Contacts":
+        """Return the same contacts where pair k is number rows[k] elsewhere."""
+        return replace(self, pair=rows[self.pair])
 
     def __len__(self) -> int:
         return len(self.pair)

@@ -70,14 +70,14 @@ def settle(
         if scene.method == Method.WINDOW:
             width = last[possible] - first[possible]
             verdict = np.full(len(possible), UNRESOLVED, np.int8)
-            found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict))
+            touches = np.ones(len(possible), np.bool_)
+            found.append(Contacts(moving[possible], first[possible], last[possible], width, verdict, touches))
         else:
             solved, funnel.effort = _contacts(
                 scene, pieces, some.take(possible), first[possible], last[possible], jobs, progress
             )
             funnel.solved_pairs = len(possible)
-            rows = moving[possible[solved.pair]]
-            found.append(Contacts(rows, solved.start_s, solved.end_s, solved.error_s, solved.verdict))
+            found.append(solved.of_pairs(moving[possible]))
     all_found = Contacts.concatenate(found)
     funnel.met_pairs = len(np.unique(all_found.pair))
     conflicts = _by_object(scene, pieces, pairs, all_found)
@@ -111,7 +111,7 @@ def _contacts(
         }
         for task in as_completed(tasks):
             one, spent = task.result()
-            found.append(Contacts(tasks[task][one.pair], one.start_s, one.end_s, one.error_s, one.verdict))
+            found.append(one.of_pairs(tasks[task]))
             effort.add(spent)
             advance(len(tasks[task]))
     return Contacts.concatenate(found), effort
@@ -128,7 +128,8 @@ def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict:
     start, end = shared_span(pieces, pairs.take(rows))
     unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
-    return Contacts(rows, np.zeros(len(rows)), width, np.where(verdict == UNRESOLVED, width, 0.0), verdict)
+    error = np.where(verdict == UNRESOLVED, width, 0.0)
+    return Contacts(rows, np.zeros(len(rows)), width, error, verdict, np.ones(len(rows), np.bool_))
 
 
 def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> Conflicts:
@@ -142,7 +143,11 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> C
     start, end = _instants(found, shared_start[found.pair], shared_end[found.pair])
     keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
     unique, group = np.unique(keys, axis=1, return_inverse=True)
-    order = np.lexsort((end, start, group))
+    # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
+    meet = np.zeros(unique.shape[1], np.bool_)
+    meet[group[found.touches]] = True
+    told = np.flatnonzero(found.touches | ~meet[group] | (found.verdict == UNRESOLVED))
+    order = told[np.lexsort((end[told], start[told], group[told]))]
     group, start, end = group[order], start[order], end[order]
     error, verdict = found.error_s[order], found.verdict[order]
     n = unique.shape[1]

@@ -76,7 +76,7 @@ def contacts(
         low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
         belongs = _end_belongs(pieces, pairs, rows, end)
         settled = _Group(encounters, scene.tolerance_m, low, high, np.where(belongs, np.inf, span), effort).settle()
-        found.append(Contacts(rows[settled.pair], settled.start_s, settled.end_s, settled.error_s, settled.verdict))
+        found.append(settled.of_pairs(rows))
         if progress:
             progress(len(rows))
     return Contacts.concatenate(found), effort
@@ -152,7 +152,7 @@ def _end_belongs(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], end: NDA
 
 def _nothing() -> Contacts:
     none = np.empty(0)
-    return Contacts(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
+    return Contacts(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8), np.empty(0, np.bool_))
 
 
 def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:
@@ -220,7 +220,7 @@ class _Group:
             )
         error = np.where(unresolved, high[rows] - low[rows], error[rows])
         verdict = np.where(unresolved, UNRESOLVED, GRAZING).astype(np.int8)
-        self.found.append(Contacts(rows, low[rows], high[rows], error, verdict))
+        self.found.append(Contacts(rows, low[rows], high[rows], error, verdict, np.zeros(len(rows), np.bool_)))
 
     def _contact(
         self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, leaves: Leaves
@@ -248,7 +248,8 @@ class _Group:
         starts, ends = starts[np.lexsort((starts, owner))], ends[np.lexsort((ends, owner))]
         owner = np.sort(owner)
         owner, starts, ends = owner[kept[owner]], starts[kept[owner]], ends[kept[owner]]
-        self.found.append(Contacts(rows[owner], starts, ends, error[owner], verdict[owner]))
+        touches = np.ones(len(owner), np.bool_)
+        self.found.append(Contacts(rows[owner], starts, ends, error[owner], verdict[owner], touches))
 
     def _leave_to_closeness(self, rows: NDArray[np.int64], leaves: Leaves) -> None:
         """Report pairs whose only contact is at an instant outside of the span as what they are within it: close."""
