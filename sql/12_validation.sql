@@ -240,6 +240,12 @@ BEGIN
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
+    -- A degree of latitude has 110,574 m at least.
+    IF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
+       + ST_MaxDistance(ST_MakePoint(0, 0), NEW.outline) / 110574 > 89.5 THEN
+        PERFORM _check_haven(v_who, NEW.path, NEW.outline, s.earth)
+            FROM scene s WHERE s.scene_id = NEW.scene_id AND s.motion = 'rhumb';
+    END IF;
     NEW.version := nextval('version_seq');
     RETURN NEW;
 END

@@ -59,10 +59,12 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene scene%ROWTYPE;
     v_start timestamptz := clock_timestamp();
+    v_turn_m double precision;
     v_run_id bigint;
 BEGIN
     SELECT * INTO STRICT v_scene FROM scene s WHERE s.scene_id = p_scene_id;
-    DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.result;
+    v_turn_m := 2 * pi() * _radius_m(v_scene.earth);
+    DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.result, pg_temp.static_region;
     CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
         SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
     ANALYZE pg_temp.dirty_object;
@@ -70,34 +72,48 @@ BEGIN
     ANALYZE pg_temp.found_period;
     -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own and drops out.
     CREATE TEMPORARY TABLE result ON COMMIT DROP AS
-        SELECT CASE WHEN o.swap THEN m.b_kind ELSE m.a_kind END AS a_kind,
-               CASE WHEN o.swap THEN m.b_id ELSE m.a_id END AS a_id,
-               CASE WHEN o.swap THEN m.b_version ELSE m.a_version END AS a_version,
-               CASE WHEN o.swap THEN m.b_key ELSE m.a_key END AS a_key,
-               CASE WHEN o.swap THEN m.a_kind ELSE m.b_kind END AS b_kind,
-               CASE WHEN o.swap THEN m.a_id ELSE m.b_id END AS b_id,
-               CASE WHEN o.swap THEN m.a_version ELSE m.b_version END AS b_version,
-               CASE WHEN o.swap THEN m.a_key ELSE m.b_key END AS b_key,
-               p.periods, m.verdict, m.first_contact_point, m.time_error_s
-        FROM (SELECT f.*, coalesce(aa.key, ta.key) AS a_key, coalesce(ab.key, tb.key) AS b_key,
-                     (ARRAY['conflict', 'grazing', 'unresolved'])[f.verdict + 1] AS verdict_name,
-                     CASE WHEN f.lon_deg = 'NaN' THEN NULL ELSE _wrapped(ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326))
-                     END AS first_contact_point
-              FROM pg_temp.found f
-              LEFT JOIN area aa ON f.a_kind = 0 AND aa.area_id = f.a_id AND aa.scene_id = p_scene_id
-              LEFT JOIN track ta ON f.a_kind = 1 AND ta.track_id = f.a_id AND ta.scene_id = p_scene_id
-              LEFT JOIN area ab ON f.b_kind = 0 AND ab.area_id = f.b_id AND ab.scene_id = p_scene_id
-              LEFT JOIN track tb ON f.b_kind = 1 AND tb.track_id = f.b_id AND tb.scene_id = p_scene_id) f
-        CROSS JOIN LATERAL (SELECT f.nr, f.a_kind, f.a_id, f.a_version, f.a_key, f.b_kind, f.b_id, f.b_version, f.b_key,
-                                   f.verdict_name AS verdict, f.first_contact_point, f.time_error_s) m
-        CROSS JOIN LATERAL (SELECT (m.b_kind, m.b_key) < (m.a_kind, m.a_key) AS swap) o
-        JOIN (SELECT t.nr, range_agg(tstzrange(nullif(t.first_at, '-infinity'), nullif(t.last_at, 'infinity'), '[]'))
-                  AS periods
-              FROM pg_temp.found_period t GROUP BY t.nr) p ON p.nr = m.nr
-        WHERE m.a_key IS NOT NULL AND m.b_key IS NOT NULL;
+        WITH member AS (
+            SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a WHERE a.scene_id = p_scene_id
+            UNION ALL
+            SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id
+        ), period AS (
+            SELECT t.nr, range_agg(tstzrange(nullif(t.first_at, '-infinity'), nullif(t.last_at, 'infinity'), '[]'))
+                AS periods
+            FROM pg_temp.found_period t GROUP BY t.nr
+        ), ordered AS (
+            SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
+                   (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
+                   (ARRAY['conflict', 'grazing', 'unresolved'])[f.verdict + 1] AS verdict_name,
+                   CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END AS first_point
+            FROM pg_temp.found f
+            JOIN period p USING (nr)
+            JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id
+            JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id
+        )
+        SELECT o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key, o.periods,
+               o.verdict_name AS verdict, _wrapped(o.first_point) AS first_contact_point, o.time_error_s
+        FROM ordered o WHERE NOT o.is_swapped
+        UNION ALL
+        SELECT o.b_kind, o.b_id, o.b_version, o.b_key, o.a_kind, o.a_id, o.a_version, o.a_key, o.periods,
+               o.verdict_name, _wrapped(o.first_point), o.time_error_s
+        FROM ordered o WHERE o.is_swapped;
     ANALYZE pg_temp.result;
 
-    -- The run's number is drawn by hand: its row is written last, when all counts are known.
+    -- Where areas interfere stays the same until they change: computed once, for all of them together.
+    CREATE TEMPORARY TABLE static_region ON COMMIT DROP AS
+        SELECT m.a_id, m.b_id, _from_plane(m.region, v_scene.earth) AS region
+        FROM (SELECT r.a_id, r.b_id,
+                     CASE WHEN count(*) = 1 THEN (array_agg(x.part))[1] ELSE ST_Union(x.part) END AS region
+              FROM pg_temp.result r
+              JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
+              JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull
+              CROSS JOIN LATERAL (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
+                                                         ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part) x
+              WHERE r.a_kind = 0 AND r.b_kind = 0 AND (a.turn = 0 OR b.turn = 0) AND NOT ST_IsEmpty(x.part)
+              GROUP BY r.a_id, r.b_id) m;
+    ANALYZE pg_temp.static_region;
+
+    -- Counts that the writing below finds out are filled in at the end.
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs,
                      intersecting_pairs, window_pairs, solved_pairs, conflicts, unresolved, pieces_s, stage1_s,
                      stage2_s, stage3_s, stage4_s)
@@ -125,11 +141,10 @@ BEGIN
         INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                                    periods, verdict, region, first_contact_point, method, time_error_s, found_at)
         SELECT p_scene_id, v_run_id, n.a_kind, n.a_id, n.a_version, n.a_key, n.b_kind, n.b_id, n.b_version, n.b_key,
-               n.periods, n.verdict,
-               CASE WHEN n.a_kind = 0 AND n.b_kind = 0
-                    THEN _conflict_region(n.a_kind, n.a_id, n.b_kind, n.b_id, n.periods, v_scene.earth) END,
-               n.first_contact_point, p_run ->> 'method', n.time_error_s, clock_timestamp()
+               n.periods, n.verdict, _wrapped(s.region), n.first_contact_point, p_run ->> 'method', n.time_error_s,
+               clock_timestamp()
         FROM pg_temp.result n
+        LEFT JOIN pg_temp.static_region s ON n.a_kind = 0 AND n.b_kind = 0 AND s.a_id = n.a_id AND s.b_id = n.b_id
         ON CONFLICT (a_kind, a_id, b_kind, b_id) DO UPDATE
             SET run_id = excluded.run_id, a_version = excluded.a_version, a_key = excluded.a_key,
                 b_version = excluded.b_version, b_key = excluded.b_key, periods = excluded.periods,

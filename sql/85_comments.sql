@@ -1,3 +1,130 @@
--- What the tables and columns mean. Units: metres, degrees; heights above mean sea level.
+-- What tables and columns mean. Units: metres, degrees of longitude and latitude; heights above mean sea level.
 
-COMMENT ON SCHEMA conflictdb IS 'Finds when and where moving areas interfere: scenes, areas, tracks and their conflicts.';
+COMMENT ON SCHEMA conflictdb IS
+'Finds when and where moving and static areas interfere: scenes, areas, tracks and their conflicts.';
+COMMENT ON SEQUENCE version_seq IS 'Versions of objects and numbers of marks: never the same twice.';
+
+COMMENT ON TABLE scene IS 'Objects that are detected together, and the settings they share. Input.';
+COMMENT ON COLUMN scene.scene_id IS 'Number within this database.';
+COMMENT ON COLUMN scene.name IS 'Name, by which everybody refers to it.';
+COMMENT ON COLUMN scene.motion IS 'How tracks and edges run between their points: rhumb.';
+COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
+COMMENT ON COLUMN scene.method IS
+'Where a detection stops: screen (who might meet), window (a safe time window), nlp (nonlinear program).';
+COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
+COMMENT ON COLUMN scene.separation_m IS 'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';
+
+COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
+COMMENT ON COLUMN area.area_id IS 'Number within this database.';
+COMMENT ON COLUMN area.scene_id IS 'Scene it belongs to.';
+COMMENT ON COLUMN area.key IS 'Id, unique among the areas and tracks of the scene.';
+COMMENT ON COLUMN area.name IS 'What people call it.';
+COMMENT ON COLUMN area.footprint IS
+'Longitude and latitude in degrees, longitudes may run on beyond 180; edges are straight in the scene''s plane.';
+COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end), no bound where it has none.';
+COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
+COMMENT ON COLUMN area.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
+COMMENT ON COLUMN area.properties IS 'What its source said beyond these.';
+COMMENT ON COLUMN area.version IS 'Another number whenever key, footprint, span or heights change.';
+
+COMMENT ON TABLE track IS 'Polygons carried along waypoints at constant speed on each leg. Input.';
+COMMENT ON COLUMN track.track_id IS 'Number within this database.';
+COMMENT ON COLUMN track.scene_id IS 'Scene it belongs to.';
+COMMENT ON COLUMN track.key IS 'Id, unique among the areas and tracks of the scene.';
+COMMENT ON COLUMN track.name IS 'What people call it.';
+COMMENT ON COLUMN track.path IS
+'Waypoints: longitude and latitude in degrees, M the instant in Unix seconds, told apart to the microsecond.';
+COMMENT ON COLUMN track.outline IS
+'The haven: a convex ring about the reference point, x metres to starboard, y metres ahead. '
+'One vertex repeated is a point, two a line.';
+COMMENT ON COLUMN track.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
+COMMENT ON COLUMN track.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
+COMMENT ON COLUMN track.properties IS 'What its source said beyond these.';
+COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline or heights change.';
+
+COMMENT ON TABLE object_key IS 'Keys in use: one key names one object of a scene, area or track. Kept by triggers.';
+COMMENT ON COLUMN object_key.scene_id IS 'Scene.';
+COMMENT ON COLUMN object_key.key IS 'Key of an area or track of it.';
+COMMENT ON COLUMN object_key.object_kind IS '0 area, 1 track.';
+
+COMMENT ON TABLE change IS
+'Marks: objects that changed (or were removed) since the last detection. Made by triggers, deleted by detection.';
+COMMENT ON COLUMN change.change_id IS 'Number of the mark, in the order they were made.';
+COMMENT ON COLUMN change.scene_id IS 'Scene of the object.';
+COMMENT ON COLUMN change.object_kind IS '0 area, 1 track.';
+COMMENT ON COLUMN change.object_id IS 'area_id or track_id.';
+COMMENT ON COLUMN change.version IS 'Version the object got; of its own where it was removed or the settings changed.';
+COMMENT ON COLUMN change.changed_at IS 'When the change was made.';
+COMMENT ON COLUMN change.is_covered IS 'Whether the pieces reflect the change; its conflicts follow.';
+
+COMMENT ON TABLE piece IS
+'What objects are cut into for detection: a convex polygon, a time, heights, and a motion. Derived; nobody edits it.';
+COMMENT ON COLUMN piece.piece_id IS 'Number; a new one whenever the object''s pieces are made anew.';
+COMMENT ON COLUMN piece.scene_id IS 'Scene of the object.';
+COMMENT ON COLUMN piece.object_kind IS '0 area, 1 track.';
+COMMENT ON COLUMN piece.object_id IS 'area_id or track_id.';
+COMMENT ON COLUMN piece.version IS 'Version of the object it was made from.';
+COMMENT ON COLUMN piece.part IS 'Number within the object, from 0; a copy at the seam shares it.';
+COMMENT ON COLUMN piece.turn IS '0; -1 for a copy one turn west, of a piece that reaches over longitude 180.';
+COMMENT ON COLUMN piece.hull IS
+'Convex hull of all the piece covers during its span, padded for tolerance and separation: metres of the scene''s plane '
+'(EPSG:3395 on wgs84, no SRID on the sphere), shifted by turn.';
+COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between slices of a track.';
+COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
+COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';
+COMMENT ON COLUMN piece.shape IS
+'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline, metres to starboard and ahead.';
+COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of.';
+COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg.';
+COMMENT ON COLUMN piece.start_lon_deg IS 'Tracks: longitude at the start of the leg, degrees, not shifted.';
+COMMENT ON COLUMN piece.start_lat_deg IS 'Tracks: latitude at the start of the leg, degrees.';
+COMMENT ON COLUMN piece.end_lon_deg IS 'Tracks: longitude at the end of the leg, degrees, running on from its start.';
+COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees.';
+COMMENT ON COLUMN piece.bearing_deg IS 'Tracks: heading of the haven, degrees clockwise from north.';
+
+COMMENT ON TABLE run IS 'Detections that were done, with settings, pairs left after each stage, and seconds each stage took.';
+COMMENT ON COLUMN run.run_id IS 'Number of the run.';
+COMMENT ON COLUMN run.scene_id IS 'Scene.';
+COMMENT ON COLUMN run.started_at IS 'When it began.';
+COMMENT ON COLUMN run.finished_at IS 'When it had written its results, or failed.';
+COMMENT ON COLUMN run.method IS 'Method (see scene.method).';
+COMMENT ON COLUMN run.settings IS 'All settings it worked with, and effort it spent.';
+COMMENT ON COLUMN run.objects IS 'Areas and tracks of the scene.';
+COMMENT ON COLUMN run.candidate_pairs IS 'Pairs of pieces after stage 1.';
+COMMENT ON COLUMN run.intersecting_pairs IS 'Pairs of pieces after stage 2.';
+COMMENT ON COLUMN run.window_pairs IS 'Pairs of pieces after stage 3.';
+COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 worked on.';
+COMMENT ON COLUMN run.conflicts IS 'Conflicts of the scene after the run; null if it failed.';
+COMMENT ON COLUMN run.unresolved IS 'Of these, how many are unresolved.';
+COMMENT ON COLUMN run.opened IS 'Conflicts that were not there before.';
+COMMENT ON COLUMN run.changed IS 'Conflicts with other periods or another verdict than before.';
+COMMENT ON COLUMN run.closed IS 'Conflicts that are no more.';
+COMMENT ON COLUMN run.pieces_s IS 'Seconds spent on pieces.';
+COMMENT ON COLUMN run.stage1_s IS 'Seconds spent in stage 1, broad phase.';
+COMMENT ON COLUMN run.stage2_s IS 'Seconds spent in stage 2, intersection.';
+COMMENT ON COLUMN run.stage3_s IS 'Seconds spent in stage 3, projection.';
+COMMENT ON COLUMN run.stage4_s IS 'Seconds spent in stage 4, solver.';
+COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results.';
+COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';
+
+COMMENT ON TABLE conflict IS 'Pairs that interfere, as the last detection found them. Derived; query the view conflicts.';
+COMMENT ON COLUMN conflict.conflict_id IS 'Number.';
+COMMENT ON COLUMN conflict.scene_id IS 'Scene of both objects.';
+COMMENT ON COLUMN conflict.run_id IS 'Run that last computed the pair.';
+COMMENT ON COLUMN conflict.a_kind IS 'First object: 0 area, 1 track. The area comes first, else the smaller key.';
+COMMENT ON COLUMN conflict.a_id IS 'First object: area_id or track_id; it may have been removed since.';
+COMMENT ON COLUMN conflict.a_version IS 'First object: version that was detected.';
+COMMENT ON COLUMN conflict.a_key IS 'First object: key.';
+COMMENT ON COLUMN conflict.b_kind IS 'Second object: 0 area, 1 track.';
+COMMENT ON COLUMN conflict.b_id IS 'Second object: area_id or track_id; it may have been removed since.';
+COMMENT ON COLUMN conflict.b_version IS 'Second object: version that was detected.';
+COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
+COMMENT ON COLUMN conflict.periods IS 'When they interfere, bounds inclusive.';
+COMMENT ON COLUMN conflict.verdict IS
+'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled. '
+'Each detection of the pair decides anew.';
+COMMENT ON COLUMN conflict.region IS 'Two areas: their intersection, longitude and latitude. Null: computed by the view.';
+COMMENT ON COLUMN conflict.first_contact_point IS 'Where they first touch, longitude and latitude; null if not computed.';
+COMMENT ON COLUMN conflict.method IS 'Method that found it.';
+COMMENT ON COLUMN conflict.time_error_s IS 'Bound on the error of every end of every period, seconds.';
+COMMENT ON COLUMN conflict.found_at IS 'When the pair was first found to interfere.';

@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d7cc79acf2fd1019c1ba91f5dc8507da0fc83fc25e87cafbebe33e9912338723"
+routines_sha256 = "2562f130eac70bae6c54c823c48be41af878ecfc506db37de287da904d6f27fd"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (
