@@ -45,11 +45,15 @@ def demo(args: argparse.Namespace) -> int:
 
 def funnel_table(run: Run) -> str:
     """Return how many pairs of pieces each stage left, and the time it took."""
+    met = f"they do: {run.conflicts} pairs of objects, with exact times"
     rows = [
-        ["1 broad phase", "boxes meet in space, time and height", run.candidate_pairs, run.stage1_s],
-        ["2 intersection", "swept hulls meet", run.intersecting_pairs, run.stage2_s],
-        ["3 projection", "there is a time when they could meet", run.window_pairs, run.stage3_s],
-        ["4 solver", f"they do: {run.conflicts} pairs of objects, with exact times", run.met_pairs, run.stage4_s],
+        ["1 broad phase", "boxes meet in space, time and height", run.candidate_pairs, _ms(run.stage1_s)],
+        ["2 intersection", "swept hulls meet", run.intersecting_pairs, _ms(run.stage2_s)],
+        ["3 projection", "there is a time when they could meet", run.window_pairs, _ms(run.stage3_s)],
+        ["4 solver", met, run.met_pairs, _ms(run.stage4_s)],
     ]
-    cells = [[*row[:3], f"{1e3 * seconds:.0f} ms"] for row in rows for seconds in [row[3]]]
-    return table(["STAGE", "KEEPS PAIRS OF PIECES WHERE", "PAIRS", "TIME"], cells, right=["PAIRS", "TIME"])
+    return table(["STAGE", "KEEPS PAIRS OF PIECES WHERE", "PAIRS", "TIME"], rows, right=["PAIRS", "TIME"])
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms"

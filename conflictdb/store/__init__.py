@@ -28,9 +28,10 @@ from conflictdb.store.objects import (
     set_scene,
 )
 from conflictdb.store.reading import Conflict, RunStatus, conflicts, runs
-from conflictdb.store.service import Service, listen, service, wait_for_change, worker_dsn
+from conflictdb.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
 
 __all__ = [
+    "WORKER_NAME",
     "Conflict",
     "LoadCounts",
     "RunOutcome",

@@ -1,0 +1,194 @@
+"""`detect`, `conflicts` and `demo`, on a real database."""
+
+import csv
+import json
+import re
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from commands import STRAIT, Run, runner
+
+EXPECTED = {
+    ("CABLE", "SUB-1"),
+    ("DIVING", "FERRY"),
+    ("DIVING", "FIRING"),
+    ("DIVING", "SUB-2"),
+    ("FERRY", "TOW"),
+    ("FIRING", "FERRY"),
+    ("FIRING", "SURVEY"),
+}
+COLUMNS = [
+    *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
+    *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
+]
+INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+def pairs(text: str) -> set[tuple[str, str]]:
+    return {(row["a_key"], row["b_key"]) for row in json.loads(text)}
+
+
+def test_detect_file_prints_one_json_array_with_the_columns_of_the_view(run: Run) -> None:
+    done = run("detect", STRAIT, "--format", "json")
+    assert (done.code, done.err) == (0, "")
+    rows = json.loads(done.out)
+    assert pairs(done.out) == EXPECTED
+    for row in rows:
+        assert list(row) == COLUMNS
+        assert row["is_current"] is True
+        assert row["region"]["type"] in ("Polygon", "MultiPolygon")
+        assert all(INSTANT.fullmatch(end) for period in row["periods"] for end in period)
+        assert (row["first_contact"], row["last_contact"]) == (row["periods"][0][0], row["periods"][-1][1])
+    survey = next(row for row in rows if row["b_key"] == "SURVEY")
+    assert len(survey["periods"]) == 3
+    assert survey["first_contact_point"]["type"] == "Point"
+
+
+def test_detection_again_and_by_scene_gives_the_same(run: Run) -> None:
+    first = json.loads(run("detect", STRAIT, "--format", "json", "--no-region").out)
+    again = json.loads(run("detect", "--scene", "strait", "--format", "json", "--no-region").out)
+    known = json.loads(run("conflicts", "--scene", "strait", "--format", "json", "--no-region").out)
+    full = json.loads(
+        run("detect", "--scene", "strait", "--full", "--jobs", "1", "--format", "json", "--no-region").out
+    )
+    assert first == again == known
+    assert [row["run_id"] for row in full] != [row["run_id"] for row in first]
+    for row in (*first, *full):
+        del row["run_id"]
+    assert first == full
+    assert all(row["region"] is None for row in first)
+
+
+def test_table_csv_and_geojson_show_the_same_pairs(run: Run) -> None:
+    table = run("detect", STRAIT).out.splitlines()
+    assert table[0].split() == ["A", "B", "VERDICT", "FIRST", "CONTACT", "(UTC)", "LAST", "CONTACT", "(UTC)", "PERIODS"]
+    assert {tuple(line.split()[:2]) for line in table[1:]} == EXPECTED
+    assert "FIRING  SURVEY  conflict  2026-06-01 11:09:00  2026-06-01 11:50:27        3" in table
+
+    rows = list(csv.DictReader(StringIO(run("conflicts", "--scene", "strait", "--format", "csv").out)))
+    assert list(rows[0]) == COLUMNS
+    assert {(row["a_key"], row["b_key"]) for row in rows} == EXPECTED
+    assert all(INSTANT.fullmatch(end) for row in rows for part in row["periods"].split() for end in part.split("/"))
+
+    features = json.loads(run("conflicts", "--scene", "strait", "--format", "geojson").out)["features"]
+    assert {(f["properties"]["a_key"], f["properties"]["b_key"]) for f in features} == EXPECTED
+    assert {f["geometry"]["type"] for f in features} <= {"Polygon", "MultiPolygon"}
+    points = json.loads(run("conflicts", "--scene", "strait", "--format", "geojson", "--no-region").out)["features"]
+    assert {None if f["geometry"] is None else f["geometry"]["type"] for f in points} <= {"Point", None}
+
+
+def test_conflicts_at_an_instant(run: Run) -> None:
+    run("detect", STRAIT)
+    at = ("conflicts", "--scene", "strait", "--format", "json", "--at")
+    assert pairs(run(*at, "2026-06-01T11:47:00+00:00").out) == {("DIVING", "FIRING"), ("FIRING", "SURVEY")}
+    assert pairs(run(*at, "2026-06-01T13:37:00+02:00").out) == {("CABLE", "SUB-1"), ("DIVING", "FIRING")}
+    assert run(*at, "2027-01-01T00:00:00Z").out == "[]\n"
+    assert run(*at, "2026-06-01T11:47:00").code == 2
+
+
+def test_settings_given_once_stay_and_recompute(run: Run) -> None:
+    run("detect", STRAIT)
+    wide = run("detect", "--scene", "strait", "--separation-m", "400", "--tolerance-m", "5", "--format", "json")
+    assert ("CONVOY-1", "CONVOY-2") in pairs(wide.out)
+    assert pairs(run("detect", "--scene", "strait", "--format", "json").out) == pairs(wide.out)
+    screened = run("detect", "--scene", "strait", "--method", "screen", "--format", "json")
+    assert pairs(screened.out) >= pairs(wide.out)
+    assert {row["verdict"] for row in json.loads(screened.out) if row["b_kind"] == "track"} == {"unresolved"}
+
+
+def test_unbounded_periods_are_null_in_json_and_dots_elsewhere(run: Run, tmp_path: Path) -> None:
+    square = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]]}
+    features = [{"type": "Feature", "id": key, "geometry": square, "properties": None} for key in "ab"]
+    path = tmp_path / "always.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (row,) = json.loads(run("detect", path, "--format", "json").out)
+    assert (row["scene"], row["periods"], row["first_contact"]) == ("always", [[None, None]], None)
+    assert "../.." in run("conflicts", "--scene", "always", "--format", "csv").out
+    assert run("conflicts", "--scene", "always").out.splitlines()[1].split() == ["a", "b", "conflict", "..", "..", "1"]
+
+
+def test_fail_on_conflict(run: Run, tmp_path: Path) -> None:
+    assert run("detect", STRAIT, "--fail-on-conflict").code == 10
+    path = tmp_path / "empty.geojson"
+    path.write_text('{"type": "FeatureCollection", "features": []}')
+    quiet = run("detect", path, "--fail-on-conflict")
+    assert (quiet.code, quiet.out) == (0, "no conflicts\n")
+
+
+def test_files_of_one_scene_are_detected_together(run: Run, tmp_path: Path) -> None:
+    document = json.loads(STRAIT.read_text())
+    for name, kinds in (("areas.geojson", "area"), ("tracks.geojson", "track")):
+        chosen = [f for f in document["features"] if f["properties"]["kind"] == kinds]
+        (tmp_path / name).write_text(json.dumps({"type": "FeatureCollection", "features": chosen}))
+    both = run("detect", tmp_path / "areas.geojson", tmp_path / "tracks.geojson", "--scene", "s", "--format", "json")
+    assert pairs(both.out) == EXPECTED
+    apart = run("detect", tmp_path / "areas.geojson", tmp_path / "tracks.geojson", "--format", "json")
+    assert {row["scene"] for row in json.loads(apart.out)} == {"areas", "tracks"}
+    assert pairs(apart.out) == {("DIVING", "FIRING"), ("FERRY", "TOW")}
+
+
+def test_an_outdated_conflict_says_so(run: Run, tmp_path: Path) -> None:
+    run("detect", STRAIT)
+    document = json.loads(STRAIT.read_text())
+    ferry = next(f for f in document["features"] if f["id"] == "FERRY")
+    ferry["properties"]["start"] = "2026-06-01T20:15:00Z"
+    (tmp_path / "later.geojson").write_text(json.dumps(document))
+    run("load", tmp_path / "later.geojson")
+    known = {(row["a_key"], row["b_key"]): row["is_current"] for row in json.loads(
+        run("conflicts", "--scene", "strait", "--format", "json").out
+    )}  # fmt: skip
+    assert {pair for pair, is_current in known.items() if not is_current} == {p for p in EXPECTED if "FERRY" in p}
+    assert "conflict (outdated)" in run("conflicts", "--scene", "strait").out
+    assert pairs(run("detect", "--scene", "strait", "--format", "json").out) == {
+        p for p in EXPECTED if "FERRY" not in p
+    }
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("detect",),
+        ("detect", "--merge", "--scene", "s"),
+        ("detect", "--max-speed-kn", "5", "--scene", "s"),
+        ("detect", "--scene", "s", "--tolerance-m", "-1"),
+        ("detect", "--scene", "s", "--tolerance-m", "nan"),
+        ("detect", "--scene", "s", "--jobs", "0"),
+        ("detect", "--scene", "s", "--method", "guess"),
+        ("conflicts",),
+        ("conflicts", "--scene", "s", "--format", "xml"),
+        ("nonsense",),
+        (),
+    ],
+)
+def test_usage_errors(run: Run, words: tuple[str, ...]) -> None:
+    done = run(*words)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.count("\n") == 1
+    assert "--help" in done.err
+
+
+def test_an_unknown_scene_is_refused_and_the_known_ones_named(run: Run) -> None:
+    run("load", STRAIT)
+    for command in ("detect", "conflicts"):
+        done = run(command, "--scene", "nowhere")
+        assert (done.code, done.out) == (4, "")
+        assert "'nowhere'" in done.err
+        assert "strait" in done.err
+
+
+def test_demo_shows_funnel_conflicts_and_what_to_try(run: Run) -> None:
+    done = run("demo")
+    assert (done.code, done.err) == (0, "")
+    for stage in ("1 broad phase", "2 intersection", "3 projection", "4 solver"):
+        assert stage in done.out
+    for a_key, b_key in EXPECTED:
+        assert re.search(rf"^{a_key} +{b_key} +conflict +2026-06-01 ", done.out, re.MULTILINE)
+    assert "CONVOY-1 and CONVOY-2 passed every stage but the last" in done.out
+    assert "SUB-1 and SUB-2 cross" in done.out
+    assert done.out.partition("Try next:")[2].count("\n  conflictdb") == 3

@@ -1,0 +1,172 @@
+"""`load` and `export`: all or nothing, replace or merge, and a round trip through the database that is exact."""
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from commands import STRAIT, Run, runner
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+def document() -> dict[str, Any]:
+    loaded: dict[str, Any] = json.loads(STRAIT.read_text())
+    return loaded
+
+
+def scene_file(path: Path, content: dict[str, Any]) -> Path:
+    path.write_text(json.dumps(content))
+    return path
+
+
+def keys(dsn: str) -> set[str]:
+    with psycopg.connect(dsn) as conn:
+        rows = conn.execute("SELECT key FROM conflictdb.area UNION ALL SELECT key FROM conflictdb.track").fetchall()
+    return {row[0] for row in rows}
+
+
+def test_load_says_what_it_did(run: Run, tmp_path: Path) -> None:
+    assert run("load", STRAIT).out == "strait: 11 added, 0 updated, 0 removed, 0 unchanged\n"
+    assert run("load", STRAIT).out == "strait: 0 added, 0 updated, 0 removed, 11 unchanged\n"
+    content = document()
+    content["features"][0]["properties"]["ceiling_m"] = 2000
+    del content["features"][1]
+    path = scene_file(tmp_path / "strait.geojson", content)
+    assert run("load", path).out == "strait: 0 added, 1 updated, 1 removed, 9 unchanged\n"
+
+
+def test_merge_adds_and_updates_but_removes_nothing(run: Run, dsn: str, tmp_path: Path) -> None:
+    run("load", STRAIT)
+    content = document()
+    content["features"] = content["features"][:1]
+    content["features"][0]["id"] = "NEW"
+    path = scene_file(tmp_path / "more.geojson", content)
+    assert run("load", path, "--merge").out == "strait: 1 added, 0 updated, 0 removed, 0 unchanged\n"
+    assert len(keys(dsn)) == 12
+
+
+def test_a_file_without_settings_leaves_those_of_the_scene(run: Run, tmp_path: Path) -> None:
+    content = document()
+    content["scene"]["tolerance_m"] = 25.0
+    run("load", scene_file(tmp_path / "one.geojson", content))
+    del content["scene"]
+    run("load", scene_file(tmp_path / "two.geojson", content), "--scene", "strait")
+    assert json.loads(run("export", "--scene", "strait", "-").out)["scene"]["tolerance_m"] == 25.0
+
+
+def test_nothing_is_half_loaded(run: Run, dsn: str, tmp_path: Path) -> None:
+    run("load", STRAIT)
+    content = document()
+    content["features"][0]["id"] = "CHANGED"
+    content["features"][-1]["properties"]["speed_kn"] = -12
+    bad = scene_file(tmp_path / "bad.geojson", content)
+    good = scene_file(tmp_path / "good.geojson", {**document(), "scene": {"name": "other"}})
+    for words in (("load", bad), ("load", good, bad), ("detect", bad), ("load", bad, "--merge")):
+        done = run(*words)
+        assert (done.code, done.out) == (4, "")
+        rule = "must be greater than 0; got -12 (to stay in place, give times)"
+        assert done.err == f"conflictdb: {bad}: track 'CONVOY-2': speed_kn: {rule}\n"
+    assert "CHANGED" not in keys(dsn)
+    assert "other" not in run("status").out
+
+
+def test_what_the_plane_cannot_hold_is_refused_with_the_file(run: Run, tmp_path: Path) -> None:
+    content = document()
+    content["features"][0]["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]
+    path = scene_file(tmp_path / "polar.geojson", content)
+    done = run("load", path)
+    assert done.code == 4
+    assert done.err.startswith(f"conflictdb: {path}: area 'FIRING': geometry: latitude beyond 89 degrees")
+
+
+def test_positions_report_what_they_leave_out(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "ais.csv"
+    path.write_text(
+        "datetime,mmsi,lon,lat,length,width\n"
+        "2026-03-01 00:00:00,1,4,57,90,12\n2026-03-01 00:10:00,1,4.01,57,90,12\n2026-03-01 00:10:00,1,4.01,57,90,12\n"
+        "2026-03-01 00:00:00,2,4,57,,\n2026-03-01 00:00:00,3,4,57,90,12\n"
+    )
+    done = run("load", path)
+    assert (done.code, done.out) == (0, "ais: 1 added, 0 updated, 0 removed, 0 unchanged\n")
+    assert done.err.splitlines() == [
+        f"conflictdb: {path}: left out 1 row, the same fix as an earlier row: 1 (1)",
+        f"conflictdb: {path}: left out 1 row, no length_m and width_m: 2 (all)",
+        f"conflictdb: {path}: left out 1 row, a single fix: no movement to follow: 3 (all)",
+    ]
+
+
+@pytest.mark.parametrize("name", ["out.geojson", "out.geojson.gz"])
+def test_export_loads_as_exactly_the_same_objects(run: Run, tmp_path: Path, name: str) -> None:
+    run("load", STRAIT)
+    path = tmp_path / name
+    assert run("export", "--scene", "strait", path).code == 0
+    text = gzip.decompress(path.read_bytes()).decode() if name.endswith(".gz") else path.read_text()
+    assert run("export", "--scene", "strait", "-").out == text
+    assert run("load", path).out == "strait: 0 added, 0 updated, 0 removed, 11 unchanged\n"
+    assert run("load", path, "--scene", "copy").out == "copy: 11 added, 0 updated, 0 removed, 0 unchanged\n"
+    copied = json.loads(run("export", "--scene", "copy", "-").out)
+    assert copied["features"] == json.loads(text)["features"]
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
+
+
+def test_export_keeps_what_is_awkward(run: Run, tmp_path: Path) -> None:
+    """Point and line havens, holes, the seam, odd names, unknown properties, and the last digits of everything."""
+    times = ["1900-01-01T00:00:00.000001Z", "2200-12-31T23:59:59.999999Z"]
+    hole = [
+        [[179.5, -1], [180.5, -1], [180.5, 1.1], [179.5, 1], [179.5, -1]],
+        [[180, 0], [180, 0.3], [180.1, 0.1], [180, 0]],
+    ]
+    sides = dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"), 0)
+    features = [
+        (
+            "π ' \" \\ \n",
+            {"type": "Polygon", "coordinates": hole},
+            {"name": "", "note": {"a": [1, 2.5, None, True, "x"]}},
+        ),
+        (
+            "point",
+            {"type": "LineString", "coordinates": [[179.9, 0.1], [-179.9, 0.30000000000000004]]},
+            {**sides, "times": times},
+        ),
+        (
+            "line",
+            {"type": "LineString", "coordinates": [[1, 2], [1, 2]]},
+            {"outline_m": [[1, 1.1], [0, -1e-9]], "times": times},
+        ),
+        (
+            "any",
+            {"type": "LineString", "coordinates": [[1, 2], [3, 4]]},
+            {"outline_m": [[5, 6], [7, 6], [6, 9.1]], "times": times},
+        ),
+    ]
+    content = {
+        "type": "FeatureCollection",
+        "scene": {"name": "odd ☂", "tolerance_m": 0.1, "earth": "sphere"},
+        "features": [{"type": "Feature", "id": i, "geometry": g, "properties": p} for i, g, p in features],
+    }
+    assert run("load", scene_file(tmp_path / "odd.geojson", content)).code == 0
+    out = tmp_path / "out.geojson"
+    run("export", "--scene", "odd ☂", out)
+    back = json.loads(out.read_text())
+    for feature, (key, geometry, properties) in zip(back["features"], features, strict=True):
+        assert feature["id"] == key
+        assert feature["geometry"] == geometry
+        assert {name: feature["properties"][name] for name in properties} == properties
+    assert run("load", out).out == "odd ☂: 0 added, 0 updated, 0 removed, 4 unchanged\n"
+
+
+def test_export_that_fails_leaves_the_older_file(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "out.geojson"
+    path.write_text("older")
+    assert run("export", "--scene", "nowhere", path).code == 4
+    assert path.read_text() == "older"
+    run("load", STRAIT)
+    done = run("export", "--scene", "strait", tmp_path / "no" / "such" / "folder.geojson")
+    assert done.code == 1
+    assert "folder" in done.err

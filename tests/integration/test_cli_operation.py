@@ -1,0 +1,143 @@
+"""`status`, `init`, `upgrade`, `server`, exit codes and how errors look."""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import psycopg
+import pytest
+from commands import STRAIT, Run, runner
+
+from conflictdb.cli import main
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
+    done = run("status")
+    assert done.code == 0
+    assert "PostGIS" in done.out
+    assert "no scenes" in done.out
+    assert json.loads(run("status", "--format", "json").out)["scenes"] == []
+
+
+def test_status_shows_objects_pending_changes_and_last_run(run: Run) -> None:
+    run("load", STRAIT)
+    (scene,) = json.loads(run("status", "--format", "json").out)["scenes"]
+    assert (scene["areas"], scene["tracks"], scene["pending"], scene["run_id"]) == (4, 7, 11, None)
+    assert "never detected" in run("status").out
+    run("detect", "--scene", "strait")
+    (scene,) = json.loads(run("status", "--format", "json").out)["scenes"]
+    assert (scene["pending"], scene["conflicts"], scene["error"]) == (0, 7, None)
+    assert scene["finished_at"].endswith("Z")
+    assert run("status").out.splitlines()[-1].split()[-1] == "done"
+
+
+def test_a_database_without_schema_is_exit_3_until_init(empty_dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run = runner(empty_dsn, capsys)
+    for words in (("status",), ("load", STRAIT), ("conflicts", "--scene", "s"), ("worker", "--once"), ("demo",)):
+        done = run(*words)
+        assert (done.code, done.out) == (3, "")
+        assert "run `conflictdb init`" in done.err
+    assert run("init").code == 0
+    assert run("init").code == 0
+    assert run("upgrade").out.endswith(" is at revision 0001\n")
+    assert run("detect", STRAIT).code == 0
+
+
+@pytest.mark.parametrize(("revision", "word"), [("9999", "newer conflictdb"), ("0000", "newer conflictdb")])
+def test_a_schema_of_another_version_is_exit_3(run: Run, dsn: str, revision: str, word: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", (revision,))
+    for command in (("status",), ("upgrade",)):
+        done = run(*command)
+        assert done.code == 3
+        assert word in done.err
+
+
+def test_a_database_that_is_not_there_is_exit_5(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for target in (f"{dsn} dbname=nowhere", "host=127.0.0.1 port=1 connect_timeout=2", "not a dsn"):
+        done = runner(target, capsys)("status")
+        assert (done.code, done.out) == (5, "")
+        assert done.err.startswith("conflictdb: cannot connect")
+
+
+def test_dsn_comes_from_the_environment_and_the_option_goes_first(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CONFLICTDB_DSN", dsn)
+    assert main(["status"]) == 0
+    assert dsn.partition("dbname=")[2].split()[0] in capsys.readouterr().out
+    assert main(["--dsn", "host=/nowhere", "status"]) == 5
+
+
+def test_a_traceback_only_with_debug(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    missing = tmp_path / "missing.geojson"
+    plain = run("load", missing)
+    assert (plain.code, plain.err) == (4, f"conflictdb: {missing}: file: does not exist\n")
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    assert "Traceback" in run("--debug", "load", missing).err
+
+
+def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr("conflictdb.database.Database.status", broken)
+    done = run("status")
+    assert (done.code, done.err.count("\n")) == (1, 1)
+    assert "ZeroDivisionError" in done.err
+    assert "--debug" in done.err
+
+
+def test_output_into_a_closed_pipe_is_no_traceback(dsn: str) -> None:
+    command = f'"{sys.executable}" -m conflictdb --dsn "$DSN" demo | true'
+    done = subprocess.run(
+        ["sh", "-c", command], env={**os.environ, "DSN": dsn}, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stderr == ""
+
+
+def test_the_module_runs_as_a_program(dsn: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "conflicts", "--scene", "s"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (4, "")
+
+
+def test_server_starts_stays_and_stops(
+    server_dsn: str, tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a home of its own, which a server for tests must be able to enter."""
+    home = Path(f"/tmp/conflictdb-test-{os.getpid()}-server")  # noqa: S108
+    program = [sys.executable, "-m", "conflictdb", "server"]
+    environ = {**os.environ, "CONFLICTDB_HOME": str(home)}
+
+    def server(action: str) -> str:
+        done = subprocess.run([*program, action], env=environ, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    try:
+        assert server("status").startswith("stopped")
+        assert "stays until" in server("start")
+        dsn = server("dsn").strip()
+        with psycopg.connect(dsn) as conn:
+            assert conn.execute("SELECT current_database()").fetchone() == ("conflictdb",)
+        assert server("status").startswith("running")
+        assert server("stop").startswith("stopped")
+        with pytest.raises(psycopg.OperationalError):
+            psycopg.connect(dsn)
+    finally:
+        subprocess.run([*program, "stop"], env=environ, capture_output=True, timeout=120, check=False)
+        subprocess.run(["rm", "-rf", str(home)], check=True)

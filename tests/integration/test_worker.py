@@ -1,0 +1,185 @@
+"""A worker keeps scenes current, survives a scene that fails and a lost connection, and stops when told."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from commands import STRAIT, runner
+
+from conflictdb import connect, detect, store
+from conflictdb.errors import StoreError
+from conflictdb.worker import Worker
+
+WAIT_S = 30.0
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.05)
+
+
+def load(dsn: str, scene: str) -> None:
+    with connect(dsn) as db:
+        db.load(STRAIT, scene)
+
+
+def pending(dsn: str) -> dict[str, int]:
+    with connect(dsn) as db:
+        return {status.scene.name: status.pending for status in db.scenes()}
+
+
+@contextmanager
+def program(dsn: str, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield worker
+    finally:
+        worker.kill()
+        worker.communicate()
+
+
+def test_once_detects_what_is_pending_and_nothing_else(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run = runner(dsn, capsys)
+    assert (run("worker", "--once").code, run("worker", "--once").out) == (0, "")
+    load(dsn, "one")
+    load(dsn, "two")
+    lines = run("worker", "--once", "--jobs", "1").out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["one", "two"]
+    assert all(": 7 conflicts, 7 new " in line for line in lines)
+    assert run("worker", "--once").out == ""
+    assert pending(dsn) == {"one": 0, "two": 0}
+
+
+def test_once_and_every_exclude_each_other(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert runner(dsn, capsys)("worker", "--once", "--every", "5s").code == 2
+
+
+def test_one_scene_that_fails_does_not_stop_the_others(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load(dsn, "bad")
+    load(dsn, "good")
+    whole = detect.detect
+
+    def sometimes(conn: Any, scene: str, **options: Any) -> detect.Run:
+        if scene == "bad":
+            conn.execute("SELECT 1")
+            raise ValueError("no luck")
+        return whole(conn, scene, **options)
+
+    monkeypatch.setattr("conflictdb.detect.detect", sometimes)
+    done = runner(dsn, capsys)("worker", "--once")
+    assert (done.code, done.err) == (1, "conflictdb: bad: failed: no luck\n")
+    assert done.out.startswith("good: 7 conflicts")
+    assert pending(dsn) == {"bad": 11, "good": 0}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_change_wakes_the_worker_and_a_signal_ends_it(dsn: str, number: signal.Signals) -> None:
+    with program(dsn, "--every", "1h") as worker:
+        with connect(dsn) as db:
+            until(lambda: db.status().worker_count == 1)
+            load(dsn, "strait")
+            until(lambda: pending(dsn) == {"strait": 0})
+            with db.connection.transaction():
+                db.connection.execute("UPDATE conflictdb.area SET ceiling_m = 9 WHERE key = 'DIVING'")
+            until(lambda: pending(dsn) == {"strait": 0} and len(db.conflicts("strait")) == 7)
+        worker.send_signal(number)
+        out, err = worker.communicate(timeout=WAIT_S)
+        assert (worker.returncode, err) == (0, "")
+        assert out.startswith("strait: 7 conflicts, 7 new (run ")
+
+
+def test_a_signal_during_a_detection_leaves_everything_as_it_was(dsn: str) -> None:
+    load(dsn, "strait")
+    with psycopg.connect(dsn) as blocker, program(dsn) as worker:
+        # The detection waits for this lock, as it would for a long computation.
+        blocker.execute("LOCK conflictdb.piece")
+        with connect(dsn) as db:
+            until(lambda: db.status().worker_count == 1)
+            until(lambda: is_waiting(dsn))
+        worker.send_signal(signal.SIGTERM)
+        worker.communicate(timeout=WAIT_S)
+        assert worker.returncode == 0
+    assert pending(dsn) == {"strait": 11}
+
+
+def is_waiting(dsn: str) -> bool:
+    with psycopg.connect(dsn) as conn:
+        (waiting,) = conn.execute(
+            "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND wait_event_type = 'Lock'"
+        ).fetchone() or (0,)
+    return bool(waiting)
+
+
+def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    attempts: list[int] = []
+    detected: list[str] = []
+
+    def connection() -> psycopg.Connection[Any]:
+        attempts.append(len(attempts))
+        if attempts[-1] == 1:
+            raise StoreError("still starting up")
+        return store.connect(store.worker_dsn(dsn))
+
+    def report(scene: str, outcome: object) -> None:
+        assert isinstance(outcome, detect.Run)
+        detected.append(scene)
+        if scene == "second":
+            raise KeyboardInterrupt  # as a signal would
+
+    def work() -> None:
+        with suppress(KeyboardInterrupt):
+            Worker(connection, report, every_s=600.0, jobs=1).run()
+
+    load(dsn, "first")
+    thread = threading.Thread(target=work)
+    thread.start()
+    until(lambda: detected == ["first"])
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+            "WHERE datname = current_database() AND application_name = %s",
+            (store.WORKER_NAME,),
+        )
+    load(dsn, "second")
+    thread.join(WAIT_S)
+    assert (detected, len(attempts)) == (["first", "second"], 3)
+
+
+def test_a_worker_refuses_another_schema(empty_dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert runner(empty_dsn, capsys)("worker").code == 3
+
+
+def test_several_workers_do_the_work_once(dsn: str, tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        load(dsn, name)
+    environ = {**os.environ, "CONFLICTDB_DSN": dsn}
+    workers = [
+        subprocess.Popen([sys.executable, "-m", "conflictdb", "worker", "--once", "--jobs", "1"], env=environ)
+        for _ in range(2)
+    ]
+    assert [worker.wait(WAIT_S) for worker in workers] == [0, 0]
+    with connect(dsn) as db:
+        found = {name: [(c.a_key, c.b_key, c.periods) for c in db.conflicts(name)] for name in ("a", "b", "c")}
+    assert found["a"] == found["b"] == found["c"]
+    assert len(found["a"]) == 7
+    assert json.dumps(pending(dsn)) == '{"a": 0, "b": 0, "c": 0}'

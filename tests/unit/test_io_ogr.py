@@ -1,0 +1,116 @@
+"""Areas through OGR: columns, reference systems, and clear refusals."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from conflictdb import io
+from conflictdb.errors import InvalidInput
+from conflictdb.io.instants import parse_instant
+
+pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
+
+SQUARE = shapely.box(4.0, 57.0, 5.0, 58.0)
+
+
+def write(path: Path, shapes: list[Any], crs: str | None = "EPSG:4326", kind: str = "Polygon", **columns: Any) -> Path:
+    pyogrio.raw.write(
+        path,
+        geometry=np.array([None if shape is None else shapely.to_wkb(shape) for shape in shapes], dtype=object),
+        field_data=[np.array(values) for values in columns.values()],
+        fields=np.array(list(columns), dtype=object),
+        geometry_type=kind,
+        crs=crs,
+        append=path.exists(),
+        **({"layer": "second"} if path.exists() else {}),
+    )
+    return path
+
+
+@pytest.mark.parametrize("name", ["areas.gpkg", "areas.shp", "areas.fgb"])
+def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> None:
+    path = write(
+        tmp_path / name,
+        [SQUARE],
+        ID=np.array(["A1"], dtype=object),
+        name=np.array(["Firing"], dtype=object),
+        start=np.array(["2026-03-01T06:00:00Z"], dtype=object),
+        floor_m=[-9.0],
+        colour=np.array(["red"], dtype=object),
+    )
+    (area,) = io.read(path).areas
+    assert (area.key, area.name, area.floor_m, area.ceiling_m) == ("A1", "Firing", -9.0, None)
+    assert (area.start_us, area.end_us) == (parse_instant("2026-03-01T06:00:00Z"), None)
+    assert area.properties == {"colour": "red"}
+    assert area.footprint.equals(SQUARE)
+
+
+def test_other_reference_systems_are_transformed(tmp_path: Path) -> None:
+    edge = np.radians([4.0, 5.0]) * 6378137.0
+    path = write(tmp_path / "areas.gpkg", [shapely.box(edge[0], 0.0, edge[1], 1000.0)], crs="EPSG:3857")
+    west, south, east, _ = io.read(path).areas[0].footprint.bounds
+    assert (west, south, east) == pytest.approx((4.0, 0.0, 5.0), abs=1e-9)
+
+
+def test_features_without_id_are_numbered_and_layers_named(tmp_path: Path) -> None:
+    path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE])
+    assert [area.key for area in io.read(path).areas] == ["1", "2"]
+    write(path, [SQUARE])
+    assert [area.key for area in io.read(path).areas] == ["areas.1", "areas.2", "second.1"]
+
+
+def test_numeric_ids_become_strings(tmp_path: Path) -> None:
+    path = write(tmp_path / "areas.gpkg", [SQUARE], id=[1234567890])
+    assert io.read(path).areas[0].key == "1234567890"
+
+
+@pytest.mark.parametrize(
+    ("shape", "columns", "key", "field", "rule"),
+    [
+        (shapely.Point(4, 57), {}, "feature 1 of layer 'areas'", "geometry", "got a Point"),
+        (None, {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
+        (shapely.Polygon(), {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
+        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {}, "area '1'", "geometry", "valid"),
+        (SQUARE, {"start": np.array(["2026-03-01T06:00:00"], dtype=object)}, "area '1'", "start", "offset"),
+        (SQUARE, {"floor_m": np.array(["low"], dtype=object)}, "area '1'", "floor_m", "number"),
+        (SQUARE, {"name": [7]}, "area '1'", "name", "string"),
+    ],
+)
+def test_what_is_no_area_is_refused(
+    tmp_path: Path, shape: Any, columns: dict[str, Any], key: str, field: str, rule: str
+) -> None:
+    path = write(tmp_path / "areas.gpkg", [shape], kind="Unknown", **columns)
+    with pytest.raises(InvalidInput, match=rule) as caught:
+        io.read(path)
+    assert (caught.value.source, caught.value.key, caught.value.field) == (str(path), key, field)
+
+
+def test_duplicate_ids_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE], id=np.array(["a", "a"], dtype=object))
+    with pytest.raises(InvalidInput, match="feature 1 of layer 'areas' and feature 2"):
+        io.read(path)
+
+
+def test_an_unknown_reference_system_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "areas.shp", [SQUARE])
+    path.with_suffix(".prj").unlink()
+    with pytest.raises(InvalidInput, match=r"reference system: is unknown"):
+        io.read(path)
+
+
+def test_a_file_that_ogr_does_not_know_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "areas.xyz").write_text("hello")
+    with pytest.raises(InvalidInput, match="cannot be read by OGR"):
+        io.read(tmp_path / "areas.xyz")
+
+
+@pytest.mark.parametrize("missing", ["pyogrio", "pyproj"])
+def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    path = write(tmp_path / "areas.gpkg", [SQUARE], crs="EPSG:3857")
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(InvalidInput, match=r"pip install 'conflictdb\[ogr\]'"):
+        io.read(path)
