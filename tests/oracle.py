@@ -15,7 +15,7 @@ Motion (all that is assumed):
 Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -379,7 +379,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
         zero_us = epoch_us if still else int(low)
         offset_s = (zero_us - epoch_us) / 1e6
         duration_s = 0.0 if still else (int(high) - int(low)) / 1e6
-        for other in _copies(p, q):
+        for other in _copies(p, q, care_m + 60.0 * scene.separation_m):
             gap = Gap(p, other, zero_us, scene.separation_m)
             intervals, value, at = contacts(gap, duration_s, care_m)
             if still and intervals:
@@ -395,7 +395,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
 
 
 def meetings(
-    scene: Scene, areas: list[Area], tracks: list[Track], care_m: float = 1000.0
+    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], care_m: float = 1000.0
 ) -> dict[tuple[str, str], Meeting]:
     """Every pair of a scene by keys, the area (else the smaller key) first."""
     pairs: Iterator[tuple[Area | Track, Area | Track]] = combinations(
@@ -418,8 +418,8 @@ def haven_at(scene: Scene, track: Track, instant_us: int, leg: int) -> Floats:
     return np.degrees(np.stack([lon[0], lat[0]], axis=-1))
 
 
-def _copies(p: Phase, q: Phase) -> Iterator[Phase]:
-    """The second phase as it is and whole turns aside, as far as it could meet the first."""
+def _copies(p: Phase, q: Phase, margin_m: float) -> Iterator[Phase]:
+    """The second phase as it is and whole turns aside, as far as it could come within a margin of the first."""
     round_m = 2 * np.pi * p.globe.a
     boxes = []
     for phase in (p, q):
@@ -433,7 +433,7 @@ def _copies(p: Phase, q: Phase) -> Iterator[Phase]:
             boxes.append((x.min() - reach, x.max() + reach))
     for turn in range(-3, 4):
         shift = turn * round_m
-        if boxes[1][0] + shift <= boxes[0][1] and boxes[0][0] <= boxes[1][1] + shift:
+        if boxes[1][0] + shift - margin_m <= boxes[0][1] and boxes[0][0] <= boxes[1][1] + shift + margin_m:
             footprint = q.footprint
             if footprint is not None and turn:
                 footprint = shapely.transform(footprint, _shifted(shift))

@@ -1,0 +1,108 @@
+"""No stage may miss: random scenes of every workload, taken through the database, held to the oracle."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import oracle
+import psycopg
+import pytest
+from verdicts import Pair, Period, Reported, compared, microseconds, solved, stored
+from workloads import WORKLOADS, throw
+
+from conflictdb import store
+from conflictdb.detect import detect
+from conflictdb.model import Area, EarthModel, Method, Scene, Track
+
+OBJECTS = 8  # areas, and as many tracks, per scene
+NLP_WORST_S = 10.0
+QUICK = [(workload.name, k, list(EarthModel)[k % 2]) for k, workload in enumerate(WORKLOADS)]
+SLOW = [(workload.name, seed, earth) for workload in WORKLOADS for seed in range(100, 106) for earth in EarthModel]
+CASES = [pytest.param(*case, id="-".join(map(str, case))) for case in QUICK]
+CASES += [pytest.param(*case, id="-".join(map(str, case)), marks=pytest.mark.slow) for case in SLOW]
+
+cases = pytest.mark.parametrize(("workload", "seed", "earth"), CASES)
+
+
+@cache
+def thrown(workload: str, seed: int, earth: EarthModel) -> tuple[Scene, list[Area], list[Track]]:
+    return throw(next(w for w in WORKLOADS if w.name == workload), seed, OBJECTS, OBJECTS, earth)
+
+
+@cache
+def truth(workload: str, seed: int, earth: EarthModel) -> dict[Pair, oracle.Meeting]:
+    return oracle.meetings(*thrown(workload, seed, earth), care_m=20.0)
+
+
+def detected(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported]:
+    """Detect a scene that is loaded, and return what the view says, by pair."""
+    detect(conn, scene.name, jobs=1)
+    rows = store.conflicts(conn, scene.name)
+    assert all(row.is_current for row in rows)
+    return stored(rows)
+
+
+def assert_covered(meetings: dict[Pair, oracle.Meeting], periods: dict[Pair, Iterable[Period]]) -> None:
+    """Every contact lies within the periods, unbounded ones included, without any allowance but the microsecond."""
+    for pair, meeting in meetings.items():
+        for start_us, end_us in meeting.intervals_us:
+            assert pair in periods, f"{pair} is missed: {meeting}"
+            assert any(
+                (low is None or low <= start_us + 1.0) and (high is None or end_us - 1.0 <= high)
+                for low, high in periods[pair]
+            ), f"{pair}: {start_us, end_us} is not within {periods[pair]}"
+
+
+@cases
+def test_stages_one_and_two_never_miss(
+    conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel
+) -> None:
+    """The SQL function `candidates` holds every pair that meets, and the time when it does."""
+    scene, areas, tracks = thrown(workload, seed, earth)
+    store.replace_scene(conn, replace(scene, method=Method.SCREEN), areas, tracks, merge=False)
+    screened = detected(conn, scene)
+    rows = conn.execute(
+        "SELECT a_key, b_key, lower(span), upper(span) FROM conflictdb.candidates(%s), unnest(spans) span",
+        [scene.name],
+    ).fetchall()
+    spans: dict[Pair, list[Period]] = {}
+    for a, b, start, end in rows:
+        pair = (a, b) if (a[0] != "A", a) < (b[0] != "A", b) else (b, a)  # areas are A0, A1, ...
+        spans.setdefault(pair, []).append((microseconds(start), microseconds(end)))
+    meetings = truth(workload, seed, earth)
+    assert_covered(meetings, spans)
+    assert_covered(meetings, {pair: found.periods_us for pair, found in screened.items()})
+
+
+@cases
+def test_stage_three_never_misses(conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel) -> None:
+    """Windows hold every contact; and they are no wider than what both objects share."""
+    scene, areas, tracks = thrown(workload, seed, earth)
+    store.replace_scene(conn, replace(scene, method=Method.WINDOW), areas, tracks, merge=False)
+    assert_covered(truth(workload, seed, earth), {pair: w.periods_us for pair, w in detected(conn, scene).items()})
+
+
+@cases
+def test_stage_four_is_right(conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel) -> None:
+    """None missed, none false, times within the stated bound, and the bound within ten seconds; database or not."""
+    scene, areas, tracks = thrown(workload, seed, earth)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    reported = detected(conn, scene)
+    result = compared(scene, areas, tracks, reported, truth(workload, seed, earth))
+    assert not result.wrong
+    assert result.touching > 0, "a scene that tests nothing"
+    assert result.unresolved == 0
+    assert result.worst_bound_s <= NLP_WORST_S
+    assert reported == solved(scene, areas, tracks), "the database and the objects in memory give the same answer"
+
+
+@pytest.mark.parametrize(("tolerance_m", "separation_m"), [(0.0, 0.0), (100.0, 0.0), (1.0, 1852.0)])
+@pytest.mark.parametrize("workload", ["paper", "high latitude", "harbour"])
+def test_tolerance_and_separation(workload: str, tolerance_m: float, separation_m: float) -> None:
+    scene, areas, tracks = thrown(workload, 2, EarthModel.WGS84)
+    scene = replace(scene, tolerance_m=tolerance_m, separation_m=separation_m)
+    areas, tracks = areas[:5], tracks[:6]
+    result = compared(scene, areas, tracks, solved(scene, areas, tracks))
+    assert not result.wrong
+    assert result.unresolved == 0
