@@ -10,6 +10,8 @@ import psycopg
 import pytest
 from databases import TestServer, clean_up, run_home, test_server
 
+from conflictdb import schema
+
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()
 _NUMBERS = count(1)
@@ -77,17 +79,7 @@ def server_dsn(_server: TestServer) -> str:
 @pytest.fixture(scope="session")
 def template(_server: TestServer, server_dsn: str) -> str:
     """Return the name of a database with the schema and nothing in it; do not connect to it, clone it."""
-    try:
-        from conflictdb.schema import upgrade
-    except ModuleNotFoundError:
-
-        def upgrade(dsn: str) -> str:
-            with psycopg.connect(dsn) as conn:
-                conn.execute("CREATE EXTENSION postgis")
-                conn.execute("CREATE EXTENSION btree_gist")
-            return ""
-
-    return _server.template(upgrade)
+    return _server.template(schema.upgrade)
 
 
 @pytest.fixture

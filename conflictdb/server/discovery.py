@@ -8,6 +8,7 @@ An existing data directory wants a server of its own major version.
 import os
 import re
 import subprocess
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -198,7 +199,8 @@ def find_server(settings: Settings, account: Account, major: int | None, say: Ca
         raise ServerError(f"CONFLICTDB_PG_BIN={settings.pg_bin} will not do: {found}")
     server = search.best(((directory, None) for directory in machine_directories()), "machine")
     if server is None:
-        search.lines.append("conda and virtual environment, PATH, " + ", ".join(PLACES) + ": nothing else")
+        search.lines.append("conda and virtual environment, PATH: nothing else")
+        search.lines.append(f"{', '.join(PLACES)}: nothing else")
         server = _in_cache(settings, search)
     if server is None:
         server = _fetched(settings, search, say)
@@ -244,4 +246,10 @@ def _not_found(settings: Settings, search: _Search) -> str:
             f"The data in {settings.home} are of PostgreSQL {search.major}, and no PostgreSQL {search.major} with"
             " PostGIS was found.\nInstall that version, or start afresh: set CONFLICTDB_HOME to another directory."
         )
-    return "\n".join([found, "Looked at:", *(f"  {line}" for line in search.lines), _REMEDIES])
+    return "\n".join([found, "Looked at:", *map(_indented, search.lines), _REMEDIES])
+
+
+def _indented(line: str) -> str:
+    return textwrap.fill(
+        line, 118, initial_indent="  ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )

@@ -141,7 +141,7 @@ def fetch(cache: Path, major: int | None) -> Tree:
         found = _newest_major(apt, major)
         if found is None:
             wanted = "postgresql-*-postgis-3" if major is None else f"postgresql-{major}-postgis-3"
-            raise FetchError(f"the package archive offers no {wanted}" + (f" ({complaints})" if complaints else ""))
+            raise FetchError(f"offers no {wanted}" + (f"; apt says: {complaints}" if complaints else ""))
         names = _closure(apt, found)
         apt.unpack(names)
         tree = _finish(part, found)

@@ -80,6 +80,11 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeMachine:
     return FakeMachine(tmp_path)
 
 
+def words(error: Exception) -> str:
+    """Return the text of an error without its line breaks."""
+    return " ".join(str(error).split())
+
+
 def test_nothing_found_says_where_it_looked_and_what_helps(machine: FakeMachine) -> None:
     """The error names every place, why each server will not do, and one command for each kind of machine."""
     bare = machine.server("usr/lib/postgresql/16", "16.4", postgis=None)
@@ -88,7 +93,7 @@ def test_nothing_found_says_where_it_looked_and_what_helps(machine: FakeMachine)
     lacking = machine.server("onpath", "17.0", btree_gist=False)
     with pytest.raises(ServerError) as caught:
         machine.find()
-    text = str(caught.value)
+    text = words(caught.value)
     assert f"{bare}: PostgreSQL 16.4, but without postgis" in text
     assert f"{old}: PostgreSQL 13.9 is older than 14" in text
     assert f"{older}: PostgreSQL 15.2, but PostGIS 3.2.1 is older than 3.3" in text
@@ -120,8 +125,10 @@ def test_archive_out_of_reach_is_said(machine: FakeMachine) -> None:
         program(machine.root / "system" / name, "exit 0")
     program(machine.root / "system/dpkg", "echo amd64")
     program(machine.root / "system/apt-get", "echo 'W: Failed to fetch: no route' >&2")
-    with pytest.raises(ServerError, match=r"offers no postgresql-\*-postgis-3 \(W: Failed to fetch: no route\)"):
+    with pytest.raises(ServerError) as caught:
         machine.find(download=True)
+    said = "offers no postgresql-*-postgis-3; apt says: W: Failed to fetch: no route"
+    assert f"package archive: {said}" in words(caught.value)
     assert len(machine.said) == 1
     assert "CONFLICTDB_NO_DOWNLOAD=1 turns this off" in machine.said[0]
     with pytest.raises(ServerError, match="offers no postgresql-14-postgis-3"):
@@ -165,8 +172,8 @@ def test_existing_data_want_their_own_version(machine: FakeMachine) -> None:
         ServerError, match=r"are of PostgreSQL 16, and no PostgreSQL 16 with PostGIS was found"
     ) as caught:
         machine.find(major=16)
-    assert "17.1 with PostGIS, but the data need version 16" in str(caught.value)
-    assert "CONFLICTDB_HOME" in str(caught.value)
+    assert "17.1 with PostGIS, but the data need version 16" in words(caught.value)
+    assert "CONFLICTDB_HOME" in words(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["absent", "without postgis", "other version"])
@@ -205,8 +212,9 @@ def test_tree_with_missing_libraries_is_refused(machine: FakeMachine) -> None:
     """A tree that was unpacked for another system, so that libraries are missing, is named and not used."""
     machine.unpacked(15)
     program(machine.root / "system/ldd", "echo 'libgeos_c.so.1 => not found'")
-    with pytest.raises(ServerError, match=r"unpacked earlier, no longer runs here: libgeos_c.so.1"):
+    with pytest.raises(ServerError) as caught:
         machine.find()
+    assert "unpacked earlier, no longer runs here: libgeos_c.so.1" in words(caught.value)
 
 
 def test_half_unpacked_tree_is_not_used(machine: FakeMachine) -> None:
