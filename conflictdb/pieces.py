@@ -21,8 +21,9 @@ from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, ver
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
-# A slice is about this many haven lengths long: benchmarks/slicing.py shows the flat optimum.
-SLICE_LENGTH_HAVENS: Final = 2.0
+# A slice is about this many haven lengths long: shorter ones cost more pieces and windows than their boxes save
+# (benchmarks/slicing.py).
+SLICE_LENGTH_HAVENS: Final = 4.0
 MAX_SLICES: Final = 16
 # Hulls of polygons differ from them by this share of area at most where they count as convex: less than a
 # micrometre of depth for any area below 1,000 km across.

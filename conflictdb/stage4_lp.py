@@ -18,7 +18,7 @@ from conflictdb.separation import Encounters
 
 # A pair counts as uniform if no vertex leaves uniform motion by more than this in its window, plane metres. The answer
 # is a guess that is refined on the true motion, so this decides the cost, not the accuracy.
-UNIFORM_M: Final = 0.01
+UNIFORM_M: Final = 1.0
 
 
 def is_uniform(pairs: Encounters, start_s: Floats, end_s: Floats) -> NDArray[np.bool_]:
