@@ -7,7 +7,7 @@
 ...     for conflict in db.conflicts(scene):
 ...         print(conflict.a_key, conflict.b_key, conflict.first_contact, conflict.periods)
 
-Without a database, `solve` runs the same stages on objects in memory.
+Without a database, `read` gives the objects of a file and `solve` runs the same stages on objects in memory.
 """
 
 from importlib import import_module
@@ -27,7 +27,7 @@ from conflictdb.errors import (
 if TYPE_CHECKING:
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.detect import Run
-    from conflictdb.io import Skipped
+    from conflictdb.io import Contents, Skipped, read
     from conflictdb.memory import Interference, solve
     from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
     from conflictdb.store import Conflict
@@ -36,6 +36,7 @@ __all__ = [
     "Area",
     "Conflict",
     "ConflictDBError",
+    "Contents",
     "Database",
     "EarthModel",
     "Interference",
@@ -55,6 +56,7 @@ __all__ = [
     "Track",
     "Verdict",
     "connect",
+    "read",
     "rectangle_outline_m",
     "solve",
 ]
@@ -64,7 +66,7 @@ _HOME: Final = {
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.detect"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
-    **dict.fromkeys(("Skipped",), "conflictdb.io"),
+    **dict.fromkeys(("Contents", "Skipped", "read"), "conflictdb.io"),
     **dict.fromkeys(("Conflict",), "conflictdb.store"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Method", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),

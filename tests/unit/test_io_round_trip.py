@@ -7,100 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given
-from hypothesis import strategies as st
+from scene_strategies import INSTANT, assert_same, scenes
 
 from conflictdb import geodesy, io
 from conflictdb.io.instants import format_instant, parse_instant
 from conflictdb.io.scene_file import read_scene, scene_text
 from conflictdb.model import (
-    MAX_INSTANT_US,
     METRES_PER_NMI,
-    MIN_INSTANT_US,
     MPS_PER_KNOT,
     Area,
     EarthModel,
-    Method,
     Scene,
     Track,
-    rectangle_outline_m,
 )
-
-TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
-KEY = TEXT.filter(bool)
-INSTANT = st.integers(MIN_INSTANT_US, MAX_INSTANT_US)
-SIZE = st.floats(0.0, 1e6)
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(-1e300, 1e300) | TEXT,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
-    max_leaves=6,
-)
-TAKEN = {"kind", "name", "start", "end", "times", "datetimes", "floor_m", "ceiling_m", "outline_m"}
-PROPERTIES = st.dictionaries(TEXT.filter(lambda name: name not in TAKEN), JSON, max_size=3)
-
-
-@st.composite
-def heights(draw: st.DrawFn) -> tuple[float | None, float | None]:
-    low, high = sorted(draw(st.lists(st.floats(-1e5, 1e5), min_size=2, max_size=2, unique=True)))
-    return draw(st.sampled_from([(None, None), (low, None), (None, high), (low, high)]))
-
-
-@st.composite
-def areas(draw: st.DrawFn) -> Area:
-    west, south = draw(st.floats(-180, 170)), draw(st.floats(-89, 80))
-    boxes = [shapely.box(west, south, west + draw(st.floats(1e-6, 4)), south + draw(st.floats(1e-6, 4)))]
-    if draw(st.booleans()):
-        boxes.append(shapely.box(west + 5, south, west + 6, south + 1))
-    if draw(st.booleans()):
-        outer = shapely.box(west + 5, south + 5, west + 8, south + 8)
-        boxes.append(outer.difference(shapely.box(west + 6, south + 6, west + 7, south + 7)))
-    start, end = sorted(draw(st.lists(INSTANT, min_size=2, max_size=2, unique=True)))
-    span = draw(st.sampled_from([(None, None), (start, None), (None, end), (start, end)]))
-    return Area(
-        draw(KEY), shapely.MultiPolygon(boxes), draw(st.none() | TEXT), *span, *draw(heights()), draw(PROPERTIES)
-    )
-
-
-@st.composite
-def tracks(draw: st.DrawFn) -> Track:
-    times = sorted(draw(st.lists(INSTANT, min_size=2, max_size=5, unique=True)))
-    position = st.tuples(st.floats(-360, 360), st.floats(-90, 90))
-    positions = draw(st.lists(position, min_size=len(times), max_size=len(times)))
-    outline = draw(
-        st.builds(rectangle_outline_m, SIZE, SIZE, SIZE, SIZE)
-        | st.sampled_from([[[3.0, 4.0]], [[0.0, 1.0], [2.0, 3.0]], [[0.0, 1.0], [1.0, -1.0], [-1.5, 0.1]]]).map(
-            np.array
-        )
-    )
-    name, band, properties = draw(st.none() | TEXT), draw(heights()), draw(PROPERTIES)
-    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties)
-
-
-@st.composite
-def scenes(draw: st.DrawFn) -> tuple[Scene, list[Area], list[Track]]:
-    scene = Scene(
-        draw(TEXT.filter(str.strip)),
-        earth=draw(st.sampled_from(EarthModel)),
-        method=draw(st.sampled_from(Method)),
-        tolerance_m=draw(SIZE),
-        separation_m=draw(SIZE),
-    )
-    items = draw(st.lists(areas() | tracks(), max_size=4, unique_by=lambda item: item.key))
-    return scene, [i for i in items if isinstance(i, Area)], [i for i in items if isinstance(i, Track)]
-
-
-def assert_same(one: Area | Track, other: Area | Track) -> None:
-    assert type(one) is type(other)
-    for name in ("key", "name", "floor_m", "ceiling_m", "properties"):
-        assert getattr(one, name) == getattr(other, name), name
-    if isinstance(one, Area) and isinstance(other, Area):
-        assert (one.start_us, one.end_us) == (other.start_us, other.end_us)
-        assert shapely.equals_exact(one.footprint, other.footprint, 0.0)
-        assert np.array_equal(shapely.get_coordinates(one.footprint), shapely.get_coordinates(other.footprint))
-    elif isinstance(one, Track) and isinstance(other, Track):
-        for name in ("positions_deg", "times_us", "outline_m"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 
 @given(scenes())

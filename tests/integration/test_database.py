@@ -1,0 +1,167 @@
+"""`connect` and `Database`: every kind of target, what is left to the caller, and what is closed."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import sqlalchemy
+from commands import STRAIT
+from hypothesis import HealthCheck, given, settings
+from psycopg.rows import dict_row
+from scene_strategies import STORABLE_INSTANT, assert_same, scenes
+
+import conflictdb
+from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
+from conflictdb.io.scene_file import scene_text
+from conflictdb.store import LoadCounts
+
+
+def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        assert db.load(STRAIT) == "strait"
+        run = db.detect("strait", tolerance_m=2.0)
+        assert (run.conflicts, run.opened, run.closed, run.unresolved) == (7, 7, 0, 0)
+        conflicts = db.conflicts("strait")
+        assert {conflict.scene for conflict in conflicts} == {"strait"}
+        assert [scene.scene.tolerance_m for scene in db.scenes()] == [2.0]
+    assert db.connection.closed
+    db.close()
+
+
+def test_a_second_detection_without_changes_changes_nothing(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait")
+        before = db.conflicts("strait")
+        run = db.detect("strait")
+        assert (run.candidate_pairs, run.opened, run.changed, run.closed, run.conflicts) == (0, 0, 0, 0, 7)
+        assert db.conflicts("strait") == before
+
+
+def test_a_connection_of_the_caller_stays_open(dsn: str) -> None:
+    with psycopg.connect(dsn, row_factory=dict_row, options="-c timezone=Asia/Tokyo") as connection:
+        with conflictdb.connect(connection) as db:
+            db.load(STRAIT)
+            db.detect("strait")
+            first = db.conflicts("strait")[0].first_contact
+            assert first is not None
+            assert first.tzinfo is UTC
+        assert not connection.closed
+        assert connection.execute("SELECT count(*) AS n FROM conflictdb.conflicts").fetchone() == {"n": 7}
+
+
+def test_reading_and_loading_take_part_in_the_callers_transaction(dsn: str) -> None:
+    with psycopg.connect(dsn) as connection, conflictdb.connect(connection) as db:
+        connection.execute("SELECT 1")
+        db.load(STRAIT)
+        assert len(db.scenes()) == 1
+        with pytest.raises(StoreError, match="without an open transaction"):
+            db.detect("strait")
+        connection.rollback()
+        assert db.scenes() == []
+
+
+def test_a_connection_in_autocommit_will_do(dsn: str) -> None:
+    with psycopg.connect(dsn, autocommit=True) as connection, conflictdb.connect(connection) as db:
+        db.load(STRAIT)
+        assert db.detect("strait").conflicts == 7
+        assert connection.autocommit
+
+
+def test_an_engine_lends_a_connection(dsn: str) -> None:
+    engine = sqlalchemy.create_engine(
+        "postgresql+psycopg://", creator=lambda: psycopg.connect(dsn), pool_size=1, max_overflow=0, pool_timeout=5
+    )
+    try:
+        for _ in range(2):
+            with conflictdb.connect(engine) as db:
+                db.load(STRAIT)
+                assert db.detect("strait").conflicts == 7
+        with engine.connect() as connection:
+            assert connection.execute(sqlalchemy.text("SELECT count(*) FROM conflictdb.conflicts")).scalar() == 7
+    finally:
+        engine.dispose()
+
+
+@pytest.mark.parametrize("target", [5, sqlalchemy.create_engine("sqlite://")])
+def test_other_targets_are_refused(target: Any) -> None:
+    with pytest.raises(InvalidInput, match="psycopg"):
+        conflictdb.connect(target)
+
+
+def test_a_users_database_is_not_changed_without_being_asked(empty_dsn: str) -> None:
+    with pytest.raises(SchemaMissing):
+        conflictdb.connect(empty_dsn)
+    with psycopg.connect(empty_dsn) as connection:
+        assert connection.execute("SELECT to_regnamespace('conflictdb')").fetchone() == (None,)
+        connection.rollback()
+        with pytest.raises(SchemaMissing):
+            conflictdb.connect(connection)
+    with conflictdb.connect(empty_dsn, create=True) as db:
+        assert db.scenes() == []
+
+
+def test_a_server_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ServerError, match="cannot connect"):
+        conflictdb.connect(f"host={tmp_path}")
+
+
+def test_the_embedded_database_is_there_without_anything(dsn: str) -> None:
+    """CONFLICTDB_HOME is a directory of the tests."""
+    said: list[str] = []
+    with conflictdb.connect(say=said.append) as db:
+        db.load(STRAIT, "embedded")
+        assert db.detect("embedded").conflicts == 7
+    with conflictdb.connect() as db:
+        assert [scene.scene.name for scene in db.scenes()] == ["embedded"]
+    assert any("PostgreSQL" in line for line in said)
+
+
+def test_unknown_scenes_and_naive_instants_are_refused(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        for call in (db.conflicts, db.detect, db.scene_text):
+            with pytest.raises(InvalidInput, match="'nowhere'"):
+                call("nowhere")
+        db.load(STRAIT)
+        with pytest.raises(InvalidInput, match="offset"):
+            db.conflicts("strait", datetime(2026, 6, 1))
+        with pytest.raises(InvalidInput, match="method: must be one of"):
+            db.detect("strait", method="guess")
+        assert len(db.conflicts("strait")) == 0
+
+
+def test_solving_in_memory_gives_what_the_database_gives(dsn: str) -> None:
+    scene, areas, tracks, _ = conflictdb.read(STRAIT)
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait")
+        stored = {(c.a_key, c.b_key): (c.verdict, microseconds(c.periods)) for c in db.conflicts("strait")}
+    solved = {(i.a_key, i.b_key): (i.verdict, list(i.periods_us)) for i in conflictdb.solve(tracks, areas, scene)}
+    assert solved == stored
+
+
+def microseconds(periods: list[tuple[datetime | None, datetime | None]]) -> list[tuple[int | None, ...]]:
+    epoch = datetime(1970, 1, 1, tzinfo=UTC)
+    return [tuple(None if end is None else (end - epoch) // timedelta(microseconds=1) for end in p) for p in periods]
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+@given(scenes(STORABLE_INSTANT, 60.0))
+def test_any_scene_comes_back_from_the_database_as_it_was(
+    dsn: str, tmp_path: Path, content: tuple[Scene, list[Area], list[Track]]
+) -> None:
+    path = tmp_path / "scene.geojson"
+    path.write_text("".join(scene_text(*content)))
+    with conflictdb.connect(dsn) as db:
+        name = db.load(path)
+        assert name == content[0].name
+        db.export(name, path)
+        assert db.load_files([path])[0].counts == LoadCounts(0, 0, 0, len(content[1]) + len(content[2]))
+    scene, areas, tracks, _ = conflictdb.read(path)
+    assert scene == content[0]
+    for one, other in zip([*content[1], *content[2]], [*areas, *tracks], strict=True):
+        assert_same(one, other)

@@ -1,0 +1,64 @@
+"""How programs use the package, as the type checker sees it: never run, checked by test_typing.py."""
+
+from datetime import datetime
+from typing import assert_type
+
+import numpy as np
+import psycopg
+import shapely
+import sqlalchemy
+
+import conflictdb
+
+
+def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqlalchemy.Engine, at: datetime) -> None:
+    for target in ("postgresql:///mission", connection, engine, None):
+        with conflictdb.connect(target) as db:
+            assert_type(db, conflictdb.Database)
+    with conflictdb.connect() as db:
+        scene = db.load("exercise-7.geojson", merge=True)
+        assert_type(scene, str)
+        run = db.detect(scene, method="nlp", tolerance_m=1.0, separation_m=0.0, full=True, jobs=2)
+        assert_type(run, conflictdb.Run)
+        assert_type(run.conflicts, int)
+        for conflict in db.conflicts(scene, at, with_region=True):
+            assert_type(conflict, conflictdb.Conflict)
+            assert_type(conflict.a_key, str)
+            assert_type(conflict.first_contact, datetime | None)
+            assert_type(conflict.periods, list[tuple[datetime | None, datetime | None]])
+        assert_type(db.load_files(["a.csv", "b.gpkg"], "s"), list[conflictdb.Loaded])
+        db.export(scene, "out.geojson")
+
+
+def in_memory() -> None:
+    area = conflictdb.Area("A", shapely.MultiPolygon([shapely.box(4.0, 57.0, 5.0, 58.0)]), floor_m=-10.0)
+    track = conflictdb.Track(
+        "T",
+        np.array([[3.0, 57.5], [6.0, 57.5]]),
+        np.array([0, 3_600_000_000]),
+        conflictdb.rectangle_outline_m(fore_m=100.0, aft_m=50.0, port_m=10.0, starboard_m=10.0),
+    )
+    scene = conflictdb.Scene("s", earth=conflictdb.EarthModel.SPHERE, method=conflictdb.Method.NLP)
+    assert_type(conflictdb.solve([track], [area], scene), list[conflictdb.Interference])
+
+
+def from_files() -> list[conflictdb.Skipped]:
+    scene, areas, tracks, skipped = conflictdb.read("ais.csv.gz", max_speed_kn=60.0)
+    assert_type(scene, conflictdb.Scene | None)
+    assert_type(areas, list[conflictdb.Area])
+    assert_type(tracks, list[conflictdb.Track])
+    return skipped
+
+
+def errors(refused: conflictdb.InvalidInput) -> tuple[str, str, str, str]:
+    caught: type[ValueError] = conflictdb.InvalidInput
+    every: list[type[conflictdb.ConflictDBError]] = [
+        conflictdb.SchemaMissing,
+        conflictdb.SchemaOutdated,
+        conflictdb.SchemaTooNew,
+        conflictdb.ServerError,
+        conflictdb.StoreError,
+    ]
+    assert_type(every[0], type[conflictdb.ConflictDBError])
+    assert_type(caught, type[ValueError])
+    return refused.source, refused.key, refused.field, refused.rule
