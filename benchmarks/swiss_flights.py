@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 from data import real_input
+from report import report
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, Track, rectangle_outline_m
-from conflictdb.database import Database
 from conflictdb.io import scene_text
 
 HIGHEST_GROUND_M = 4_634.0
@@ -139,29 +139,6 @@ def distance_m(one: dict[str, float], other: dict[str, float]) -> float:
     north = (other["latitude"] - one["latitude"]) * 111_000.0
     east = (other["longitude"] - one["longitude"]) * 111_000.0 * np.cos(np.radians(one["latitude"]))
     return float(np.hypot(north, east))
-
-
-def report(db: Database, scene: str, run: conflictdb.Run) -> None:
-    """Print the funnel, the times and what the conflicts look like."""
-    print(
-        f"pairs of pieces: boxes {run.candidate_pairs:,}, hulls {run.intersecting_pairs:,}, "
-        f"windows {run.window_pairs:,}, reported {run.met_pairs:,}"
-    )
-    print(
-        f"seconds: pieces {run.pieces_s:.1f}, stage 1 {run.stage1_s:.1f}, 2 {run.stage2_s:.1f}, "
-        f"3 {run.stage3_s:.1f}, 4 {run.stage4_s:.1f}, total {run.total_s:.1f}"
-    )
-    found = db.conflicts(scene)
-    print(
-        f"conflicts: {len(found):,} pairs of objects;",
-        dict(Counter(c.verdict for c in found)),
-        dict(Counter(f"{c.a_kind}-{c.b_kind}" for c in found)),
-    )
-    errors = [c.time_error_s for c in found if c.b_kind == "track"]
-    if errors:
-        print(f"time error bound: median {np.median(errors):.1e} s, worst {max(errors):.1e} s")
-    busiest = Counter(c.a_key for c in found if (c.a_kind, c.b_kind) == ("area", "track")).most_common(5)
-    print("busiest areas:", ", ".join(f"{key} ({count})" for key, count in busiest))
 
 
 def main() -> None:

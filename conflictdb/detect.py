@@ -15,7 +15,9 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
 import psycopg
+from numpy.typing import NDArray
 
 from conflictdb import store
 from conflictdb.batches import Pieces
@@ -141,7 +143,11 @@ def _refresh_conflicts(
     intersecting = store.find_intersections(conn, scene_id, regions)
     pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
     stage2_s = lap()
-    conflicts, funnel = settle(settings, pieces, pairs, jobs=jobs, progress=progress)
+
+    def footprints(area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return store.footprints(conn, area_ids)
+
+    conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=jobs, progress=progress)
     record = replace(
         record,
         settings={**record.settings, **asdict(funnel.effort)},

@@ -47,8 +47,12 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
             raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(key)
     check_plane(scene, areas, tracks)
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
-    found, _ = settle(scene, pieces, _pairs_in_memory(pieces))
+    # Numbered by key, as in the database: the answer does not depend on the order of the objects.
+    areas = sorted(areas, key=lambda area: area.key.encode())
+    tracks = sorted(tracks, key=lambda track: track.key.encode())
+    batch = AreaBatch.of(areas)
+    pieces = Pieces.concatenate([area_pieces(scene, batch), track_pieces(scene, TrackBatch.of(tracks))])
+    found, _ = settle(scene, pieces, _pairs_in_memory(pieces), lambda numbers: batch.footprint[numbers])
     objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
     answer = []
     for k in range(len(found)):

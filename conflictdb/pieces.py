@@ -43,10 +43,10 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
         _, south, _, north = area.footprint.bounds
         if max(-south, north) > MAX_RHUMB_LATITUDE_DEG:
             raise InvalidInput(f"area {area.key!r}", "geometry", rule)
-    planar = _planar(earth, np.array([area.footprint for area in areas], dtype=object))
-    for i in np.flatnonzero(~shapely.is_valid(planar)).tolist():
-        if not _is_thread(planar[i]):
-            why = shapely.is_valid_reason(planar[i]).split("[")[0]
+    flat = planar(earth, np.array([area.footprint for area in areas], dtype=object))
+    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
+        if not _is_thread(flat[i]):
+            why = shapely.is_valid_reason(flat[i]).split("[")[0]
             raise InvalidInput(
                 f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are rhumb lines ({why})"
             )
@@ -68,10 +68,19 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
         )
 
 
+def planar(earth: Earth, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return footprints (degrees) in the scene's plane (metres)."""
+
+    def project(lonlat: Floats) -> Floats:
+        return np.stack(earth.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
+
+    return shapely.transform(footprints, project)
+
+
 def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
     earth = earth_of(scene.earth)
-    owner, rings = _convex_parts(_planar(earth, areas.footprint))
+    owner, rings = _convex_parts(planar(earth, areas.footprint))
     n = len(rings)
     offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings], dtype=np.int64)]).astype(np.int64)
     xy = np.concatenate([np.empty((0, 2)), *rings])
@@ -329,21 +338,14 @@ def _numbered(owner: NDArray[np.int64]) -> NDArray[np.int32]:
     return (np.arange(len(owner)) - np.repeat(starts, np.diff(np.append(starts, len(owner))))).astype(np.int32)
 
 
-def _planar(earth: Earth, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
-    def project(lonlat: Floats) -> Floats:
-        return np.stack(earth.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
-
-    return shapely.transform(footprints, project)
-
-
 def _is_thread(polygon: shapely.Geometry) -> bool:
     """Return whether a polygon is narrower than the plane's rounding: it may then look invalid without being so."""
     return bool(shapely.oriented_envelope(polygon).area <= ROUNDING_ALLOWANCE_M * max(polygon.length, 1.0))
 
 
-def _convex_parts(planar: NDArray[np.object_]) -> tuple[NDArray[np.int64], list[Floats]]:
+def _convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], list[Floats]]:
     """Return for each convex part the row of its polygon (sorted), and its open ring, counter-clockwise."""
-    polygons, owner = shapely.get_parts(planar, return_index=True)
+    polygons, owner = shapely.get_parts(flat, return_index=True)
     hulls = shapely.convex_hull(polygons)
     whole = shapely.get_num_interior_rings(polygons) == 0
     whole &= shapely.area(hulls) <= shapely.area(polygons) * (1.0 + CONVEX_AREA_SHARE)

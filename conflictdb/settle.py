@@ -8,16 +8,24 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
-from conflictdb.geodesy import Floats
+from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene
+from conflictdb.motion import shapes_of
+from conflictdb.pieces import planar
+from conflictdb.separation import TOUCH_M
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, Effort, contacts, meeting_points, still_pairs
 
 # Told how many pairs are settled, and of how many.
 Progress = Callable[[int, int], None]
+
+# Given numbers of areas, returns their footprints (degrees).
+Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
 
 # Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
 PAIRS_PER_JOB: Final = 2_000
@@ -41,9 +49,17 @@ class Funnel:
 
 
 def settle(
-    scene: Scene, pieces: Pieces, pairs: Pairs, *, jobs: int = 1, progress: Progress | None = None
+    scene: Scene,
+    pieces: Pieces,
+    pairs: Pairs,
+    footprints: Footprints,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> tuple[Conflicts, Funnel]:
     """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
+
+    footprints : asked for whole areas where contacts are shallow in all parts of one
 
     jobs : processes that stage 4 may use; the answer does not depend on it
     progress : told how many pairs are settled, and of how many
@@ -80,7 +96,7 @@ def settle(
             found.append(solved.of_pairs(moving[possible]))
     all_found = Contacts.concatenate(found)
     funnel.met_pairs = len(np.unique(all_found.pair))
-    conflicts = _by_object(scene, pieces, pairs, all_found)
+    conflicts = _by_object(scene, pieces, pairs, all_found, footprints)
     funnel.stage4_s = time.perf_counter() - started
     return conflicts, funnel
 
@@ -132,7 +148,7 @@ def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict:
     return Contacts(rows, np.zeros(len(rows)), width, error, verdict, np.ones(len(rows), np.bool_))
 
 
-def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> Conflicts:
+def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, footprints: Footprints) -> Conflicts:
     """Return the contacts of pieces, merged into one row per pair of objects with its periods."""
     shared_start, shared_end = shared_span(pieces, pairs)
     a, b = pairs.a[found.pair], pairs.b[found.pair]
@@ -171,6 +187,10 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> C
     has_conflict[group[verdict == CONFLICT]] = True
     has_open[group[verdict == UNRESOLVED]] = True
 
+    for one in np.flatnonzero(~has_conflict & ~has_open).tolist():
+        rows = order[group == one]
+        has_conflict[one] = _is_deep(scene, pieces, pairs, found, rows[found.touches[rows]], footprints)
+
     first = np.searchsorted(group, np.arange(n))
     points = np.full((n, 2), np.nan)
     if scene.method not in (Method.SCREEN, Method.WINDOW):
@@ -190,6 +210,42 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts) -> C
         first_contact_deg=points,
         time_error_s=time_error,
     )
+
+
+def _is_deep(
+    scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, rows: NDArray[np.int64], footprints: Footprints
+) -> bool:
+    """Return whether contacts that are shallow in every part of an area are deep in the whole of it.
+
+    An area is cut into parts that may be narrower than the tolerance, so that nothing is deep in any of them.
+    """
+    earth = earth_of(scene.earth)
+    turn_m = 2.0 * np.pi * earth.radius_m
+    for area, other in ((pairs.a, pairs.b), (pairs.b, pairs.a)):
+        mine = rows[pieces.kind[area[found.pair[rows]]] == Kind.AREA]
+        if not mine.size:
+            continue
+        whole = planar(earth, footprints(pieces.object_id[area[found.pair[mine[:1]]]]))[0]
+        if whole.is_empty:
+            continue
+        highest = max(abs(y) for y in whole.bounds[1::2]) / earth.radius_m
+        margin = max(scene.tolerance_m, TOUCH_M) * float(earth.plane_scale(np.array([highest]))[0])
+        core = shapely.buffer(whole, -margin, join_style="mitre")
+        for row in mine.tolist():
+            pair = int(found.pair[row])
+            zero = int(max(pieces.start_us[pairs.a[pair]], pieces.start_us[pairs.b[pair]]))
+            first, last = float(found.start_s[row]), float(found.end_s[row])
+            for at in (first, 0.5 * (first + last), last) if np.isfinite(last) else (0.0,):
+                haven = _polygon(earth, pieces, int(other[pair]), at, zero)
+                if any(shapely.intersects(core, translate(haven, k * turn_m)) for k in (-1, 0, 1)):
+                    return True
+    return False
+
+
+def _polygon(earth: Earth, pieces: Pieces, row: int, at_s: float, zero_us: int = 0) -> shapely.Geometry:
+    """Return the polygon of one piece in the plane, at_s seconds after zero_us."""
+    shape = shapes_of(earth, pieces, np.array([row]), np.array([zero_us]))
+    return shapely.convex_hull(shapely.multipoints(shape.positions(np.array([at_s]))[0]))
 
 
 def _instants(

@@ -40,6 +40,13 @@ END;
 COMMENT ON FUNCTION _changed_areas(bigint) IS
 'The marked areas of a scene, without nulls, for COPY: infinite instants and heights (metres) stand for unbounded.';
 
+CREATE OR REPLACE FUNCTION _footprints(p_area_ids bigint[]) RETURNS TABLE (area_id bigint, footprint bytea)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.area_id, ST_AsBinary(a.footprint, 'NDR') FROM area a WHERE a.area_id = ANY (p_area_ids);
+END;
+COMMENT ON FUNCTION _footprints(bigint[]) IS 'The footprints of some areas as WKB, longitude and latitude in degrees.';
+
 CREATE OR REPLACE FUNCTION _changed_tracks(
     p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT path bytea, OUT outline bytea

@@ -9,12 +9,18 @@ BEGIN
     EXECUTE format($q$
         CREATE TEMPORARY TABLE intersecting ON COMMIT DROP AS
         SELECT c.a_piece_id, c.b_piece_id,
-               CASE WHEN %L AND (a.object_kind = 1 OR b.object_kind = 1)
-                    THEN ST_Intersection(a.hull, b.hull) END AS region
-        FROM pg_temp.candidate c
-        JOIN piece a ON a.piece_id = c.a_piece_id
-        JOIN piece b ON b.piece_id = c.b_piece_id
-        WHERE ST_Intersects(a.hull, b.hull)$q$, p_regions);
+               CASE WHEN %L AND c.moves THEN ST_Intersection(c.a_hull, c.b_hull) END AS region
+        FROM (
+            SELECT c.a_piece_id, c.b_piece_id, a.hull AS a_hull, b.hull AS b_hull,
+                   a.object_kind = 1 OR b.object_kind = 1 AS moves
+            FROM pg_temp.candidate c
+            JOIN piece a ON a.piece_id = c.a_piece_id
+            JOIN piece b ON b.piece_id = c.b_piece_id
+            -- Candidates first: ST_Intersects brings an index condition of its own, by which the planner would join the
+            -- pieces of all scenes, in planes that cannot be compared.
+            OFFSET 0
+        ) c
+        WHERE ST_Intersects(c.a_hull, c.b_hull)$q$, p_regions);
     RETURN (SELECT count(*) FROM pg_temp.intersecting);
 END
 $$;
@@ -33,7 +39,7 @@ CREATE OR REPLACE FUNCTION _intersecting_pieces(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
-        SELECT p.piece_id, row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key), p.part, p.turn DESC),
+        SELECT p.piece_id, row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C", p.part, p.turn DESC),
                p.object_kind, p.object_id, p.version, p.part, p.turn,
                coalesce(lower(p.span), '-infinity'), coalesce(upper(p.span), 'infinity'), upper_inc(p.span),
                p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),

@@ -25,7 +25,7 @@ from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
 from conflictdb.errors import StoreError
 from conflictdb.model import Kind
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, require_idle, transaction
+from conflictdb.store.connection import call, call_many, require_idle, transaction
 from conflictdb.store.objects import decode_paths, decode_rings
 
 _AREA_COLUMNS = [
@@ -114,6 +114,14 @@ def changed_areas(conn: psycopg.Connection[Any], scene_id: int) -> AreaBatch:
         columns["floor_m"],
         columns["ceiling_m"],
     )
+
+
+def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Return the footprints of some areas (degrees), in their order; empty where one was removed meanwhile."""
+    known = dict(call_many(conn, "_footprints", area_ids.tolist()))
+    found = np.empty(len(area_ids), dtype=object)
+    found[:] = [shapely.from_wkb(known[i]) if i in known else shapely.MultiPolygon() for i in area_ids.tolist()]
+    return found
 
 
 def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:

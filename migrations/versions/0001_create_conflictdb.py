@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2562f130eac70bae6c54c823c48be41af878ecfc506db37de287da904d6f27fd"
+routines_sha256 = "a7bc36155efff50bfe5f1ed37a0d049a20d467e21e09231d6c40b98b9426aebf"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (
