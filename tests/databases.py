@@ -9,10 +9,12 @@ The server comes from the first of these that there is; without any the run fail
 5. the packages of Debian or Ubuntu, fetched into the cache (unless CONFLICTDB_NO_DOWNLOAD=1)
 """
 
+import gc
 import os
 import shutil
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -91,6 +93,8 @@ def test_server(run: str, worker: str) -> Iterator[TestServer]:
         yield TestServer(given, f"conflictdb_test_{run}", "that of CONFLICTDB_TEST_DSN")
         return
     if os.environ.get("CONFLICTDB_TEST_DB") == "docker":
+        if not _docker_answers():
+            pytest.fail(f"CONFLICTDB_TEST_DB=docker, but no Docker engine answers within {DOCKER_TIMEOUT_S} s")
         with _in_docker(worker) as container:
             yield container
         return
@@ -156,24 +160,42 @@ def _docker_answers() -> bool:
     import docker
     from docker.errors import DockerException
 
-    try:
-        client: Any = docker.from_env(timeout=DOCKER_TIMEOUT_S)
-    except DockerException:
-        return False
-    try:
-        return bool(client.ping())
-    except (DockerException, OSError):
-        return False
-    finally:
-        client.close()
+    with _docker_leaks():
+        try:
+            client: Any = docker.from_env(timeout=DOCKER_TIMEOUT_S)
+        except DockerException:
+            return False
+        try:
+            return bool(client.ping())
+        except (DockerException, OSError):
+            return False
+        finally:
+            client.close()
+
+
+@contextmanager
+def _docker_leaks() -> Iterator[None]:
+    # Docker's client leaves sockets open, which is an error in our tests; they are collected while it is none.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        finally:
+            gc.collect()
 
 
 @contextmanager
 def _in_docker(worker: str) -> Iterator[TestServer]:
-    from testcontainers.community.postgres import PostgresContainer
+    with _docker_leaks():
+        from testcontainers.community.postgres import PostgresContainer
 
-    image = os.environ.get("CONFLICTDB_TEST_IMAGE", DOCKER_IMAGE)
-    with PostgresContainer(image, driver="psycopg") as container:
+        image = os.environ.get("CONFLICTDB_TEST_IMAGE", DOCKER_IMAGE)
+        container = PostgresContainer(image, driver="psycopg").start()
+    try:
         # The address is SQLAlchemy's, with the driver in it; libpq wants it without.
         dsn = container.get_connection_url().replace("+psycopg", "", 1)
         yield TestServer(dsn, f"conflictdb_test_{worker}", f"Docker: {image}")
+    finally:
+        with _docker_leaks():
+            container.stop()
+            del container
