@@ -1,0 +1,24 @@
+"""A database that the tests of this folder share; each works in a transaction that is rolled back."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import psycopg
+import pytest
+from databases import TestServer
+
+
+@pytest.fixture(scope="session")
+def shared_dsn(_server: TestServer, template: str, worker_id: str) -> Iterator[str]:
+    """Return how to connect to a database with the schema that nobody commits to."""
+    name = f"{_server.prefix}_{worker_id}_shared"
+    yield _server.clone(template, name)
+    _server.drop(name)
+
+
+@pytest.fixture
+def rolled_back(shared_dsn: str) -> Iterator[psycopg.Connection[Any]]:
+    """Return a connection whose transaction is rolled back; names mean those of the schema, then PostGIS's."""
+    with psycopg.connect(shared_dsn, options="-c timezone=UTC -c search_path=conflictdb,public") as connection:
+        yield connection
+        connection.rollback()

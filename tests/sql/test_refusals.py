@@ -1,0 +1,284 @@
+"""Bad rows are refused by the database itself, each rule with its own SQLSTATE, whoever writes them."""
+
+from typing import Any
+
+import psycopg
+import pytest
+
+Conn = psycopg.Connection[Any]
+
+SQUARE = "'SRID=4326;POLYGON((4 57,5 57,5 58,4 58,4 57))'::geometry"
+PATH = "'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)'::geometry"
+OUTLINE = "rectangle_outline(100, 100, 50, 50)"
+
+
+def ring(x: str, y: str) -> str:
+    """Return SQL for a polygon with a vertex of these ordinates."""
+    points = f"ARRAY[ST_MakePoint(4, 57), ST_MakePoint('{x}', '{y}'), ST_MakePoint(5, 58), ST_MakePoint(4, 57)]"
+    return f"ST_SetSRID(ST_MakePolygon(ST_MakeLine({points})), 4326)"
+
+
+BAD = {
+    # areas
+    "empty footprint": ("put_area('s', 'A', 'SRID=4326;POLYGON EMPTY')", "ZC001", "footprint_not_empty"),
+    "null footprint": ("put_area('s', 'A', NULL)", "ZC001", "footprint_not_empty"),
+    "self-intersection": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((0 0,1 1,1 0,0 1,0 0))')", "ZC001", "footprint_valid",
+    ),
+    "NaN in footprint": (
+        f"put_area('s', 'A', {ring('NaN', '57')})", "ZC001", "coordinates_finite",
+    ),
+    "infinite footprint": (
+        f"put_area('s', 'A', {ring('5', 'Infinity')})", "ZC001", "coordinates_finite",
+    ),
+    "a line as footprint": ("put_area('s', 'A', 'SRID=4326;LINESTRING(0 0,1 1)')", "ZC001", "footprint_polygon"),
+    "no SRID": ("put_area('s', 'A', 'POLYGON((4 57,5 57,5 58,4 57))')", "ZC001", "footprint_srid"),
+    "another SRID": ("put_area('s', 'A', 'SRID=3395;POLYGON((4 57,5 57,5 58,4 57))')", "ZC001", "footprint_srid"),
+    "latitude beyond 90": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((4 57,5 57,5 91,4 57))')", "ZC005", "latitude_in_range",
+    ),
+    "longitude beyond 360": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((4 57,361 57,5 58,4 57))')", "ZC005", "longitude_in_range",
+    ),
+    "wider than a turn": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((-190 57,190 57,190 58,-190 57))')", "ZC005", "footprint_within_a_turn",
+    ),
+    "latitude beyond 89 in rhumb": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((4 57,5 57,5 89.5,4 57))')", "ZC005", "latitude_in_plane",
+    ),
+    "empty span": (f"put_area('s', 'A', {SQUARE}, 'empty')", "ZC003", "span_not_empty"),
+    "span of no instant": (f"put_area('s', 'A', {SQUARE}, '[2026-01-01,2026-01-01)')", "ZC003", "span_not_empty"),
+    "span before the year 1": (
+        f"put_area('s', 'A', {SQUARE}, '[0044-03-15 BC,2026-01-01)')", "ZC003", "span_in_calendar",
+    ),
+    "span after the year 9999": (
+        f"put_area('s', 'A', {SQUARE}, '[2026-01-01,12026-01-01)')", "ZC003", "span_in_calendar",
+    ),
+    "ceiling at floor": (f"put_area('s', 'A', {SQUARE}, NULL, 10, 10)", "ZC004", "ceiling_above_floor"),
+    "infinite ceiling": (f"put_area('s', 'A', {SQUARE}, NULL, 10, 'infinity')", "ZC004", "heights_finite"),
+    "NaN floor": (f"put_area('s', 'A', {SQUARE}, NULL, 'NaN')", "ZC004", "heights_finite"),
+    "empty key": (f"put_area('s', '', {SQUARE})", "ZC008", "key_speakable"),
+    "null key": (f"put_area('s', NULL, {SQUARE})", "ZC008", "key_speakable"),
+    "long key": (f"put_area('s', repeat('x', 1001), {SQUARE})", "ZC008", "key_speakable"),
+    "properties not an object": (
+        f"put_area('s', 'A', {SQUARE}, p_properties => '[1]')", "ZC012", "properties_object",
+    ),
+    "unknown scene": (f"put_area('nowhere', 'A', {SQUARE})", "ZC010", "scene_known"),
+    "key of a track": (f"put_area('s', 'T', {SQUARE})", "ZC007", "object_key_unique"),
+    # tracks
+    "one waypoint": ("put_track('s', 'B', 'SRID=4326;LINESTRING M EMPTY', {o})", "ZC001", "path_of_two"),
+    "path without M": ("put_track('s', 'B', 'SRID=4326;LINESTRING(3 57,4 57)', {o})", "ZC001", "path_linestring_m"),
+    "path without SRID": ("put_track('s', 'B', 'LINESTRING M(3 57 1,4 57 2)', {o})", "ZC001", "path_srid"),
+    "NaN in path": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1,NaN 57 2)', {o})", "ZC001", "coordinates_finite",
+    ),
+    "NaN in times": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1,4 57 NaN,5 57 3)', {o})", "ZC001", "coordinates_finite",
+    ),
+    "path latitude": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(57 103 1,57 104 2)', {o})", "ZC005", "latitude_in_range",
+    ),
+    "path beyond 89 in rhumb": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(5 88 1,5 89.1 2)', {o})", "ZC005", "latitude_in_plane",
+    ),
+    "haven beyond 89.5 in rhumb": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(5 88 1,5 88.9 2)', rectangle_outline(80000, 0, 1, 1))",
+        "ZC005", "haven_in_plane",
+    ),
+    "times equal": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1,3 57 2,3 57 2)', {o})", "ZC002", "path_time_increasing",
+    ),
+    "times falling": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 2,3 58 1)', {o})", "ZC002", "path_time_increasing",
+    ),
+    "times in one microsecond": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1,3 58 1.0000003)', {o})", "ZC002", "path_time_increasing",
+    ),
+    "times in milliseconds": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1700000000000,3 58 1700000001000)', {o})",
+        "ZC003", "path_in_calendar",
+    ),
+    "outline not convex": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,10 0,10 10,5 5,0 10,0 0))')", "ZC006", "outline_convex",
+    ),
+    "outline bow tie": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,10 10,10 0,0 10,0 0))')", "ZC006", "outline_convex",
+    ),
+    "outline twice round": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,10 0,10 10,0 10,0 0,10 0,10 10,0 10,0 0))')",
+        "ZC006", "outline_convex",
+    ),
+    "outline pentagram": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 10,6 -8,-9.5 3,9.5 3,-6 -8,0 10))')", "ZC006", "outline_convex",
+    ),
+    "outline with a hole": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,9 0,9 9,0 0),(5 1,6 1,6 2,5 1))')", "ZC006", "outline_ring",
+    ),
+    "outline NaN": ("put_track('s', 'B', {p}, 'POLYGON((0 0,NaN 0,9 9,0 0))')", "ZC006", "outline_ring"),
+    "outline with SRID": ("put_track('s', 'B', {p}, ST_SetSRID({o}, 4326))", "ZC006", "outline_ring"),
+    "outline a line": ("put_track('s', 'B', {p}, 'LINESTRING(0 0,1 1)')", "ZC006", "outline_ring"),
+    "outline null": ("put_track('s', 'B', {p}, NULL)", "ZC006", "outline_ring"),
+    "track ceiling": ("put_track('s', 'B', {p}, {o}, 0, -1)", "ZC004", "ceiling_above_floor"),
+    "key of an area": ("put_track('s', 'X', {p}, {o})", "ZC007", "object_key_unique"),
+    "times not one per waypoint": (
+        "track_path('SRID=4326;LINESTRING(3 57,4 57)', ARRAY[now()])", "ZC002", "path_time_per_waypoint",
+    ),
+    # scenes
+    "blank scene name": ("create_scene('  ')", "ZC008", "scene_name_speakable"),
+    "null scene name": ("create_scene(NULL)", "ZC008", "scene_name_speakable"),
+    "unknown motion": ("create_scene('t', p_motion => 'crow')", "ZC009", "scene_motion_known"),
+    "unknown earth": ("create_scene('t', p_earth => 'flat')", "ZC009", "scene_earth_known"),
+    "unknown method": ("create_scene('t', p_method => 'guess')", "ZC009", "scene_method_known"),
+    "negative tolerance": ("create_scene('t', p_tolerance_m => -1)", "ZC009", "scene_tolerance_finite"),
+    "NaN separation": ("create_scene('t', p_separation_m => 'NaN')", "ZC009", "scene_separation_finite"),
+    "bad change of a setting": ("create_scene('s', p_tolerance_m => 'infinity')", "ZC009", "scene_tolerance_finite"),
+    # queries
+    "conflicts of an unknown scene": ("conflicts_at('nowhere', now())", "ZC010", "scene_known"),
+    "candidates of an unknown scene": ("candidates('nowhere')", "ZC010", "scene_known"),
+    "haven of an unknown track": ("haven_at('s', 'nobody', now())", "ZC011", "object_known"),
+}  # fmt: skip
+
+
+@pytest.fixture
+def scene(rolled_back: Conn) -> Conn:
+    rolled_back.execute("SELECT create_scene('s')")
+    rolled_back.execute(f"SELECT put_area('s', 'X', {SQUARE})")
+    rolled_back.execute(f"SELECT put_track('s', 'T', {PATH}, {OUTLINE})")
+    return rolled_back
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_row_is_refused(scene: Conn, case: str) -> None:
+    call, sqlstate, constraint = BAD[case]
+    with pytest.raises(psycopg.Error) as refused:
+        scene.execute(f"SELECT * FROM {call.format(p=PATH, o=OUTLINE)}".encode())
+    assert (refused.value.sqlstate, refused.value.diag.constraint_name) == (sqlstate, constraint)
+    assert refused.value.diag.message_detail
+    assert refused.value.diag.column_name
+
+
+@pytest.mark.parametrize(
+    ("call", "column", "message"),
+    [
+        (
+            "put_area('s', 'A1', 'SRID=4326;POLYGON((0 0,1 1,1 0,0 1,0 0))')",
+            "footprint",
+            "area 'A1': footprint: must be a valid polygon: Self-intersection[0.5 0.5]",
+        ),
+        (
+            "put_track('s', 'T1', 'SRID=4326;LINESTRING M(3 57 1,3 57 2,4 57 2)', {o})",
+            "path",
+            "track 'T1': path: times[2] is at two places at the same time",
+        ),
+        (
+            f"put_area('nowhere', 'A', {SQUARE})",
+            "name",
+            "scene 'nowhere': name: is not in this database; known: 's'",
+        ),
+    ],
+)
+def test_refusal_says_which_object_which_field_and_which_rule(
+    scene: Conn, call: str, column: str, message: str
+) -> None:
+    with pytest.raises(psycopg.Error) as refused:
+        scene.execute(f"SELECT {call.format(o=OUTLINE)}".encode())
+    assert refused.value.diag.column_name == column
+    assert refused.value.diag.message_primary == message
+
+
+def test_direct_insert_update_and_copy_are_refused_like_the_functions(scene: Conn) -> None:
+    """The rules are the tables', not the functions'."""
+    statements = [
+        "INSERT INTO area (scene_id, key, footprint) SELECT scene_id, 'B', 'SRID=4326;MULTIPOLYGON EMPTY' FROM scene",
+        "UPDATE area SET ceiling_m = -5, floor_m = 5",
+        "UPDATE track SET path = 'SRID=4326;LINESTRING M(3 57 2000,4 57 1000)'",
+        "UPDATE scene SET tolerance_m = NULL",
+    ]
+    for statement, state in zip(statements, ["ZC001", "ZC004", "ZC002", "ZC009"], strict=True):
+        with pytest.raises(psycopg.Error) as refused, scene.transaction():
+            scene.execute(statement.encode())
+        assert refused.value.sqlstate == state
+    row = scene.execute("SELECT scene_id FROM scene").fetchone()
+    assert row is not None
+    with (
+        pytest.raises(psycopg.Error) as refused,
+        scene.transaction(),
+        scene.cursor().copy("COPY area (scene_id, key, footprint) FROM STDIN") as copy,
+    ):
+        copy.write_row((row[0], "C", "SRID=4326;MULTIPOLYGON(((0 0,1 1,1 0,0 1,0 0)))"))
+    assert refused.value.sqlstate == "ZC001"
+
+
+def test_constraints_hold_where_triggers_are_off(scene: Conn) -> None:
+    """A restore or replication may run without triggers: the plain rules are constraints as well."""
+    scene.execute("SET session_replication_role = replica")
+    for statement, constraint in {
+        "UPDATE area SET floor_m = 5, ceiling_m = 5": "area_ceiling_above_floor",
+        "UPDATE area SET floor_m = 'NaN'": "area_heights_finite",
+        "UPDATE area SET active_span = 'empty'": "area_span_not_empty",
+        "UPDATE area SET key = ''": "area_key_speakable",
+        "UPDATE track SET ceiling_m = '-infinity'": "track_heights_finite",
+        "UPDATE track SET properties = '1'": "track_properties_object",
+        "UPDATE scene SET earth = 'flat'": "scene_earth_known",
+        "UPDATE scene SET separation_m = 'NaN'": "scene_separation_finite",
+    }.items():
+        with pytest.raises(psycopg.errors.CheckViolation) as refused, scene.transaction():
+            scene.execute(statement.encode())
+        assert refused.value.diag.constraint_name == constraint
+
+
+@pytest.mark.parametrize(
+    ("given", "stored"),
+    [
+        ("[2026-01-01 00:00+00,2026-01-02 00:00+00]", "[2026-01-01 00:00+00,2026-01-02 00:00:00.000001+00)"),
+        ("(2026-01-01 00:00+00,2026-01-02 00:00+00)", "[2026-01-01 00:00:00.000001+00,2026-01-02 00:00+00)"),
+        ("[-infinity,infinity]", "(,)"),
+        ("(,2026-01-02 00:00+00)", "(,2026-01-02 00:00+00)"),
+        ("[2026-01-02 00:00+00,2026-01-02 00:00+00]", "[2026-01-02 00:00+00,2026-01-02 00:00:00.000001+00)"),
+    ],
+)
+def test_span_is_stored_half_open_and_holds_the_same_instants(scene: Conn, given: str, stored: str) -> None:
+    scene.execute(f"SELECT put_area('s', 'X', {SQUARE}, '{given}')".encode())
+    assert scene.execute("SELECT active_span = %s::tstzrange FROM area", [stored]).fetchone() == (True,)
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        "POLYGON((0 0,0 0,0 0,0 0))",  # a point
+        "POLYGON((0 0,5 5,5 5,0 0))",  # a line
+        "POLYGON((0 0,10 0,10 0,10 10,0 10,0 0))",  # a vertex twice
+        "POLYGON((0 0,5 0,10 0,10 10,0 10,0 0))",  # collinear
+        "POLYGON((0 0,0 10,10 10,10 0,0 0))",  # clockwise
+        "POLYGON((0 0,1000000 0,1000000 0.000000001,0 0))",  # a sliver
+        "POLYGON((0 0,0.1 0.3,0.2 0.6,0.3 0.9,0 1,0 0))",  # collinear up to rounding
+    ],
+)
+def test_convex_outline_is_accepted(scene: Conn, outline: str) -> None:
+    scene.execute(f"SELECT put_track('s', 'T', {PATH}, %s)".encode(), [outline])
+    assert scene.execute("SELECT outline = %s::geometry FROM track", [outline]).fetchone() == (True,)
+
+
+def test_track_may_run_along_the_limit(scene: Conn) -> None:
+    """Latitude 89 belongs to the plane; a haven that points away from the pole does not count against it."""
+    path = "SRID=4326;LINESTRING M(5 89 1,5 88 2)"
+    scene.execute("SELECT put_track('s', 'T', %s, rectangle_outline(80000, 0, 10, 10))", [path])
+
+
+def test_duplicate_keys_of_two_writers_at_once_cannot_both_be_put(conn: Conn, dsn: str) -> None:
+    """One puts an area, the other a track with the same key: whoever commits second is refused."""
+    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SELECT create_scene('s')")
+    conn.commit()
+    conn.execute(f"SELECT put_area('s', 'K', {SQUARE})")
+    with psycopg.connect(dsn) as other:
+        other.execute("SET search_path = conflictdb, public")
+        other.execute("SET lock_timeout = '200ms'")
+        other.commit()
+        with pytest.raises(psycopg.errors.LockNotAvailable):
+            other.execute(f"SELECT put_track('s', 'K', {PATH}, {OUTLINE})")
+        other.rollback()
+        conn.commit()
+        with pytest.raises(psycopg.Error) as refused:
+            other.execute(f"SELECT put_track('s', 'K', {PATH}, {OUTLINE})")
+        assert refused.value.sqlstate == "ZC007"
