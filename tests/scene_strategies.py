@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 from hypothesis import strategies as st
 
+from conflictdb.io.objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.model import (
     MAX_INSTANT_US,
     MIN_INSTANT_US,
@@ -26,7 +27,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
     max_leaves=6,
 )
-TAKEN = {"kind", "name", "start", "end", "times", "datetimes", "floor_m", "ceiling_m", "outline_m"}
+TAKEN = AREA_MEMBERS | TRACK_MEMBERS
 PROPERTIES = st.dictionaries(TEXT.filter(lambda name: name not in TAKEN), JSON, max_size=3)
 
 

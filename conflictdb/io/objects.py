@@ -3,19 +3,19 @@
 Also the reading of havens and speeds that other formats share.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import geodesy
-from conflictdb.errors import InvalidInput
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line, multipolygon, pairs
 from conflictdb.io.instants import format_instant
 from conflictdb.model import (
+    MAX_LATITUDE_DEG,
     MAX_RHUMB_LATITUDE_DEG,
     METRES_PER_NMI,
     MPS_PER_KNOT,
@@ -52,11 +52,27 @@ def area(key: str, geometry: dict[str, Any], fields: Fields) -> Area:
     )
 
 
-def track(key: str, geometry: dict[str, Any], fields: Fields, earth: EarthModel) -> Track:
+@dataclass(frozen=True, slots=True)
+class TrackAtSpeed:
+    """A track whose times are still to be computed, from its start and the speed on each leg.
+
+    positions_deg : (n, 2) float64, longitude and latitude of the waypoints
+    speed_mps : (n - 1,) float64, on each leg; field `speed` gave it
+    """
+
+    key: str
+    positions_deg: NDArray[np.float64]
+    start_us: int
+    speed: str
+    speed_mps: NDArray[np.float64]
+    fields: Fields
+
+
+def track(key: str, geometry: dict[str, Any], fields: Fields) -> Track | TrackAtSpeed:
     """Return the track of a feature; raises InvalidInput.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
-    `start` and a speed over the ground, with the lengths of the legs on `earth`.
+    `start` and a speed over the ground: then the lengths of its legs are needed, which `timed` computes for many tracks.
     """
     positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
     by_times = [name for name in TIMES if fields.has(name)]
@@ -68,9 +84,24 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, earth: EarthModel)
         return moving(key, positions, instants(fields, by_times[0]), fields)
     if not by_speed:
         raise fields.refusal("times", "is missing: give times (one per waypoint), or start and speed_kn or speed_mps")
-    # Times that are right in number and order, until the positions they depend on have been checked.
-    provisional = moving(key, positions, np.arange(len(positions), dtype=np.int64), fields)
-    return replace(provisional, times_us=_times_at_speed(fields, positions, earth), properties=fields.rest())
+    start_us = fields.instant("start")
+    if start_us is None:
+        raise fields.refusal("start", "is missing: a track with a speed needs its start")
+    speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
+    return TrackAtSpeed(key, positions, start_us, speed, speed_mps, fields)
+
+
+def timed(tracks: Sequence[TrackAtSpeed], earth: EarthModel) -> list[Track]:
+    """Return tracks with the times that follow from their speeds, with the lengths of their legs on an earth."""
+    if not tracks:
+        return []
+    positions = np.concatenate([track.positions_deg for track in tracks])
+    # Latitudes beyond are refused below; here they only must not disturb.
+    lon, lat = positions[:, 0], np.clip(positions[:, 1], -MAX_RHUMB_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG)
+    length_m = geodesy.rhumb_distance(geodesy.earth_of(earth), lon[:-1], lat[:-1], lon[1:], lat[1:])
+    ends = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
+    starts = [0, *ends[:-1]]
+    return [_timed(track, length_m[i : j - 1]) for track, i, j in zip(tracks, starts, ends, strict=True)]
 
 
 def moving(key: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], fields: Fields) -> Track:
@@ -125,33 +156,29 @@ def _side_m(fields: Fields, side: str) -> float:
     return size if nautical is None else size * METRES_PER_NMI
 
 
-def _times_at_speed(fields: Fields, positions: NDArray[np.float64], earth: EarthModel) -> NDArray[np.int64]:
-    """Return the times (n,) int64 at the waypoints (n, 2), from `start` and the speed on each leg."""
-    who, legs = fields.who, len(positions) - 1
-    start_us = fields.instant("start")
-    if start_us is None:
-        raise fields.refusal("start", "is missing: a track with a speed needs its start")
+def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64]) -> Track:
+    fields, positions = track.fields, track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
+    if worst > MAX_LATITUDE_DEG:  # as for every track
+        return moving(track.key, positions, np.arange(len(positions), dtype=np.int64), fields)
     if worst > MAX_RHUMB_LATITUDE_DEG:
         rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
         raise fields.refusal("geometry", rule)
-    name, speed_mps = _speeds_mps(fields, legs)
-    length_m = geodesy.rhumb_distance(geodesy.earth_of(earth), *positions[:-1].T, *positions[1:].T)
     with np.errstate(over="ignore"):
-        elapsed_s = np.cumsum(length_m / speed_mps)
+        elapsed_s = np.cumsum(length_m / track.speed_mps)
     if not elapsed_s[-1] < MAX_DURATION_S:
-        raise InvalidInput(who, name, "is so slow that the track would leave the years 1 to 9999")
-    times_us = start_us + np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)])
-    short = np.flatnonzero(np.diff(times_us) <= 0)
+        raise fields.refusal(track.speed, "is so slow that the track would leave the years 1 to 9999")
+    times_us = np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)]) + track.start_us
+    short = np.flatnonzero(times_us[1:] <= times_us[:-1])
     if short.size:
         i = int(short[0])
         where = f"waypoints {i} and {i + 1} (from 0)"
         if np.all(positions[i] == positions[i + 1]):
-            raise InvalidInput(
-                who, name, f"{where} are the same place: a speed cannot say how long to stay; give times"
-            )
-        raise InvalidInput(who, name, f"{where} are less than a microsecond apart, the resolution of times")
-    return times_us
+            rule = f"{where} are the same place: a speed cannot say how long to stay; give times"
+        else:
+            rule = f"{where} are less than a microsecond apart, the resolution of times"
+        raise fields.refusal(track.speed, rule)
+    return moving(track.key, positions, times_us, fields)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:

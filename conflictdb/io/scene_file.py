@@ -53,21 +53,27 @@ def read_scene(text: str, stem: str) -> Contents:
     features = document.get("features")
     if not isinstance(features, list):
         raise InvalidInput("file", "features", "must be a list of features")
-    contents = Contents(scene, [], [], [])
-    earth = scene.earth if scene else EarthModel.WGS84
+    items = [_object(i, feature) for i, feature in enumerate(features)]
+    _check_unique(items)
+    areas = [item for item in items if isinstance(item, Area)]
+    at_speed = iter(
+        objects.timed(
+            [item for item in items if isinstance(item, objects.TrackAtSpeed)],
+            scene.earth if scene else EarthModel.WGS84,
+        )
+    )
+    tracks = [item if isinstance(item, Track) else next(at_speed) for item in items if not isinstance(item, Area)]
+    return Contents(scene, areas, tracks, [])
+
+
+def _check_unique(items: Sequence[Area | Track | objects.TrackAtSpeed]) -> None:
     seen: dict[str, int] = {}
-    for i, feature in enumerate(features):
-        item = _object(i, feature, earth)
+    for i, item in enumerate(items):
         if item.key in seen:
             kind = "area" if isinstance(item, Area) else "track"
             rule = f"is given twice, by features[{seen[item.key]}] and features[{i}]; ids must be unique in the scene"
             raise InvalidInput(f"{kind} {item.key!r}", "id", rule)
         seen[item.key] = i
-        if isinstance(item, Area):
-            contents.areas.append(item)
-        else:
-            contents.tracks.append(item)
-    return contents
 
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
@@ -99,7 +105,7 @@ def _feature(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any, earth: EarthModel) -> Area | Track:
+def _object(i: int, feature: Any) -> Area | Track | objects.TrackAtSpeed:
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
@@ -127,7 +133,7 @@ def _object(i: int, feature: Any, earth: EarthModel) -> Area | Track:
             "kind", f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
         )
     _check_crs(fields.who, geometry)
-    return objects.track(key, geometry, fields, earth) if is_track else objects.area(key, geometry, fields)
+    return objects.track(key, geometry, fields) if is_track else objects.area(key, geometry, fields)
 
 
 def _scene(settings: Any, stem: str) -> Scene:
