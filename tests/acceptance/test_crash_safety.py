@@ -1,0 +1,197 @@
+"""kill -9 in the middle of a detection: the old conflicts are still there, marks too, and the next run is right."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from verdicts import Pair, Reported, solved, stored
+from workloads import PAPER, throw
+
+from conflictdb import store
+from conflictdb.detect import detect
+from conflictdb.model import Area, Scene, Track
+
+WAIT_S = 60.0
+
+# Detects, and says on standard output how far it is; then waits to be killed where it was told to.
+VICTIM = """
+import sys, time
+import conflictdb.detect, conflictdb.store as store
+from conflictdb.detect import detect
+
+def stop(where):
+    print(where, flush=True)
+    if where == sys.argv[3]:
+        time.sleep(600)
+
+def stopping(name, *, after):
+    routine = getattr(store, name)
+    def run(*arguments, **named):
+        if not after:
+            stop(name)
+        result = routine(*arguments, **named)
+        if after:
+            stop(name)
+        return result
+    setattr(store, name, run)
+
+for name in ("changed_areas", "replace_pieces", "find_candidates", "intersecting_pairs", "write_run"):
+    stopping(name, after=True)
+with store.connect(sys.argv[1]) as conn:
+    detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"))
+"""
+PLACES = [
+    pytest.param("changed_areas", marks=pytest.mark.slow),
+    "replace_pieces",
+    pytest.param("find_candidates", marks=pytest.mark.slow),
+    "intersecting_pairs",
+    "progress",
+    "write_run",
+]
+
+
+@pytest.fixture(scope="module")
+def changed() -> tuple[Scene, list[Area], list[Track], list[Area], list[Track]]:
+    """A scene, and the same after a third of it was replaced by something else."""
+    scene, areas, tracks = throw(PAPER, 2, 8, 8)
+    aside = np.array([0.3, 0.2])
+    moved = [Track(t.key, t.positions_deg + aside, t.times_us + 3_600_000_000, t.outline_m) for t in tracks[:3]]
+    return scene, areas, tracks, areas[4:], moved + tracks[3:]
+
+
+def start_victim(dsn: str, scene: str, place: str, tmp_path: Path) -> "subprocess.Popen[str]":
+    script = tmp_path / "victim.py"
+    script.write_text(VICTIM)
+    return subprocess.Popen([sys.executable, str(script), dsn, scene, place], stdout=subprocess.PIPE, text=True)
+
+
+def wait_until_at(victim: "subprocess.Popen[str]", place: str) -> None:
+    assert victim.stdout is not None
+    for line in victim.stdout:
+        if line.strip() == place:
+            return
+    pytest.fail(f"the detection ended ({victim.wait()}) before it came to {place}")
+
+
+def wait_until_alone(conn: psycopg.Connection[Any]) -> None:
+    """Until the server has noticed that the other session is gone."""
+    end = time.monotonic() + WAIT_S
+    while time.monotonic() < end:
+        query = "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+        row = conn.execute(query).fetchone()
+        conn.commit()
+        if row == (0,):
+            return
+        time.sleep(0.05)
+    pytest.fail("the session of the killed process is still there")
+
+
+def view(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported]:
+    return stored(store.conflicts(conn, scene.name))
+
+
+def assert_equal(found: dict[Pair, Reported], expected: dict[Pair, Reported]) -> None:
+    """The same answer; of the bounds, the last digits may differ with the order of a pair."""
+    assert found.keys() == expected.keys()
+    for pair, answer in expected.items():
+        assert found[pair] == replace(answer, time_error_s=found[pair].time_error_s)
+        assert found[pair].time_error_s == pytest.approx(answer.time_error_s, rel=1e-3, abs=1e-9)
+
+
+def assert_same_but_for_what_changed(
+    found: dict[Pair, Reported], before: dict[Pair, Reported], rows: Sequence[store.Conflict], removed: set[str]
+) -> None:
+    assert found == before, "the old conflicts are still there"
+    stale = {(row.a_key, row.b_key) for row in rows if not row.is_current}
+    assert all(pair in stale for pair in before if removed & set(pair)), "and say that they are not current"
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_killed_detection_leaves_the_old_conflicts(
+    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, place: str, changed: Any
+) -> None:
+    scene, areas, tracks, areas_after, tracks_after = changed
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    before = view(conn, scene)
+    assert_equal(before, solved(scene, areas, tracks))
+    runs_before = len(store.runs(conn, scene.name, 100))
+
+    store.replace_scene(conn, scene, areas_after, tracks_after, merge=False)
+    conn.commit()
+    victim = start_victim(dsn, scene.name, place, tmp_path)
+    try:
+        wait_until_at(victim, place)
+    finally:
+        victim.send_signal(signal.SIGKILL)
+        victim.communicate()
+    wait_until_alone(conn)
+
+    gone = {area.key for area in areas} - {area.key for area in areas_after}
+    assert_same_but_for_what_changed(view(conn, scene), before, store.conflicts(conn, scene.name), gone)
+    assert len(store.runs(conn, scene.name, 100)) == runs_before, "a killed run is not a run"
+
+    run = detect(conn, scene.name, jobs=1)
+    after = view(conn, scene)
+    assert_equal(after, solved(scene, areas_after, tracks_after))
+    assert run.closed > 0
+    assert all(row.is_current for row in store.conflicts(conn, scene.name))
+    again = detect(conn, scene.name, jobs=1)
+    assert (again.opened, again.changed, again.closed, again.candidate_pairs) == (0, 0, 0, 0)
+    anew = detect(conn, scene.name, jobs=1, full=True)
+    assert (anew.opened, anew.changed, anew.closed) == (0, 0, 0)
+    assert view(conn, scene) == after, "what changed only, or everything: the same to the last digit"
+
+
+def test_killed_detection_does_not_keep_others_waiting(
+    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, changed: Any
+) -> None:
+    """The lock of a scene ends with the session that holds it: a second detection waits, and then goes on."""
+    scene, areas, tracks, *_ = changed
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    conn.commit()
+    victim = start_victim(dsn, scene.name, "find_candidates", tmp_path)
+    waiting = None
+    try:
+        wait_until_at(victim, "find_candidates")
+        waiting = start_victim(dsn, scene.name, "nowhere", tmp_path)
+        with pytest.raises(subprocess.TimeoutExpired):
+            waiting.wait(1.5)
+    finally:
+        victim.send_signal(signal.SIGKILL)
+        victim.communicate()
+        if waiting is not None:
+            waiting.communicate(timeout=WAIT_S)
+    assert waiting is not None
+    assert waiting.returncode == 0
+    assert_equal(view(conn, scene), solved(scene, areas, tracks))
+
+
+def test_failed_detection_is_recorded_and_changes_nothing(
+    conn: psycopg.Connection[Any], monkeypatch: pytest.MonkeyPatch, changed: Any
+) -> None:
+    scene, areas, tracks, areas_after, tracks_after = changed
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    before = view(conn, scene)
+    store.replace_scene(conn, scene, areas_after, tracks_after, merge=False)
+
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("no more memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "write_run", broken)
+        with pytest.raises(RuntimeError, match="no more memory"):
+            detect(conn, scene.name, jobs=1)
+    assert view(conn, scene) == before
+    assert any(run.error and "no more memory" in run.error for run in store.runs(conn, scene.name, 100))
+    detect(conn, scene.name, jobs=1)
+    assert_equal(view(conn, scene), solved(scene, areas_after, tracks_after))

@@ -1,0 +1,152 @@
+"""The motion of havens against the oracle, its derivatives against differences, its bounds against what they bound."""
+
+import numpy as np
+import oracle
+import pytest
+import scenes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
+
+from conflictdb.batches import Pieces, TrackBatch
+from conflictdb.geodesy import earth_of
+from conflictdb.model import EarthModel, Scene, Track
+from conflictdb.motion import RhumbShapes, padding_m, rhumb_shapes
+from conflictdb.pieces import track_pieces
+
+ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
+SAMPLES = 65
+
+
+def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
+    """One row per leg of a track, time counted from the leg's start."""
+    pieces = track_pieces(scene, TrackBatch.of([track]))
+    _, first = np.unique(pieces.leg_start_us, return_index=True)
+    return pieces, rhumb_shapes(earth_of(scene.earth), pieces, first, pieces.leg_start_us[first])
+
+
+def oracle_plane(scene: Scene, track: Track, leg: int, seconds: np.ndarray) -> np.ndarray:
+    globe = oracle.Globe.of(scene.earth)
+    (phase,) = [oracle.phases(globe, track, 0.0)[leg]]
+    return phase.vertices(int(track.times_us[leg]), seconds)
+
+
+def shape_error_m(earth: EarthModel, found: np.ndarray, expected: np.ndarray) -> float:
+    """How far the vertices of (n, v, 2) shapes are from those of (n, w, 2) ones, in any order, whole turns aside."""
+    turn = 2 * np.pi * oracle.Globe.of(earth).a
+    shift = np.round((found[..., 0].mean() - expected[..., 0].mean()) / turn) * turn
+    apart = found[:, :, None] - expected[:, None] - np.array([shift, 0.0])
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    return float(max(distance.min(axis=1).max(), distance.min(axis=2).max()))
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS, SEAM, HARBOUR], ids=lambda w: w.name)
+def test_vertices_agree_with_the_oracle(workload: object, earth: EarthModel) -> None:
+    scene, _, tracks = throw(workload, 21, 0, 6, earth)
+    for track in tracks:
+        _, shapes = legs_as_shapes(scene, track)
+        for leg in range(len(track.times_us) - 1):
+            leg_s = float(track.times_us[leg + 1] - track.times_us[leg]) / 1e6
+            seconds = np.linspace(0.0, leg_s, 9)
+            rows = shapes.take(np.full(len(seconds), leg))
+            expected = oracle_plane(scene, track, leg, seconds)
+            assert shape_error_m(earth, rows.positions(seconds), expected) < 10 * ROUNDING_M
+
+
+CARDINAL = [
+    quarter + sign * away for quarter in (0, 90, 180, 270) for away in (0.0, 1e-12, 1e-9, 1e-6) for sign in (1, -1)
+]
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("lat", [0.0, 50.0, -80.0])
+def test_vertices_near_cardinal_bearings_agree_with_the_oracle(earth: EarthModel, lat: float) -> None:
+    scene = Scene("s", earth=earth)
+    for bearing in CARDINAL:
+        away = 0.5 * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
+        away[np.abs(away) < 1e-16] = 0.0
+        track = scenes.track("T", [(0.0, lat), (float(away[0]), lat + float(away[1]))], [0, 3600], 8e4, 1e4, 2e4, 5e4)
+        _, shapes = legs_as_shapes(scene, track)
+        seconds = np.array([0.0, 1000.0, 3600.0])
+        rows = shapes.take(np.zeros(3, np.int64))
+        expected = oracle_plane(scene, track, 0, seconds)
+        assert shape_error_m(earth, rows.positions(seconds), expected) < 10 * ROUNDING_M, bearing
+
+
+def test_tiny_leg_keeps_its_heading() -> None:
+    """A leg of a millimetre steers a haven of 10 nmi: its nose may be off by what a rounded degree makes of that."""
+    scene = Scene("s", earth=EarthModel.WGS84)
+    track = scenes.track("T", [(10, 50), (10 + 9e-9, 50 + 9e-9)], [0, 60], 18520.0, 0.0, 10.0, 10.0)
+    _, shapes = legs_as_shapes(scene, track)
+    found = shapes.take(np.array([0])).positions(np.array([30.0]))
+    assert shape_error_m(scene.earth, found, oracle_plane(scene, track, 0, np.array([30.0]))) < 0.1
+
+
+tracks_anywhere = st.builds(
+    lambda lat, dlat, lon, dlon, sizes: scenes.track(
+        "T", [(lon, lat), (lon + dlon, float(np.clip(lat + dlat, -84, 84)))], [0, 36000], *sizes
+    ),
+    st.floats(-84, 84),
+    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 15.0, -60.0]),
+    st.floats(-170, 170),
+    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
+    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5, 2.5e5])] * 4),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(list(EarthModel)), tracks_anywhere, st.floats(0, 0.9), st.floats(0.01, 1))
+def test_velocity_and_bend_bound_the_motion(earth: EarthModel, track: Track, start: float, share: float) -> None:
+    """Velocities are what differences say; `bend` and `highest_latitude` are never exceeded."""
+    scene = Scene("s", earth=earth)
+    _, one = legs_as_shapes(scene, track)
+    t0 = start * 36000.0
+    t1 = t0 + share * (36000.0 - t0)
+    seconds = np.linspace(t0, t1, SAMPLES)
+    h = seconds[1] - seconds[0]
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    at = shapes.positions(seconds)
+    bend = float(one.bend(np.array([t0]), np.array([t1]))[0])
+    velocity = shapes.velocities(seconds)
+    # Central differences are off by h^2/6 of the third derivative, the mean of the bend by less than that of velocity.
+    difference = (at[2:] - at[:-2]) / (2 * h)
+    jerk = np.abs(np.diff(velocity, 2, axis=0)).max() + 4 * ROUNDING_M / h
+    assert np.abs(difference - velocity[1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
+    second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
+    assert second.max() <= bend * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    highest = float(one.highest_latitude(np.array([t0]), np.array([t1]))[0])
+    reached = np.abs(at[..., 1]).max() / earth_of(earth).radius_m
+    assert reached <= earth_of(earth).isometric(highest) + 1e-12
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthModel) -> None:
+    """Latitude plus reach passes the pole here, although no vertex does: the bounds must not fold over."""
+    scene = Scene("s", earth=earth)
+    track = scenes.track("T", [(0, 87.5), (30, 80)], [0, 36000], 1.2e6, 0.0, 5e4, 5e4)
+    _, one = legs_as_shapes(scene, track)
+    seconds = np.linspace(0.0, 36000.0, 4001)
+    at = one.take(np.zeros(4001, np.int64)).positions(seconds)
+    h = seconds[1]
+    second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
+    bend = one.bend(np.array([0.0]), np.array([36000.0]))[0]
+    assert second.max() <= bend
+    assert bend < 1e3 * second.max(), "a bound that is of use"
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_padding_is_half_of_what_may_lie_between(earth: EarthModel) -> None:
+    """Two points that far apart on the earth are no further apart in the plane than both paddings together."""
+    figure, globe = earth_of(earth), oracle.Globe.of(earth)
+    rng = np.random.default_rng(3)
+    for separation_m in (0.0, 1.0, 5e3, 1e5):
+        wanted = separation_m + 1.0
+        lat = np.radians(rng.uniform(-85, 85, 200))
+        bearing = rng.uniform(0, 2 * np.pi, 200)
+        zero = np.zeros(200)
+        lon2, lat2 = globe.step(zero, lat, wanted * np.cos(bearing), wanted * np.sin(bearing))
+        psi1, psi2 = globe.isometric(lat), globe.isometric(lat2)
+        apart = figure.radius_m * np.hypot(lon2, psi2 - psi1)
+        pads = [padding_m(figure, np.abs(psi), 1.0, separation_m) for psi in (psi1, psi2)]
+        assert (apart <= pads[0] + pads[1]).all()

@@ -1,0 +1,209 @@
+"""Pieces hold all that their objects cover, in space and time, and nothing is convex that is not."""
+
+import numpy as np
+import oracle
+import pytest
+import scenes
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from workloads import WORKLOADS, Workload, throw
+
+from conflictdb.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.errors import InvalidInput
+from conflictdb.geodesy import earth_of
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, EarthModel, Scene, Track
+from conflictdb.pieces import area_pieces, check_plane, track_pieces
+
+
+def hull(pieces: Pieces, k: int) -> shapely.Polygon:
+    return shapely.Polygon(pieces.hull_xy[pieces.hull_offset[k] : pieces.hull_offset[k + 1]])
+
+
+def shape(pieces: Pieces, k: int) -> np.ndarray:
+    return pieces.shape_xy[pieces.shape_offset[k] : pieces.shape_offset[k + 1]]
+
+
+def assert_holds_the_motion(scene: Scene, track: Track, samples: int = 33) -> Pieces:
+    """Every vertex of the true motion, sampled, lies in the hull of the slice, with half the tolerance to spare."""
+    earth, globe = earth_of(scene.earth), oracle.Globe.of(scene.earth)
+    pieces = track_pieces(scene, TrackBatch.of([track]))
+    turn_m = 2 * np.pi * earth.radius_m
+    phases = {phase.start_us: phase for phase in oracle.phases(globe, track, 0.0)}
+    for k in range(len(pieces)):
+        around = hull(pieces, k)
+        assert around.is_valid
+        phase = phases[int(pieces.leg_start_us[k])]
+        seconds = np.linspace(0.0, (pieces.end_us[k] - pieces.start_us[k]) / 1e6, samples)
+        xy = phase.vertices(int(pieces.start_us[k]), seconds).reshape(-1, 2)
+        shift = np.round((around.centroid.x - xy[:, 0].mean()) / turn_m) * turn_m
+        points = shapely.points(xy + np.array([shift, 0.0]))
+        assert shapely.contains_properly(around, points).all()
+        assert shapely.distance(around.exterior, points).min() >= 0.49 * (scene.tolerance_m + scene.separation_m)
+    return pieces
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
+def test_hulls_hold_the_true_motion(workload: Workload, earth: EarthModel) -> None:
+    scene, _, tracks = throw(workload, 31, 0, 8, earth, separation_m=50.0)
+    for track in tracks:
+        assert_holds_the_motion(scene, track)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("earth", EarthModel)
+def test_hulls_hold_the_true_motion_sweep(earth: EarthModel) -> None:
+    for workload in WORKLOADS:
+        for seed in range(40, 60):
+            scene, _, tracks = throw(workload, seed, 0, 20, earth)
+            for track in tracks:
+                assert_holds_the_motion(scene, track)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(list(EarthModel)),
+    st.floats(-88, 88),
+    st.floats(-88, 88),
+    st.floats(-180, 180),
+    st.floats(-180, 180),
+    st.tuples(*[st.sampled_from([0.0, 1.0, 1e4, 2e5, 9e5])] * 4),
+)
+def test_hulls_hold_any_leg(
+    earth: EarthModel, lat1: float, lat2: float, lon1: float, lon2: float, sizes: tuple[float, ...]
+) -> None:
+    scene = Scene("s", earth=earth, tolerance_m=0.0)
+    track = scenes.track("T", [(lon1, lat1), (lon2, lat2)], [0, 1e6], *sizes)
+    try:
+        check_plane(scene, [], [track])
+    except InvalidInput:
+        return  # reaches over the pole
+    assert_holds_the_motion(scene, track)
+
+
+def test_slices_follow_each_other_without_a_gap() -> None:
+    scene, _, tracks = throw(WORKLOADS[0], 32, 0, 10)
+    for track in tracks:
+        pieces = track_pieces(scene, TrackBatch.of([track]))
+        own = np.flatnonzero(pieces.turn == 0)
+        order = own[np.argsort(pieces.start_us[own], kind="stable")]
+        assert pieces.start_us[order[0]] == track.times_us[0]
+        assert pieces.end_us[order[-1]] == track.times_us[-1]
+        np.testing.assert_array_equal(pieces.end_us[order[:-1]], pieces.start_us[order[1:]])
+        assert pieces.end_inclusive[order].tolist() == [True] * (len(order) - 1) + [False]
+        assert set(track.times_us.tolist()) <= {*pieces.start_us.tolist(), *pieces.end_us.tolist()}
+        assert pieces.part[order].tolist() == list(range(len(order)))
+
+
+def test_a_leg_of_three_microseconds_has_no_empty_slices() -> None:
+    track = scenes.track("T", [(0, 0), (9, 9)], [0, 3e-6], 1.0, 1.0, 1.0, 1.0)
+    pieces = track_pieces(Scene("s"), TrackBatch.of([track]))
+    assert (pieces.end_us > pieces.start_us).all()
+
+
+def ring_is_convex_and_left_handed(ring: np.ndarray) -> bool:
+    edges = np.roll(ring, -1, axis=0) - ring
+    after = np.roll(edges, -1, axis=0)
+    cross = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+    size = np.hypot(*edges.T).max()
+    return bool((cross >= -1e-9 * size).all()) and bool(cross.sum() > 0)
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
+def test_parts_make_up_the_area(workload: Workload, earth: EarthModel) -> None:
+    """Convex, counter-clockwise, not overlapping, and together the area: no more, no less."""
+    scene, areas, _ = throw(workload, 33, 12, 0, earth)
+    figure, globe = earth_of(earth), oracle.Globe.of(earth)
+    pieces = area_pieces(scene, AreaBatch.of(areas))
+    for i, area in enumerate(areas):
+        own = np.flatnonzero((pieces.object_id == i) & (pieces.turn == 0))
+        rings = [shape(pieces, k) for k in own]
+        assert all(ring_is_convex_and_left_handed(ring) for ring in rings)
+        true = oracle.plane(globe, area.footprint, 0.0)
+        turn_m = 2 * np.pi * figure.radius_m
+        # Each part may have come home by turns of its own.
+        parts = []
+        for ring in rings:
+            shift = np.round((true.centroid.x - ring[:, 0].mean()) / turn_m) * turn_m
+            parts.append(shapely.Polygon(ring + np.array([shift, 0.0])))
+        assert sum(part.area for part in parts) == pytest.approx(true.area, rel=1e-9)
+        assert shapely.symmetric_difference(shapely.union_all(parts), true).area < 1e-9 * true.area
+        for k, ring in zip(own, rings, strict=True):
+            assert shapely.covers(hull(pieces, k), shapely.MultiPoint(ring))
+            assert pieces.start_us[k] == (SINCE_EVER_US if area.start_us is None else area.start_us)
+            assert pieces.end_us[k] == (FOR_EVER_US if area.end_us is None else area.end_us)
+            assert not pieces.end_inclusive[k]
+
+
+def test_convex_areas_are_one_piece_and_others_few() -> None:
+    corners = np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 400, endpoint=False)])
+    star = corners * (1 + 0.3 * np.sin(np.linspace(0, 40 * np.pi, 400, endpoint=False)))[:, None]
+    areas = [
+        scenes.area("box", shapely.box(0, 0, 1, 1)),
+        scenes.area("collinear", shapely.Polygon([(0, 0), (0.5, 0), (1, 0), (1, 0.5), (1, 1), (0, 1)])),
+        scenes.area("round", shapely.Polygon(corners)),
+        scenes.area("L", shapely.Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])),
+        scenes.area("star", shapely.Polygon(star)),
+    ]
+    pieces = area_pieces(Scene("s"), AreaBatch.of(areas))
+    counts = np.bincount(pieces.object_id)
+    # A circle in degrees is convex in the Mercator plane too; an L is two pieces, three at most.
+    assert counts[:3].tolist() == [1, 1, 1]
+    assert counts[3] <= 3
+    assert counts[4] <= 4 * 41
+
+
+def test_copies_across_the_seam() -> None:
+    """What reaches +180 degrees has a copy one turn west, and what lies beyond comes home."""
+    scene = Scene("s", earth=EarthModel.SPHERE)
+    half = np.pi * earth_of(scene.earth).radius_m
+    areas = [
+        scenes.area("inside", shapely.box(10, 0, 20, 1)),
+        scenes.area("across", shapely.box(170, 0, 190, 1)),
+        scenes.area("beyond", shapely.box(190, 0, 200, 1)),
+        scenes.area("before", shapely.box(-200, 0, -190, 1)),
+        scenes.area("at", shapely.box(170, 0, 180, 1)),
+        scenes.area("world", shapely.box(-180, 0, 180, 1)),
+    ]
+    pieces = area_pieces(scene, AreaBatch.of(areas))
+    turns = {area.key: sorted(pieces.turn[pieces.object_id == i].tolist()) for i, area in enumerate(areas)}
+    assert turns["inside"] == [0]
+    assert turns["across"] == [-1, 0]
+    assert turns["beyond"] == [0]
+    assert turns["before"] == [0]
+    assert turns["at"] == [-1, 0]
+    assert -1 in turns["world"]
+    for k in range(len(pieces)):
+        west, _, _, _ = hull(pieces, k).bounds
+        assert -half <= west + 2 * half * -int(pieces.turn[k]) < half
+    tracks = [scenes.track("E", [(179, 0), (-179, 0)], [0, 100]), scenes.track("on", [(180, 0), (180, 5)], [0, 100])]
+    moving = track_pieces(scene, TrackBatch.of(tracks))
+    for i in range(2):
+        assert {0, -1} == set(moving.turn[moving.object_id == i].tolist())
+
+
+@pytest.mark.parametrize(
+    ("lat", "sizes", "field"),
+    [(89.5, (1, 1, 1, 1), "geometry"), (-89.1, (1, 1, 1, 1), "geometry"), (88.9, (2e5, 0, 0, 0), "outline_m")],
+)
+def test_what_the_plane_cannot_hold_is_refused(lat: float, sizes: tuple[float, ...], field: str) -> None:
+    track = scenes.track("far north", [(0, 80 * np.sign(lat)), (0, lat)], [0, 100], *sizes)
+    with pytest.raises(InvalidInput, match="89") as refusal:
+        check_plane(Scene("s"), [], [track])
+    assert "far north" in refusal.value.key
+    assert refusal.value.field == field
+
+
+def test_areas_over_a_pole_are_refused_by_name() -> None:
+    cap = scenes.area("cap", shapely.box(-180, 85, 180, 90))
+    with pytest.raises(InvalidInput, match=r"89 degrees.*great_circle") as refusal:
+        check_plane(Scene("s"), [cap], [])
+    assert refusal.value.key == "area 'cap'"
+
+
+def test_nothing_makes_no_pieces() -> None:
+    scene = Scene("s")
+    assert len(area_pieces(scene, AreaBatch.of([]))) == 0
+    assert len(track_pieces(scene, TrackBatch.of([]))) == 0
