@@ -6,15 +6,14 @@
 import gzip
 import logging
 import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, cast
+from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 
 import psycopg
 
@@ -230,7 +229,11 @@ class Database:
         return plan, settings
 
     def _loaded(self, plan: Plan, settings: Scene, merge: bool) -> Loaded:
-        counts = store.replace_scene(self.connection, settings, plan.areas, plan.tracks, merge=merge)
+        try:
+            counts = store.replace_scene(self.connection, settings, plan.areas, plan.tracks, merge=merge)
+        except InvalidInput as refused:
+            named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
+            raise refused.at(next(named, plan.sources[0])) from refused.__cause__
         return Loaded(plan.name, counts, tuple(plan.skipped))
 
     def _settings(self, scene: str) -> Scene:
@@ -294,19 +297,15 @@ class Database:
         """
         lines = scene_text(*self._read(scene))
         path = Path(path)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        if path.exists() and not path.is_file():  # a pipe or a device cannot be replaced
+            _write(path, "wb", lines)
+            return
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
-            with os.fdopen(handle, "wb") as raw:
-                if path.suffix == ".gz":
-                    with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
-                        packed.writelines(line.encode() for line in lines)
-                else:
-                    raw.writelines(line.encode() for line in lines)
-            Path(temporary).chmod(0o666 & ~_umask())
-            Path(temporary).replace(path)
+            _write(part, "xb", lines)
+            part.replace(path)
         except BaseException:
-            with suppress(FileNotFoundError):
-                Path(temporary).unlink()
+            part.unlink(missing_ok=True)
             raise
 
     def scene_text(self, scene: str) -> str:
@@ -341,7 +340,10 @@ class Database:
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _write(path: Path, mode: str, lines: Iterable[str]) -> None:
+    with path.open(mode) as raw:
+        if path.name.removesuffix(f".{os.getpid()}.part").endswith(".gz"):
+            with gzip.GzipFile(filename="", fileobj=cast("IO[bytes]", raw), mode="wb", mtime=0) as packed:
+                packed.writelines(line.encode() for line in lines)
+        else:
+            raw.writelines(line.encode() for line in lines)

@@ -7,12 +7,11 @@ from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from conflictdb import store
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text, run_text
-from conflictdb.cli.session import database
+from conflictdb.cli.session import database, worker_connections
 from conflictdb.database import Status, connect
 from conflictdb.io.instants import format_moment
 from conflictdb.store import SceneStatus
@@ -29,9 +28,8 @@ def work(args: argparse.Namespace) -> int:
 
     # A service manager ends a worker with SIGTERM. As an interrupt it also cancels what the database is doing.
     signal.signal(signal.SIGTERM, _interrupt)
-    with database(args) as db:
-        dsn = store.worker_dsn(args.dsn or db.connection.info.dsn)
-        worker = Worker(lambda: store.connect(dsn), _report, args.every or EVERY_S, args.jobs)
+    with database(args), worker_connections(args) as connection:
+        worker = Worker(connection, _report, args.every or EVERY_S, args.jobs)
         if args.once:
             return DONE if worker.once() else FAILED
         note("working; Ctrl-C ends")

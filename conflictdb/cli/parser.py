@@ -86,7 +86,9 @@ def _detect(commands: Any) -> None:
         "The settings given here become the scene's. Several files of one scene are taken together.",
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="scene files, moving features, positions, or areas")
-    parser.add_argument("--scene", metavar="NAME", help="scene to detect; with files: the scene to load them into")
+    parser.add_argument(
+        "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
+    )
     parser.add_argument("--method", choices=METHODS, help="where to stop: the trade between speed and accuracy")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument(
@@ -94,7 +96,9 @@ def _detect(commands: Any) -> None:
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
-    parser.add_argument("--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts")
+    parser.add_argument(
+        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
+    )
     _add_merge(parser)
     _add_output(parser)
 
@@ -108,13 +112,15 @@ def _load(commands: Any) -> None:
         "All or nothing: if one object is refused, nothing is changed.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")
-    parser.add_argument("--scene", metavar="NAME", help="scene to load into (default: the one that the file names)")
+    parser.add_argument(
+        "--scene", type=name, metavar="NAME", help="scene to load into (default: the one that the file names)"
+    )
     _add_merge(parser)
 
 
 def _conflicts(commands: Any) -> None:
     parser = _command(commands, "conflicts", "detection:conflicts", "print the conflicts that are known")
-    parser.add_argument("--scene", required=True, metavar="NAME", help="scene to print")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
     _add_output(parser)
 
@@ -123,7 +129,7 @@ def _export(commands: Any) -> None:
     parser = _command(
         commands, "export", "objects:export", "write a scene file", "Loading it again gives exactly the same objects."
     )
-    parser.add_argument("--scene", required=True, metavar="NAME", help="scene to write")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write")
     parser.add_argument("file", metavar="FILE", help="file to write (.gz: compressed); - is the standard output")
 
 
@@ -198,6 +204,15 @@ def _add_output(parser: Parser) -> None:
     parser.add_argument(
         "--no-region", action="store_true", help="json and geojson: leave out where each conflict is, which takes time"
     )
+
+
+def name(text: str) -> str:
+    """Return the name of a scene, as a database can hold it."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise argparse.ArgumentTypeError(f"must be UTF-8; got {text!a}") from None
+    return text
 
 
 def metres(text: str) -> float:

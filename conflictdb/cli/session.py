@@ -1,11 +1,17 @@
 """The database that a command works on, and the scene that it means."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
+from conflictdb import store
 from conflictdb.cli.output import note, progress
 from conflictdb.database import Database, connect
+from conflictdb.server import EmbeddedServer, embedded
+
+if TYPE_CHECKING:
+    from psycopg import Connection
 
 
 @contextmanager
@@ -13,6 +19,30 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
     """Open the database of a command, and close it at the end."""
     with connect(args.dsn, say=note) as opened:
         yield opened
+
+
+@contextmanager
+def worker_connections(args: argparse.Namespace) -> Iterator[Callable[[], "Connection[Any]"]]:
+    """Give a worker its way to connect, again and again.
+
+    The embedded database is started again if it is gone: whoever uses it keeps it running.
+    """
+    in_use: list[EmbeddedServer] = []
+
+    def connection() -> "Connection[Any]":
+        if args.dsn:
+            return store.connect(store.worker_dsn(args.dsn))
+        in_use.append(embedded(say=note))
+        for former in in_use[:-1]:
+            former.stop()
+        del in_use[:-1]
+        return store.connect(store.worker_dsn(in_use[0].dsn))
+
+    try:
+        yield connection
+    finally:
+        for server in in_use:
+            server.stop()
 
 
 def show_progress(done: int, total: int) -> None:

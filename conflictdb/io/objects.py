@@ -72,7 +72,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields) -> Track | TrackAt
     """Return the track of a feature; raises InvalidInput.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
-    `start` and a speed over the ground: then the lengths of its legs are needed, which `timed` computes for many tracks.
+    `start` and a speed over the ground: then the lengths of its legs are needed, which `timed` computes for many.
     """
     positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
     by_times = [name for name in TIMES if fields.has(name)]

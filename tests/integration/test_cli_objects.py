@@ -2,6 +2,9 @@
 
 import gzip
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -170,3 +173,44 @@ def test_export_that_fails_leaves_the_older_file(run: Run, tmp_path: Path) -> No
     done = run("export", "--scene", "strait", tmp_path / "no" / "such" / "folder.geojson")
     assert done.code == 1
     assert "folder" in done.err
+
+
+def test_export_into_a_device_writes_through(run: Run, tmp_path: Path) -> None:
+    run("load", STRAIT)
+    fifo = tmp_path / "pipe"
+    os.mkfifo(fifo)
+    reader = subprocess.Popen(["cat", str(fifo)], stdout=subprocess.PIPE, text=True)
+    assert run("export", "--scene", "strait", fifo).code == 0
+    assert json.loads(reader.communicate(timeout=30)[0])["scene"]["name"] == "strait"
+    assert fifo.is_fifo()
+
+
+def test_what_the_database_refuses_names_the_file_too(run: Run, tmp_path: Path) -> None:
+    content = document()
+    track = content["features"][-1]
+    track["geometry"]["coordinates"] = [[8, 57], [9, 57]]
+    for name in ("start", "speed_kn"):
+        del track["properties"][name]
+    track["properties"]["times"] = ["2900-01-01T00:00:00.000001Z", "2900-01-02T00:00:00Z"]
+    path = scene_file(tmp_path / "far.geojson", content)
+    done = run("load", path)
+    assert done.code == 4
+    assert done.err.startswith(f"conflictdb: {path}: track 'CONVOY-2': times[0]: cannot be kept to the microsecond")
+
+
+def test_text_is_utf_8_whatever_the_locale(dsn: str, tmp_path: Path) -> None:
+    content = document()
+    content["scene"]["name"] = "détroit ☂"
+    path = scene_file(tmp_path / "strait.geojson", content)
+    done = subprocess.run(
+        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "load", str(path)],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout.decode().startswith("détroit ☂: 11 added")
+
+
+def test_a_scene_name_that_is_no_text_is_a_usage_error(run: Run) -> None:
+    assert run("export", "--scene", "\udcff", "-").code == 2
