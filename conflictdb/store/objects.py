@@ -187,7 +187,7 @@ def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
 def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
     batch = TrackBatch.of(tracks)
     seconds = batch.times_us / 1e6
-    lost = np.flatnonzero(np.rint(seconds * 1e6) != batch.times_us)
+    lost = np.flatnonzero(np.rint(seconds * 1e6).astype(np.int64) != batch.times_us)
     if lost.size:
         i = int(np.searchsorted(batch.waypoint_offset, lost[0], side="right")) - 1
         raise InvalidInput(
