@@ -38,6 +38,8 @@ START_TIMEOUT_S: Final = 600.0
 _POLL_S: Final = 0.01
 #: Characters of a socket's path: the limit is 108 on Linux and 104 on macOS, PostgreSQL appends to it for its lock.
 _LONGEST_SOCKET_PATH: Final = 80
+#: A longer log is put aside at the next start.
+_LARGEST_LOG_BYTES: Final = 10_000_000
 _SOCKET_NAME: Final = ".s.PGSQL.5432"
 
 
@@ -106,7 +108,7 @@ class Cluster:
 
     def leave_held(self) -> bool:
         """End what `join("hold")` began; return False if no server runs."""
-        if not self.data.exists():
+        if not self.status().running:
             return False
         with self._locked():
             alive = self._joined_running("release")
@@ -167,10 +169,8 @@ class Cluster:
     def _joined_running(self, command: str) -> int | None:
         """Join the server that runs; None if none does, or once the one that was stopping is down."""
         alive = self._opened_alive()
-        if alive is not None:
-            if self._let_in(alive, command) and self._ready(alive):
-                return alive
-            os.close(alive)
+        if alive is not None and self._entered(alive, command):
+            return alive
         pid = self._postmaster()[0]
         if pid is not None:
             # Its supervisor was killed: nobody would ever stop it, and nobody can tell who uses it.
@@ -189,6 +189,16 @@ class Cluster:
             os.close(alive)
             raise ServerError(f"{self.home / 'alive'} is no FIFO: remove it")
         return alive
+
+    def _entered(self, alive: int, command: str) -> bool:
+        """Return whether we use a server that is ready; if not, `alive` is closed."""
+        entered = False
+        try:
+            entered = self._let_in(alive, command) and self._ready(alive)
+        finally:
+            if not entered:
+                os.close(alive)
+        return entered
 
     def _let_in(self, alive: int, command: str) -> bool:
         """Return whether the supervisor let us in; False if it has gone."""
@@ -232,11 +242,12 @@ class Cluster:
             self._initialise(server)
         (self.data / "postmaster.pid").unlink(missing_ok=True)
         log = self.home / "server.log"
+        if log.exists() and log.stat().st_size > _LARGEST_LOG_BYTES:
+            log.replace(self.home / "server.log.old")
         log_from = log.stat().st_size if log.exists() else 0
         alive = self._launch(server)
-        if self._let_in(alive, command) and self._ready(alive):
+        if self._entered(alive, command):
             return alive
-        os.close(alive)
         with log.open("rb") as file:
             file.seek(log_from)
             said = file.read().decode(errors="replace").strip().splitlines()
@@ -275,36 +286,52 @@ class Cluster:
 
         The supervisor inherits the read end, so that it sees end-of-file even if this process is killed right now.
         """
+        reading, alive = self._made_alive()
+        try:
+            self._supervise(server, reading)
+        except BaseException:
+            os.close(alive)
+            raise
+        finally:
+            os.close(reading)
+        return alive
+
+    def _made_alive(self) -> tuple[int, int]:
+        """Make a FIFO for a new server and return its read and write end; what old users hold stays the old one."""
         fresh = self.home / "alive.new"
         fresh.unlink(missing_ok=True)
         os.mkfifo(fresh, 0o600)
+        # A FIFO opens for writing only while somebody reads, and for reading at once only without blocking.
         reading = os.open(fresh, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
             if not stat.S_ISFIFO(os.fstat(reading).st_mode):
                 raise ServerError(f"{fresh} was replaced while the server started")
             os.fchown(reading, self._account.uid, self._account.gid)
             alive = os.open(fresh, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
-            fresh.rename(self.home / "alive")
-            os.set_blocking(reading, True)
-            socket_directory = self._socket_directory()
-            script = Path(__file__).with_name("supervise.sh").read_text()
-            arguments = [script, "supervise", str(self.home), str(socket_directory), str(server)]
-            arguments += [str(server.bin / "postgres"), "-D", str(self.data.resolve()), "-p", "5432"]
-            for name, value in configuration.forced(socket_directory):
-                arguments += ["-c", f"{name}={value}"]
-            # The outer shell ends at once, so that the supervisor is nobody's child who would have to wait for it.
-            detach = 'exec 3<&0; /bin/sh -c "$@" <&3 3<&- >/dev/null 2>&1 &'
-            subprocess.run(
-                ["/bin/sh", "-c", detach, "detach", *arguments],
-                stdin=reading,
-                env={**server.environ, "HOME": str(self.home)},
-                start_new_session=True,
-                check=True,
-                **self._account.switch,
-            )
-        finally:
+        except BaseException:
             os.close(reading)
-        return alive
+            raise
+        fresh.rename(self.home / "alive")
+        os.set_blocking(reading, True)
+        return reading, alive
+
+    def _supervise(self, server: Server, reading: int) -> None:
+        socket_directory = self._socket_directory()
+        script = Path(__file__).with_name("supervise.sh").read_text()
+        arguments = [script, "supervise", str(self.home), str(socket_directory), str(server)]
+        arguments += [str(server.bin / "postgres"), "-D", str(self.data.resolve()), "-p", "5432"]
+        for name, value in configuration.forced(socket_directory):
+            arguments += ["-c", f"{name}={value}"]
+        # The outer shell ends at once, so that the supervisor is nobody's child who would have to wait for it.
+        detach = 'exec 3<&0; /bin/sh -c "$@" <&3 3<&- >/dev/null 2>&1 &'
+        subprocess.run(
+            ["/bin/sh", "-c", detach, "detach", *arguments],
+            stdin=reading,
+            env={**server.environ, "HOME": str(self.home)},
+            start_new_session=True,
+            check=True,
+            **self._account.switch,
+        )
 
     def _socket_directory(self) -> Path:
         # libpq takes a comma for the border between two hosts.
