@@ -9,7 +9,9 @@ BEGIN
     EXECUTE format($q$
         CREATE TEMPORARY TABLE intersecting ON COMMIT DROP AS
         SELECT c.a_piece_id, c.b_piece_id,
-               CASE WHEN %L AND c.moves THEN ST_Intersection(c.a_hull, c.b_hull) END AS region
+               CASE WHEN %L AND c.moves
+                    -- In an order of the hulls' own: the last digits must not depend on the database's numbering.
+                    THEN ST_Intersection(least(c.a_hull, c.b_hull), greatest(c.a_hull, c.b_hull)) END AS region
         FROM (
             SELECT c.a_piece_id, c.b_piece_id, a.hull AS a_hull, b.hull AS b_hull,
                    a.object_kind = 1 OR b.object_kind = 1 AS moves

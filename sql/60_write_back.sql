@@ -13,7 +13,8 @@ DECLARE
 BEGIN
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
         SELECT ST_Union(ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
-                                        ST_Translate(b.shape, b.turn * v_turn_m, 0)))
+                                        ST_Translate(b.shape, b.turn * v_turn_m, 0))
+                        ORDER BY a.part, a.turn, b.part, b.turn)
             INTO v_region
             FROM piece a JOIN piece b ON b.hull && a.hull
             WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id AND b.object_kind = p_b_kind AND b.object_id = p_b_id
@@ -21,7 +22,7 @@ BEGIN
     END IF;
     IF v_region IS NULL OR ST_IsEmpty(v_region) THEN
         -- Hulls are padded: polygons that are only nearer than the separation meet in them.
-        SELECT ST_Union(ST_Intersection(a.hull, b.hull))
+        SELECT ST_Union(ST_Intersection(a.hull, b.hull) ORDER BY a.part, a.turn, b.part, b.turn)
             INTO v_region
             FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
             WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id AND b.object_kind = p_b_kind AND b.object_id = p_b_id
@@ -103,7 +104,8 @@ BEGIN
     CREATE TEMPORARY TABLE static_region ON COMMIT DROP AS
         SELECT m.a_id, m.b_id, _from_plane(m.region, v_scene.earth) AS region
         FROM (SELECT r.a_id, r.b_id,
-                     CASE WHEN count(*) = 1 THEN (array_agg(x.part))[1] ELSE ST_Union(x.part) END AS region
+                     CASE WHEN count(*) = 1 THEN (array_agg(x.part))[1]
+                          ELSE ST_Union(x.part ORDER BY a.part, a.turn, b.part, b.turn) END AS region
               FROM pg_temp.result r
               JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
               JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull

@@ -1,4 +1,5 @@
--- What users query.
+-- What users query. These functions are not STRICT: a set-returning function that is cannot be inlined, and the planner
+-- could neither use indexes through it nor leave out columns that nobody reads.
 
 CREATE OR REPLACE VIEW conflicts AS
 SELECT s.name AS scene,
@@ -39,7 +40,7 @@ COMMENT ON COLUMN conflicts.run_id IS 'The run that last computed this pair.';
 COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found to interfere.';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND c.periods @> p_instant;
@@ -47,7 +48,7 @@ END;
 COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene that are on at an instant.';
 
 CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF conflicts
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
@@ -61,19 +62,22 @@ LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Hulls are padded by half of what counts as meeting, at their own scale; the other half is added here, at the
     -- largest scale (metres of the plane per metre) the geometry reaches. All turns at which it may lie are tried.
-    SELECT p.object_kind, p.object_id, p.span * p_span, ST_Intersection(p.hull, ST_Buffer(g.plane, 1.01 * g.pad_m))
-    FROM scene s
-    CROSS JOIN LATERAL (SELECT _to_plane(p_geometry, s.earth) AS plane, _radius_m(s.earth) AS radius_m) h
-    CROSS JOIN LATERAL (
-        SELECT ST_Translate(h.plane, turn * 2 * pi() * h.radius_m, 0) AS plane,
-               1e-6 + 0.505 * (s.tolerance_m + s.separation_m)
-               * cosh(greatest(abs(ST_YMin(h.plane)), abs(ST_YMax(h.plane))) / h.radius_m) AS pad_m
-        FROM generate_series(-1, 1) turn
-    ) g
-    JOIN piece p ON p.scene_id = p_scene_id AND p.hull && ST_Expand(g.plane, g.pad_m) AND p.span && p_span
-    WHERE s.scene_id = p_scene_id
-      AND p.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < p.ceiling_m
-      AND ST_DWithin(p.hull, g.plane, g.pad_m);
+    WITH plane AS MATERIALIZED (
+        SELECT _to_plane(p_geometry, s.earth) AS shape, 2 * pi() * _radius_m(s.earth) AS turn_m,
+               s.tolerance_m + s.separation_m AS wanted_m
+        FROM scene s WHERE s.scene_id = p_scene_id
+    ), probed AS MATERIALIZED (
+        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape,
+               1e-6 + 0.505 * p.wanted_m
+                      * cosh(2 * pi() * greatest(abs(ST_YMin(p.shape)), abs(ST_YMax(p.shape))) / p.turn_m) AS pad_m
+        FROM plane p CROSS JOIN generate_series(-1, 1) turn
+    ), boxed AS MATERIALIZED (
+        SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
+    )
+    SELECT p.object_kind, p.object_id, p.span * p_span, ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
+    FROM boxed g JOIN piece p ON p.scene_id = p_scene_id AND p.hull && g.box AND p.span && p_span
+    WHERE p.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < p.ceiling_m
+      AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
 'Pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between two heights '
@@ -81,7 +85,7 @@ COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, 
 
 CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 RETURNS SETOF conflicts
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Both members must come near the geometry, which the index tells; only then is a region computed.
     WITH near AS MATERIALIZED (
@@ -120,7 +124,7 @@ COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double pr
 
 CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans,

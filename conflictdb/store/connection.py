@@ -10,8 +10,9 @@ from psycopg.rows import tuple_row
 
 from conflictdb.errors import ConflictDBError, InvalidInput, StoreError
 
-# SQLSTATE class of the refusals of sql/10_refusals.sql.
+# SQLSTATE class of the refusals of sql/10_refusals.sql; one of them is not about input.
 REFUSAL_CLASS: Final = "ZC"
+WRONG_SEQUENCE: Final = "ZC013"
 
 
 def connect(dsn: str) -> psycopg.Connection[Any]:
@@ -73,7 +74,7 @@ def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
 
 
 def _translation(error: psycopg.Error) -> ConflictDBError:
-    if (error.sqlstate or "").startswith(REFUSAL_CLASS):
+    if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag
         key, field = diag.message_detail or "", diag.column_name or ""
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")

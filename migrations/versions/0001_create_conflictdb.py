@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a7bc36155efff50bfe5f1ed37a0d049a20d467e21e09231d6c40b98b9426aebf"
+routines_sha256 = "7e08bfb9dfa7e56d2f0ed9ae0f16369c10ddd92311eebcdb79947bd049ee8c87"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

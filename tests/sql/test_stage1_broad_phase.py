@@ -1,0 +1,133 @@
+"""Stage 1 finds every pair whose boxes meet, by its index, and only those with a changed member."""
+
+from dataclasses import replace
+from typing import Any
+
+import psycopg
+import pytest
+from piecework import Stored, expected_pairs, load, refresh, stored_pieces
+from workloads import PAPER, SEAM, throw
+
+from conflictdb import store
+from conflictdb.errors import StoreError
+from conflictdb.model import Area, EarthModel
+
+Conn = psycopg.Connection[Any]
+
+
+def candidates(conn: Conn, scene_id: int) -> list[tuple[int, int]]:
+    """Run stage 1 in a transaction that stays open; return its pairs of pieces."""
+    store.begin_snapshot(conn)
+    count = store.find_candidates(conn, scene_id)
+    rows = conn.execute("SELECT a_piece_id, b_piece_id FROM pg_temp.candidate").fetchall()
+    assert len(rows) == count
+    return rows
+
+
+def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: set[str] | None = None) -> None:
+    """Every pair that must be there is, once; none is there that boxes rounded to float32 would not explain."""
+    key = {p.piece_id: p.key for p in pieces}
+    pairs = {frozenset(pair) for pair in found}
+    assert len(pairs) == len(found)
+    must, may = expected_pairs(pieces), expected_pairs(pieces, grown=16.0)
+    if changed is not None:
+        must, may = ({pair for pair in some if changed & {key[i] for i in pair}} for some in (must, may))
+    assert must <= pairs <= may
+    assert must
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
+@pytest.mark.parametrize("earth", list(EarthModel))
+def test_every_pair_of_meeting_boxes_is_found_once(conn: Conn, workload: Any, earth: EarthModel) -> None:
+    scene_id = load(conn, *throw(workload, 3, 25, 25, earth))
+    refresh(conn, scene_id)
+    found = candidates(conn, scene_id)
+    assert_exactly(found, stored_pieces(conn, scene_id))
+
+
+def test_heights_and_other_scenes_keep_pairs_apart(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 4, 20, 20)
+    layered = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
+    scene_id = load(conn, scene, layered, tracks)
+    other = load(conn, replace(scene, name="other", earth=EarthModel.SPHERE), areas, tracks)
+    refresh(conn, other)
+    refresh(conn, scene_id)
+    assert_exactly(candidates(conn, scene_id), stored_pieces(conn, scene_id))
+
+
+def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 5, 25, 25)
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, scene_id)
+    conn.execute("DELETE FROM conflictdb.change")
+    conn.commit()
+    assert candidates(conn, scene_id) == []
+    conn.commit()
+
+    areas[3], areas[4], tracks[5] = (replace(x, floor_m=-1e4) for x in (areas[3], areas[4], tracks[5]))
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    refresh(conn, scene_id)
+    found = candidates(conn, scene_id)
+    assert_exactly(found, stored_pieces(conn, scene_id), {areas[3].key, areas[4].key, tracks[5].key})
+
+
+def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 6, 10, 10)
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, scene_id)
+    conn.execute("DELETE FROM conflictdb.change")
+    conn.commit()
+    store.replace_scene(conn, scene, [replace(a, floor_m=0.0) for a in areas], tracks, merge=False)
+    assert candidates(conn, scene_id) == []
+
+
+@pytest.mark.parametrize("changed", [None, 1])
+def test_pieces_are_found_by_the_index(conn: Conn, changed: int | None) -> None:
+    """Every dirty piece is looked up in it, whatever the planner thinks of a table that small."""
+    scene, areas, tracks = throw(PAPER, 7, 30, 30)
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, scene_id)
+    if changed is not None:
+        conn.execute("DELETE FROM conflictdb.change WHERE object_id <> (SELECT min(area_id) FROM conflictdb.area)")
+        conn.commit()
+    candidates(conn, scene_id)
+    row = conn.execute(
+        """SELECT pg_stat_get_xact_numscans('conflictdb.piece_scene_id_hull_span_gist'::regclass) >= count(*),
+                  count(*) > 0
+           FROM conflictdb.piece JOIN pg_temp.dirty USING (object_kind, object_id)"""
+    ).fetchone()
+    assert row == (True, True)
+
+
+def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 8, 200, 200)
+    refresh(conn, load(conn, scene, areas, tracks))
+    plan = "\n".join(
+        row[0] for row in conn.execute("EXPLAIN SELECT * FROM conflictdb.candidates(%s)", [scene.name]).fetchall()
+    )
+    assert "piece_scene_id_hull_span_gist" in plan
+    condition = next(line for line in plan.splitlines() if "Index Cond" in line and "&&" in line)
+    for column in ("scene_id = ", "hull && ", "span && "):
+        assert column in condition
+    index = conn.execute("SELECT indexdef FROM pg_indexes WHERE indexname = 'piece_scene_id_hull_span_gist'").fetchone()
+    assert index == (
+        "CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span)",
+    )
+
+
+def test_detection_must_read_one_snapshot(conn: Conn) -> None:
+    scene_id = load(conn, *throw(PAPER, 9, 2, 2))
+    with pytest.raises(StoreError, match="REPEATABLE READ"):
+        store.find_candidates(conn, scene_id)
+
+
+def test_unbounded_spans_meet_everything(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 10, 2, 1)
+    areas = [Area("always", areas[0].footprint), Area("also", areas[0].footprint, end_us=-(10**15))]
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, scene_id)
+    pairs = candidates(conn, scene_id)
+    key = {p.piece_id: p.key for p in stored_pieces(conn, scene_id)}
+    found = {frozenset(key[i] for i in pair) for pair in pairs}
+    assert frozenset(("always", "also")) in found
+    assert frozenset(("also", tracks[0].key)) not in found

@@ -1,0 +1,122 @@
+"""Stage 2 keeps exactly the candidates whose hulls share a point, and says where; pieces come back to the bit."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load, refresh, stored_pieces
+from workloads import PAPER, SEAM, throw
+
+from conflictdb import store
+from conflictdb.batches import Pairs, Pieces
+from conflictdb.model import Area, EarthModel, Scene
+
+Conn = psycopg.Connection[Any]
+PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
+
+
+def intersecting(conn: Conn, scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
+    store.begin_snapshot(conn)
+    store.find_candidates(conn, scene_id)
+    count = store.find_intersections(conn, scene_id, regions)
+    pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
+    assert len(pairs) == count
+    return pieces, pairs
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
+def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) -> None:
+    scene_id = load(conn, *throw(workload, 11, 20, 20))
+    refresh(conn, scene_id)
+    pieces, pairs = intersecting(conn, scene_id)
+    hull = {p.piece_id: p.hull for p in stored_pieces(conn, scene_id)}
+    candidates = conn.execute("SELECT a_piece_id, b_piece_id FROM pg_temp.candidate").fetchall()
+    wanted = {frozenset(pair) for pair in candidates if hull[pair[0]].intersects(hull[pair[1]])}
+    ids = pieces.piece_id
+    found = [frozenset((int(ids[a]), int(ids[b]))) for a, b in zip(pairs.a, pairs.b, strict=True)]
+    assert set(found) == wanted
+    assert len(found) == len(wanted)
+
+    for i, (a, b) in enumerate(zip(pairs.a, pairs.b, strict=True)):
+        region = pairs.region_xy[pairs.region_offset[i] : pairs.region_offset[i + 1]]
+        if pieces.kind[a] == pieces.kind[b] == 0:
+            assert len(region) == 0
+        else:
+            both = hull[int(ids[a])].intersection(hull[int(ids[b])])
+            np.testing.assert_allclose(shapely.bounds(shapely.multipoints(region)), both.bounds, rtol=0, atol=1e-6)
+
+
+def test_without_regions_none_is_computed(conn: Conn) -> None:
+    scene_id = load(conn, *throw(PAPER, 12, 10, 10))
+    refresh(conn, scene_id)
+    _, with_regions = intersecting(conn, scene_id)
+    conn.rollback()
+    _, pairs = intersecting(conn, scene_id, regions=False)
+    assert pairs.a.tolist() == with_regions.a.tolist()
+    assert pairs.region_xy.shape == (0, 2)
+    assert pairs.region_offset.tolist() == [0] * (len(pairs) + 1)
+
+
+def test_pieces_come_back_as_they_were_stored(conn: Conn) -> None:
+    scene, areas, tracks = throw(SEAM, 13, 15, 15)
+    areas[0] = replace(areas[0], start_us=None, end_us=5, floor_m=-3.0)
+    areas[1] = replace(areas[1], start_us=None, end_us=None, ceiling_m=1e9)
+    tracks[0] = replace(tracks[0], outline_m=np.array([[0.0, 0.0]]))
+    tracks[1] = replace(tracks[1], outline_m=np.array([[0.0, 0.0], [5.0, 9000.0]]))
+    scene_id = load(conn, scene, areas, tracks)
+    made = refresh(conn, scene_id)
+    assert (made.turn != 0).any()
+    found, _ = intersecting(conn, scene_id)
+
+    identity = ("kind", "object_id", "part", "turn")
+    row = {key: i for i, key in enumerate(zip(*(getattr(made, name).tolist() for name in identity), strict=True))}
+    order = np.array([row[key] for key in zip(*(getattr(found, name).tolist() for name in identity), strict=True)])
+    wanted = made.take(order)
+    for name in ("version", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m", "shape_xy", "shape_offset"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    for name in ("leg_start_us", "leg_end_us", "leg_start_deg", "leg_end_deg", "bearing_deg"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+
+
+def test_order_follows_the_content_not_the_order_of_loading(conn: Conn) -> None:
+    scene, areas, tracks = throw(PAPER, 14, 15, 15)
+    answers = []
+    for name, sequence in (("forth", slice(None)), ("back", slice(None, None, -1))):
+        scene_id = load(conn, replace(scene, name=name), areas[sequence], tracks[sequence])
+        refresh(conn, scene_id)
+        pieces, pairs = intersecting(conn, scene_id)
+        conn.rollback()
+        assert (np.diff(pairs.a) >= 0).all()
+        assert (pairs.a < pairs.b).all()
+        answers.append((pieces.kind, pieces.part, pieces.turn, pieces.shape_xy, pairs.a, pairs.b, pairs.region_xy))
+    for one, other in zip(*answers, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_touching_counts_and_the_smallest_gap_does_not(conn: Conn) -> None:
+    def square(west: float, south: float) -> shapely.MultiPolygon:
+        return shapely.MultiPolygon([shapely.box(west, south, west + 1, south + 1)])
+
+    areas = [
+        Area("middle", square(10, 0)),
+        Area("edge", square(11, 0)),
+        Area("corner", square(11, 1)),
+        Area("gap", square(9 - 1e-6, 0)),  # 11 cm
+    ]
+    scene_id = load(conn, PLAIN, areas, [])
+    refresh(conn, scene_id)
+    pieces, pairs = intersecting(conn, scene_id)
+    key = {p.piece_id: p.key for p in stored_pieces(conn, scene_id)}
+    names = [key[int(i)] for i in pieces.piece_id]
+    found = {(names[a], names[b]) for a, b in zip(pairs.a, pairs.b, strict=True)}
+    assert found == {("edge", "middle"), ("corner", "middle"), ("corner", "edge")}
+
+
+def test_nothing_meets_nothing(conn: Conn) -> None:
+    scene_id = load(conn, PLAIN, [], [])
+    refresh(conn, scene_id)
+    pieces, pairs = intersecting(conn, scene_id)
+    assert (len(pieces), len(pairs), len(pairs.region_xy)) == (0, 0, 0)

@@ -1,0 +1,325 @@
+"""Conflicts are replaced in one transaction, exactly for the pairs that were looked at; marks made meanwhile stay."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load, refresh
+from psycopg.pq import TransactionStatus
+
+from conflictdb import store
+from conflictdb.batches import Conflicts
+from conflictdb.errors import StoreError
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+
+Conn = psycopg.Connection[Any]
+
+SCENE = Scene("s", tolerance_m=0.0)
+T0_US = 1_772_323_200_000_000
+RECORD = store.RunRecord(
+    "nlp", {"tolerance_m": 0.0}, datetime(2026, 3, 1, tzinfo=UTC), 7, 5, 3, 2, 0.1, 0.2, 0.3, 0.4, 0.5
+)
+
+
+def square(key: str, west: float) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(west, 50, west + 1, 51)]), start_us=T0_US)
+
+
+def track(key: str, east: float) -> Track:
+    times = np.array([T0_US, T0_US + 3_600_000_000])
+    return Track(key, np.array([[0.0, 50.5], [east, 50.5]]), times, rectangle_outline_m(100, 100, 100, 100))
+
+
+# B and A overlap; T passes through both, U sails beside it.
+AREAS = [square("B", 0.5), square("A", 0.0)]
+TRACKS = [track("T", 2.0), track("U", 3.0)]
+
+
+def found(
+    conn: Conn,
+    pairs: dict[tuple[str, str], list[tuple[int, int]]],
+    *,
+    verdict: int = 0,
+    at: tuple[float, float] | None = None,
+) -> Conflicts:
+    """Return results for pairs of keys, as the transaction sees the objects."""
+    known = {
+        key: (kind, number, version)
+        for kind, key, number, version in conn.execute(
+            """SELECT 0, key, area_id, version FROM conflictdb.area
+               UNION ALL SELECT 1, key, track_id, version FROM conflictdb.track"""
+        )
+    }
+    a, b = (np.array([known[pair[k]] for pair in pairs], dtype=np.int64).reshape(-1, 3) for k in (0, 1))
+    n = len(pairs)
+    return Conflicts(
+        a_kind=a[:, 0].astype(np.int8),
+        a_id=a[:, 1],
+        a_version=a[:, 2],
+        b_kind=b[:, 0].astype(np.int8),
+        b_id=b[:, 1],
+        b_version=b[:, 2],
+        period_us=np.array([period for periods in pairs.values() for period in periods], np.int64).reshape(-1, 2),
+        period_offset=np.cumsum([0, *(len(periods) for periods in pairs.values())]).astype(np.int64),
+        verdict=np.full(n, verdict, np.int8),
+        first_contact_deg=np.tile(np.array(at or (np.nan, np.nan)), (n, 1)),
+        time_error_s=np.full(n, 0.25),
+    )
+
+
+def detect(
+    conn: Conn, scene_id: int, pairs: dict[tuple[str, str], list[tuple[int, int]]], **more: Any
+) -> store.RunOutcome:
+    """Detect with a given answer; a session that was closed a moment ago may still hold the lock."""
+    with store.scene_lock(conn, scene_id, wait=True):
+        refresh(conn, scene_id)
+        store.begin_snapshot(conn)
+        store.find_candidates(conn, scene_id)
+        store.find_intersections(conn, scene_id, regions=True)
+        outcome = store.write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
+        conn.commit()
+    return outcome
+
+
+ONE = [(T0_US, T0_US + 1)]
+TWO = [(T0_US, T0_US + 1), (T0_US + 5, T0_US + 5)]
+ALL = {("T", "A"): ONE, ("U", "T"): TWO, ("B", "A"): [(T0_US, FOR_EVER_US)]}
+
+
+@pytest.fixture
+def scene_id(conn: Conn) -> int:
+    return load(conn, SCENE, AREAS, TRACKS)
+
+
+def test_area_comes_first_else_the_smaller_key(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    assert sorted((c.a_kind, c.a_key, c.b_kind, c.b_key) for c in store.conflicts(conn, "s")) == [
+        ("area", "A", "area", "B"),
+        ("area", "A", "track", "T"),
+        ("track", "T", "track", "U"),
+    ]
+
+
+def test_periods_are_inclusive_exact_and_may_be_unbounded(conn: Conn, scene_id: int) -> None:
+    ever = [(SINCE_EVER_US, T0_US), (T0_US + 1, T0_US + 1), (T0_US + 2, FOR_EVER_US)]
+    detect(conn, scene_id, {("A", "B"): ever, ("T", "U"): TWO}, verdict=1, at=(181.0, 50.0))
+    first, second = store.conflicts(conn, "s")
+    start = datetime(2026, 3, 1, tzinfo=UTC)
+    us = [start.replace(microsecond=k) for k in range(6)]
+    assert first.periods == [(None, us[0]), (us[1], us[1]), (us[2], None)]
+    assert (first.first_contact, first.last_contact) == (None, None)
+    assert second.periods == [(us[0], us[1]), (us[5], us[5])]
+    assert (second.first_contact, second.last_contact) == (us[0], us[5])
+    assert (second.verdict, second.method, second.time_error_s, second.is_current) == ("grazing", "nlp", 0.25, True)
+    assert second.first_contact_deg == (-179.0, 50.0)
+
+
+def test_run_is_recorded_with_its_funnel(conn: Conn, scene_id: int) -> None:
+    outcome = detect(conn, scene_id, ALL, verdict=2)
+    (run,) = store.runs(conn, "s")
+    assert (run.run_id, run.opened, run.changed, run.closed) == (outcome.run_id, 3, 0, 0)
+    assert (run.objects, run.conflicts, run.unresolved, run.error) == (4, 3, 3, None)
+    assert (run.candidate_pairs, run.intersecting_pairs, run.window_pairs, run.solved_pairs) == (7, 5, 3, 2)
+    assert (run.pieces_s, run.stage1_s, run.stage2_s, run.stage3_s, run.stage4_s) == (0.1, 0.2, 0.3, 0.4, 0.5)
+    assert run.write_s is not None
+    assert run.write_s > 0
+    assert run.settings == {"tolerance_m": 0.0}
+    assert run.started_at == RECORD.started_at
+    (status,) = store.list_scenes(conn)
+    assert (status.pending, status.conflicts, status.run_id, status.error) == (0, 3, outcome.run_id, None)
+
+
+def test_only_pairs_with_a_changed_member_are_replaced(conn: Conn, scene_id: int) -> None:
+    first = detect(conn, scene_id, ALL)
+    before = {(c.a_key, c.b_key): c for c in store.conflicts(conn, "s")}
+    store.replace_scene(conn, SCENE, AREAS, [TRACKS[0], replace(TRACKS[1], floor_m=0.0)], merge=False)
+    assert {(c.a_key, c.b_key): c.is_current for c in store.conflicts(conn, "s")} == {
+        ("A", "T"): True, ("T", "U"): False, ("A", "B"): True,
+    }  # fmt: skip
+    second = detect(conn, scene_id, {("T", "U"): ONE, ("A", "U"): ONE})
+    assert (second.opened, second.changed, second.closed) == (1, 1, 0)
+    after = {(c.a_key, c.b_key): c for c in store.conflicts(conn, "s")}
+    assert after[("A", "T")] == before[("A", "T")]
+    assert after[("T", "U")].run_id == second.run_id > first.run_id
+    assert after[("T", "U")].found_at == before[("T", "U")].found_at
+    assert after[("A", "U")].found_at > before[("A", "T")].found_at
+
+    store.replace_scene(conn, SCENE, AREAS, [TRACKS[0], replace(TRACKS[1], floor_m=1.0)], merge=False)
+    third = detect(conn, scene_id, {("T", "U"): ONE})
+    assert (third.opened, third.changed, third.closed) == (0, 0, 1)
+
+
+def test_detection_without_changes_changes_nothing(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    before = store.conflicts(conn, "s", with_region=True)
+    outcome = detect(conn, scene_id, {})
+    assert (outcome.opened, outcome.changed, outcome.closed) == (0, 0, 0)
+    assert store.conflicts(conn, "s", with_region=True) == before
+
+
+def test_marking_all_computes_every_pair_again(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    assert store.mark_all(conn, scene_id) == 4
+    conn.commit()
+    assert not any(c.is_current for c in store.conflicts(conn, "s"))
+    outcome = detect(conn, scene_id, {("A", "B"): ALL[("B", "A")]})
+    assert (outcome.opened, outcome.changed, outcome.closed) == (0, 0, 2)
+
+
+def test_conflicts_of_a_removed_object_stay_until_the_next_detection(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    store.replace_scene(conn, SCENE, AREAS, TRACKS[1:], merge=False)
+    assert {(c.a_key, c.b_key): c.is_current for c in store.conflicts(conn, "s")} == {
+        ("A", "T"): False, ("T", "U"): False, ("A", "B"): True,
+    }  # fmt: skip
+    outcome = detect(conn, scene_id, {})
+    assert outcome.closed == 2
+    assert [(c.a_key, c.b_key) for c in store.conflicts(conn, "s")] == [("A", "B")]
+    row = conn.execute(
+        """SELECT count(*) FROM conflictdb.piece
+           WHERE object_kind = 1 AND object_id NOT IN (SELECT track_id FROM conflictdb.track)"""
+    ).fetchone()
+    assert row == (0,)
+    assert store.list_scenes(conn)[0].pending == 0
+
+
+def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Conn, dsn: str, scene_id: int) -> None:
+    """Writers change, add and remove objects, and settings, between and within both transactions: nobody fails."""
+    with store.connect(dsn) as writer, store.scene_lock(conn, scene_id, wait=False):
+        store.begin_snapshot(conn)
+        areas, _ = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
+        assert len(areas) == 2
+        store.replace_scene(writer, SCENE, [replace(AREAS[0], floor_m=1.0), AREAS[1]], TRACKS, merge=False)
+        refresh_rest(conn, scene_id)
+        store.replace_scene(writer, SCENE, [square("C", 0.2)], [], merge=True)
+        store.begin_snapshot(conn)
+        store.find_candidates(conn, scene_id)
+        store.find_intersections(conn, scene_id, regions=False)
+        store.set_scene(writer, replace(SCENE, separation_m=10.0))
+        store.replace_scene(writer, replace(SCENE, separation_m=10.0), AREAS[1:], TRACKS[:1], merge=False)
+        store.write_run(conn, scene_id, RECORD, found(conn, ALL))
+        conn.commit()
+    current = {(c.a_key, c.b_key): c.is_current for c in store.conflicts(conn, "s")}
+    assert current == {("A", "B"): False, ("A", "T"): False, ("T", "U"): False}
+    assert store.list_scenes(conn)[0].pending == 5  # A, B, C, T, U; two of them removed
+    outcome = detect(conn, scene_id, {("A", "T"): ONE})
+    assert (outcome.opened, outcome.changed, outcome.closed) == (0, 0, 2)
+    assert [c.is_current for c in store.conflicts(conn, "s")] == [True]
+    assert store.list_scenes(conn)[0].pending == 0
+
+
+def refresh_rest(conn: Conn, scene_id: int) -> None:
+    """Finish transaction 1 on the snapshot that is open."""
+    from conflictdb.batches import Pieces
+    from conflictdb.pieces import area_pieces, track_pieces
+
+    settings = store.read_settings(conn, scene_id)
+    areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
+    assert areas.floor_m.tolist() == [-np.inf, -np.inf]  # still the snapshot's
+    pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
+    store.replace_pieces(conn, scene_id, pieces)
+    conn.commit()
+
+
+def test_object_removed_after_its_pieces_were_made_drops_out(conn: Conn, dsn: str, scene_id: int) -> None:
+    refresh(conn, scene_id)
+    store.begin_snapshot(conn)
+    result = found(conn, ALL)
+    conn.rollback()
+    with store.connect(dsn) as writer:
+        store.replace_scene(writer, SCENE, AREAS, TRACKS[:1], merge=False)
+    store.begin_snapshot(conn)
+    store.write_run(conn, scene_id, RECORD, result)
+    conn.commit()
+    assert sorted((c.a_key, c.b_key) for c in store.conflicts(conn, "s")) == [("A", "B"), ("A", "T")]
+    assert store.list_scenes(conn)[0].pending == 1
+
+
+@pytest.mark.parametrize("crash_before_write", [True, False])
+def test_crash_leaves_old_conflicts_and_marks(conn: Conn, dsn: str, scene_id: int, crash_before_write: bool) -> None:
+    detect(conn, scene_id, ALL)
+    store.replace_scene(conn, SCENE, AREAS, [replace(t, floor_m=0.0) for t in TRACKS], merge=False)
+    victim = store.connect(dsn)
+    with store.scene_lock(victim, scene_id, wait=False):
+        refresh(victim, scene_id)
+        store.begin_snapshot(victim)
+        store.find_candidates(victim, scene_id)
+        if not crash_before_write:
+            store.write_run(victim, scene_id, RECORD, found(victim, {}))
+        victim.close()
+    assert len(store.conflicts(conn, "s")) == 3
+    assert store.list_scenes(conn)[0].pending == 2
+    outcome = detect(conn, scene_id, {("A", "T"): TWO})
+    assert (outcome.opened, outcome.changed, outcome.closed) == (0, 1, 1)
+
+
+def test_one_detection_of_a_scene_at_a_time(conn: Conn, dsn: str, scene_id: int) -> None:
+    other_scene = store.set_scene(conn, Scene("other"))
+    with store.connect(dsn) as other, store.scene_lock(conn, scene_id, wait=False):
+        with pytest.raises(StoreError, match="another session"), store.scene_lock(other, scene_id, wait=False):
+            pass
+        with store.scene_lock(other, other_scene, wait=False):
+            pass
+    with store.connect(dsn) as other, store.scene_lock(other, scene_id, wait=True):
+        other.execute("SELECT 1")  # left open: the lock must go all the same
+    with store.scene_lock(conn, scene_id, wait=False):
+        assert conn.info.transaction_status == TransactionStatus.IDLE
+
+
+def test_lock_goes_with_an_error_and_the_error_stays(conn: Conn, dsn: str, scene_id: int) -> None:
+    def fail() -> None:
+        with store.scene_lock(conn, scene_id, wait=False), store.translated():
+            conn.execute("SELECT 1/0")
+
+    with pytest.raises(StoreError, match="division by zero"):
+        fail()
+    with store.connect(dsn) as other, store.scene_lock(other, scene_id, wait=False):
+        pass
+
+
+def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, scene_id: int) -> None:
+    conn.execute("SELECT 1")
+    with pytest.raises(StoreError, match="open transaction"), store.scene_lock(conn, scene_id, wait=False):
+        pass
+    with pytest.raises(StoreError, match="open transaction"):
+        store.begin_snapshot(conn)
+
+
+def test_listeners_are_told_what_a_detection_changed(conn: Conn, dsn: str, scene_id: int) -> None:
+    with psycopg.connect(dsn, autocommit=True) as listener:
+        listener.execute("LISTEN conflictdb")
+        outcome = detect(conn, scene_id, ALL)
+        (heard,) = listener.notifies(timeout=5, stop_after=1)
+    assert json.loads(heard.payload) == {"scene": "s", "run": outcome.run_id, "opened": 3, "changed": 0, "closed": 0}
+
+
+def test_failed_detection_is_recorded_and_nothing_else_changes(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    store.mark_all(conn, scene_id)
+    conn.commit()
+    number = store.record_failure(conn, scene_id, replace(RECORD, stage4_s=None), "ValueError: no")
+    assert conn.info.transaction_status == TransactionStatus.IDLE
+    (run,) = store.runs(conn, "s")
+    assert (run.run_id, run.error, run.conflicts, run.stage4_s) == (number, "ValueError: no", None, None)
+    (status,) = store.list_scenes(conn)
+    assert (status.error, status.conflicts, status.pending) == ("ValueError: no", 3, 4)
+
+
+def test_renamed_object_keeps_one_row_per_pair(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    conn.execute("UPDATE conflictdb.area SET key = 'Z' WHERE key = 'A'")
+    conn.commit()
+    detect(conn, scene_id, {("Z", "B"): ONE, ("Z", "T"): ONE})
+    assert sorted((c.a_key, c.b_key) for c in store.conflicts(conn, "s")) == [("B", "Z"), ("T", "U"), ("Z", "T")]
+
+
+def test_scene_with_conflicts_can_be_removed(conn: Conn, scene_id: int) -> None:
+    detect(conn, scene_id, ALL)
+    conn.execute("DELETE FROM conflictdb.scene")
+    conn.commit()
+    assert store.list_scenes(conn) == []

@@ -1,0 +1,114 @@
+"""COPY BINARY as arrays: what is encoded in bulk is what PostgreSQL's own format says, row by row."""
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.store import copy_binary
+from conflictdb.store.copy_binary import Ragged
+
+EPOCH_US = 946_684_800_000_000
+
+
+def strings(column: Ragged) -> list[bytes]:
+    return [column.data[i:j].tobytes() for i, j in zip(column.offset[:-1], column.offset[1:], strict=True)]
+
+
+def test_rows_are_field_counts_lengths_and_data() -> None:
+    columns: list[Any] = [
+        copy_binary.fixed([1, -2], "i4"),
+        Ragged.of([b"abc", None]),
+        copy_binary.fixed([0.5, 2], "f8"),
+    ]
+    expected = b"".join(
+        [
+            struct.pack(">hiii3sid", 3, 4, 1, 3, b"abc", 8, 0.5),
+            struct.pack(">hiiiid", 3, 4, -2, -1, 8, 2.0),
+        ]
+    )
+    assert b"".join(copy_binary._blocks(columns)) == expected
+
+
+def test_blocks_of_many_rows_join_seamlessly(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = [b"x" * (n % 7) if n % 5 else None for n in range(100)]
+    columns: list[Any] = [Ragged.of(texts), copy_binary.fixed(np.arange(100), "i8")]
+    whole = b"".join(copy_binary._blocks(columns))
+    monkeypatch.setattr(copy_binary, "_ROWS_PER_BLOCK", 7)
+    assert b"".join(copy_binary._blocks(columns)) == whole
+
+
+def test_no_rows_are_no_bytes() -> None:
+    assert list(copy_binary._blocks([copy_binary.fixed([], "i8"), Ragged.of([])])) == []
+
+
+def test_instants_count_from_2000_and_keep_infinities() -> None:
+    us = np.array([0, EPOCH_US, SINCE_EVER_US, FOR_EVER_US, 1_700_000_000_000_001])
+    sent = copy_binary.instants(us).view(">i8").ravel()
+    assert sent.tolist() == [-EPOCH_US, 0, SINCE_EVER_US, FOR_EVER_US, 1_700_000_000_000_001 - EPOCH_US]
+    np.testing.assert_array_equal(copy_binary.microseconds(sent.astype(np.int64)), us)
+
+
+def test_spans_name_their_bounds() -> None:
+    start = np.array([EPOCH_US + 1, SINCE_EVER_US, EPOCH_US, SINCE_EVER_US])
+    end = np.array([EPOCH_US + 2, EPOCH_US, FOR_EVER_US, FOR_EVER_US])
+    found = strings(copy_binary.spans(start, end, np.array([True, False, False, True])))
+    assert found == [
+        struct.pack(">Biqiq", 0x02 | 0x04, 8, 1, 8, 2),
+        struct.pack(">Biq", 0x08, 8, 0),
+        struct.pack(">Biq", 0x02 | 0x10, 8, 0),
+        struct.pack(">B", 0x08 | 0x10),
+    ]
+
+
+@pytest.mark.parametrize("srid", [0, 3395])
+def test_polygons_are_wkb_that_shapely_reads(srid: int) -> None:
+    rings = [
+        [(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 0.0)],
+        [(5.0, 5.0), (6.0, 5.0), (6.0, 6.5), (5.5, 7.0), (5.0, 5.0)],
+    ]
+    xy = np.concatenate([np.array(ring) for ring in rings])
+    column = copy_binary.polygons(xy, copy_binary.offsets([4, 5]), srid)
+    polygons = shapely.from_wkb(strings(column))
+    assert [list(polygon.exterior.coords) for polygon in polygons] == rings
+    assert shapely.get_srid(polygons).tolist() == [srid, srid]
+
+
+def test_lines_with_m_are_wkb_and_come_back_to_the_bit() -> None:
+    xym = np.array([[0.1, 0.2, 1.7e9 + 1e-6], [-179.999, 89.0, 1.8e9], [3.0, -0.0, 0.0], [4.0, 5.0, 6.0]])
+    column = copy_binary.lines_m(xym, copy_binary.offsets([2, 2]))
+    lines = shapely.from_wkb(strings(column))
+    assert [line.has_m and not line.has_z for line in lines] == [True, True]
+    back, offset = copy_binary.vertices(strings(column), copy_binary.WKB_LINESTRING_M)
+    assert back.tobytes() == xym.tobytes()
+    assert offset.tolist() == [0, 2, 4]
+
+
+def test_rings_close_and_open_again_also_points_and_lines() -> None:
+    rings = [
+        [(1.0, 2.0)],
+        [(1.0, 2.0), (3.0, 4.0)],
+        [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)],
+        [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
+    ]
+    xy = np.concatenate([np.array(ring) for ring in rings])
+    offset = copy_binary.offsets([len(ring) for ring in rings])
+    closed, closed_offset = copy_binary.closed_rings(xy, offset)
+    assert np.diff(closed_offset).tolist() == [4, 4, 4, 5]
+    assert closed[:4].tolist() == [[1, 2]] * 4
+    assert closed[4:8].tolist() == [[1, 2], [3, 4], [3, 4], [1, 2]]
+    np.testing.assert_array_equal(closed[closed_offset[:-1]], closed[closed_offset[1:] - 1])
+    back, back_offset = copy_binary.open_rings(closed, closed_offset)
+    assert back.tobytes() == xy.tobytes()
+    assert back_offset.tolist() == offset.tolist()
+
+
+def test_no_rings_stay_no_rings() -> None:
+    closed, offset = copy_binary.closed_rings(np.empty((0, 2)), np.zeros(1, np.int64))
+    assert closed.shape == (0, 2)
+    opened, offset = copy_binary.open_rings(closed, offset)
+    assert opened.shape == (0, 2)
+    assert offset.tolist() == [0]
