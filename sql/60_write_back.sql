@@ -11,25 +11,35 @@ DECLARE
     v_turn_m double precision := 2 * pi() * _radius_m(p_earth);
     v_region geometry;
 BEGIN
+    -- Parts may lie on both sides of the seam: each is brought to longitude and latitude by itself. OFFSET 0 lets each
+    -- step be computed once.
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
-        SELECT ST_Union(ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
-                                        ST_Translate(b.shape, b.turn * v_turn_m, 0))
-                        ORDER BY a.part, a.turn, b.part, b.turn)
+        SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
             INTO v_region
-            FROM piece a JOIN piece b ON b.hull && a.hull
-            WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id AND b.object_kind = p_b_kind AND b.object_id = p_b_id
-              AND (a.turn = 0 OR b.turn = 0);
+            FROM (SELECT _from_plane(m.part, p_earth) AS part, m.nr
+                  FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
+                                               ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
+                               (a.part, a.turn, b.part, b.turn) AS nr
+                        FROM piece a JOIN piece b ON b.hull && a.hull
+                        WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
+                          AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
+                        OFFSET 0) m
+                  WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
-    IF v_region IS NULL OR ST_IsEmpty(v_region) THEN
+    IF v_region IS NULL THEN
         -- Hulls are padded: polygons that are only nearer than the separation meet in them.
-        SELECT ST_Union(ST_Intersection(a.hull, b.hull) ORDER BY a.part, a.turn, b.part, b.turn)
+        SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
             INTO v_region
-            FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
-            WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id AND b.object_kind = p_b_kind AND b.object_id = p_b_id
-              AND (a.turn = 0 OR b.turn = 0) AND p_periods && (a.span * b.span);
+            FROM (SELECT _from_plane(m.part, p_earth) AS part, m.nr
+                  FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
+                        FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
+                        WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
+                          AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
+                          AND p_periods && (a.span * b.span)
+                        OFFSET 0) m
+                  WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
-    v_region := _from_plane(v_region, p_earth);
-    RETURN _wrapped(v_region);
+    RETURN v_region;
 END
 $$;
 COMMENT ON FUNCTION _conflict_region(smallint, bigint, smallint, bigint, tstzmultirange, text) IS
@@ -102,17 +112,20 @@ BEGIN
 
     -- Where areas interfere stays the same until they change: computed once, for all of them together.
     CREATE TEMPORARY TABLE static_region ON COMMIT DROP AS
-        SELECT m.a_id, m.b_id, _from_plane(m.region, v_scene.earth) AS region
-        FROM (SELECT r.a_id, r.b_id,
-                     CASE WHEN count(*) = 1 THEN (array_agg(x.part))[1]
-                          ELSE ST_Union(x.part ORDER BY a.part, a.turn, b.part, b.turn) END AS region
-              FROM pg_temp.result r
-              JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
-              JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull
-              CROSS JOIN LATERAL (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
-                                                         ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part) x
-              WHERE r.a_kind = 0 AND r.b_kind = 0 AND (a.turn = 0 OR b.turn = 0) AND NOT ST_IsEmpty(x.part)
-              GROUP BY r.a_id, r.b_id) m;
+        SELECT d.a_id, d.b_id,
+               CASE WHEN count(*) = 1 THEN (array_agg(_wrapped(d.part)))[1]
+                    ELSE ST_Union(_wrapped(d.part) ORDER BY d.nr) END AS region
+        FROM (SELECT m.a_id, m.b_id, m.nr, _from_plane(m.part, v_scene.earth) AS part
+              FROM (SELECT r.a_id, r.b_id, (a.part, a.turn, b.part, b.turn) AS nr,
+                           ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
+                                           ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part
+                    FROM pg_temp.result r
+                    JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
+                    JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull
+                    WHERE r.a_kind = 0 AND r.b_kind = 0 AND (a.turn = 0 OR b.turn = 0)
+                    OFFSET 0) m
+              WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d
+        GROUP BY d.a_id, d.b_id;
     ANALYZE pg_temp.static_region;
 
     -- Counts that the writing below finds out are filled in at the end.
@@ -143,7 +156,7 @@ BEGIN
         INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                                    periods, verdict, region, first_contact_point, method, time_error_s, found_at)
         SELECT p_scene_id, v_run_id, n.a_kind, n.a_id, n.a_version, n.a_key, n.b_kind, n.b_id, n.b_version, n.b_key,
-               n.periods, n.verdict, _wrapped(s.region), n.first_contact_point, p_run ->> 'method', n.time_error_s,
+               n.periods, n.verdict, s.region, n.first_contact_point, p_run ->> 'method', n.time_error_s,
                clock_timestamp()
         FROM pg_temp.result n
         LEFT JOIN pg_temp.static_region s ON n.a_kind = 0 AND n.b_kind = 0 AND s.a_id = n.a_id AND s.b_id = n.b_id

@@ -108,12 +108,12 @@ CREATE OR REPLACE FUNCTION probe(
 ) RETURNS TABLE (key text, kind text, spans tstzmultirange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans,
-           _wrapped(_from_plane(n.region, s.earth))
-    FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans, ST_Union(x.region) AS region
+    SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
+    FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans,
+                 ST_Union(_wrapped(_from_plane(x.region, s.earth))) AS region
           FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, p_floor_m, p_ceiling_m) x
+          JOIN scene s ON s.name = p_scene
           GROUP BY x.object_kind, x.object_id) n
-    JOIN scene s ON s.name = p_scene
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
     WHERE coalesce(a.key, t.key) IS NOT NULL;
@@ -127,11 +127,10 @@ RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmulti
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
-           coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans,
-           _wrapped(_from_plane(c.region, c.earth))
+           coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, b.object_kind AS b_kind, b.object_id AS b_id,
-                 max(s.earth) AS earth, range_agg(a.span * b.span) AS spans,
-                 ST_Union(ST_Intersection(a.hull, b.hull)) AS region
+                 range_agg(a.span * b.span) AS spans,
+                 ST_Union(_wrapped(_from_plane(ST_Intersection(a.hull, b.hull), s.earth))) AS region
           FROM scene s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span

@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7e08bfb9dfa7e56d2f0ed9ae0f16369c10ddd92311eebcdb79947bd049ee8c87"
+routines_sha256 = "1ceda73c1bf3bfaddbf515a7e87e339fa1138735b1faeca91332c306b78f4a42"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

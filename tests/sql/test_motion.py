@@ -1,0 +1,121 @@
+"""haven_at follows the same motion as the solver, on both earths, at every bearing, across the seam."""
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load
+from workloads import HIGH_LATITUDE, LONG_LEGS, SEAM, throw
+
+from conflictdb.batches import TrackBatch
+from conflictdb.geodesy import earth_of
+from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.motion import rhumb_shapes
+from conflictdb.pieces import track_pieces
+
+Conn = psycopg.Connection[Any]
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+T0_US = 1_772_323_200_000_000
+HOUR_US = 3_600_000_000
+# Of longitude and latitude, after two ways of computing them: 1e-11 degrees is a micrometre.
+CLOSE_DEG = 3e-11
+
+
+def instant(us: int) -> datetime:
+    return EPOCH + timedelta(microseconds=us)
+
+
+def haven(conn: Conn, key: str, us: int) -> shapely.Geometry | None:
+    row = conn.execute("SELECT conflictdb.haven_at('s', %s, %s)::text", [key, instant(us)]).fetchone()
+    assert row is not None
+    return None if row[0] is None else shapely.from_wkb(row[0])
+
+
+def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
+    """Vertices (degrees, not wrapped) by the package's motion model, at an instant inside a leg."""
+    earth = earth_of(scene.earth)
+    pieces = track_pieces(scene, TrackBatch.of([track]))
+    row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
+    xy = rhumb_shapes(earth, pieces, row, np.array([us])).positions(np.zeros(1))[0]
+    lon, lat = earth.from_plane(xy[:, 0], xy[:, 1])
+    return np.stack([lon, lat], axis=1)
+
+
+def assert_same_polygon(found: shapely.Geometry | None, vertices: np.ndarray) -> None:
+    assert found is not None
+    polygon = shapely.Polygon(vertices)
+    if polygon.bounds[0] < -180 or polygon.bounds[2] > 180:
+        turn = 360.0 if polygon.bounds[0] < -180 else -360.0
+        both = shapely.MultiPolygon([polygon, shapely.Polygon(vertices + np.array([turn, 0.0]))])
+        polygon = shapely.union_all([part.intersection(shapely.box(-180, -90, 180, 90)) for part in both.geoms])
+    assert shapely.hausdorff_distance(found, polygon) < CLOSE_DEG * 10
+    assert found.bounds == pytest.approx(polygon.bounds, abs=CLOSE_DEG * 10)
+
+
+@pytest.mark.parametrize("workload", [HIGH_LATITUDE, LONG_LEGS, SEAM], ids=lambda w: w.name)
+@pytest.mark.parametrize("earth", list(EarthModel))
+def test_random_tracks_are_where_the_motion_model_says(conn: Conn, workload: Any, earth: EarthModel) -> None:
+    _, _, tracks = throw(workload, 21, 0, 12, earth)
+    scene = Scene("s", earth=earth)
+    load(conn, scene, [], tracks)
+    for track in tracks:
+        first, last = int(track.times_us[0]), int(track.times_us[-1])
+        for us in np.linspace(first, last, 7, dtype=np.int64)[:-1]:
+            assert_same_polygon(haven(conn, track.key, int(us)), wanted(scene, track, int(us)))
+
+
+@pytest.mark.parametrize("earth", list(EarthModel))
+@pytest.mark.parametrize("bearing", [0.0, 1e-12, 1e-6, 45.0, 90.0 - 1e-9, 90.0, 180.0, 270.0, -90.0 + 1e-12])
+def test_no_bearing_is_special(conn: Conn, earth: EarthModel, bearing: float) -> None:
+    step = 0.5 * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
+    step[np.abs(step) < 1e-16] = 0.0
+    positions = np.array([[10.0, 60.0], [10.0 + step[0], 60.0 + step[1]]])
+    track = Track("T", positions, np.array([T0_US, T0_US + HOUR_US]), rectangle_outline_m(5000, 100, 300, 2000))
+    scene = Scene("s", earth=earth)
+    load(conn, scene, [], [track])
+    for us in (T0_US, T0_US + HOUR_US // 3, T0_US + HOUR_US - 1):
+        assert_same_polygon(haven(conn, "T", us), wanted(scene, track, us))
+
+
+def test_time_is_half_open_and_a_waypoint_belongs_to_the_leg_it_starts(conn: Conn) -> None:
+    positions = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    times = T0_US + HOUR_US * np.arange(3)
+    load(conn, Scene("s"), [], [Track("T", positions, times, rectangle_outline_m(1000, 0, 0, 0))])
+    assert haven(conn, "T", T0_US - 1) is None
+    assert haven(conn, "T", T0_US + 2 * HOUR_US) is None
+    east, north = haven(conn, "T", T0_US), haven(conn, "T", T0_US + HOUR_US)
+    assert east is not None
+    assert north is not None
+    assert east.bounds[2] == pytest.approx(0.00898, abs=1e-5)
+    assert north.bounds[3] == pytest.approx(0.00904, abs=1e-5)
+
+
+def test_loiter_keeps_the_heading_it_came_with_else_the_one_it_leaves_with_else_north(conn: Conn) -> None:
+    outline = np.array([[0.0, 0.0], [0.0, 1000.0]])
+    times = T0_US + HOUR_US * np.arange(4)
+    tracks = [
+        Track("came", np.array([[0.0, 0.0], [1, 0], [1, 0], [1, 1]], dtype=float), times, outline),
+        Track("leaves", np.array([[1.0, 0.0], [1, 0], [1, 0], [0, 0]], dtype=float), times, outline),
+        Track("stays", np.array([[1.0, 0.0]] * 4), times, outline),
+    ]
+    load(conn, Scene("s"), [], tracks)
+    tips = {}
+    for track in tracks:
+        line = haven(conn, track.key, T0_US + HOUR_US + HOUR_US // 2)
+        assert isinstance(line, shapely.LineString)
+        tips[track.key] = line.coords[1][0] - 1.0, line.coords[1][1]
+    assert tips["came"] == pytest.approx((0.00898, 0), abs=1e-5)
+    assert tips["leaves"] == pytest.approx((-0.00898, 0), abs=1e-5)
+    assert tips["stays"] == pytest.approx((0, 0.00904), abs=1e-5)
+
+
+def test_haven_without_size_is_a_point(conn: Conn) -> None:
+    track = Track("T", np.array([[179.0, 10.0], [-179.0, 10.0]]), np.array([T0_US, T0_US + 4]), np.zeros((1, 2)))
+    load(conn, Scene("s"), [], [track])
+    found = haven(conn, "T", T0_US + 3)
+    assert isinstance(found, shapely.Point)
+    assert found.coords[0] == pytest.approx((-179.5, 10.0), abs=1e-12)
+    assert shapely.get_srid(found) == 4326

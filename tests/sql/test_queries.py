@@ -1,0 +1,234 @@
+"""What SQL users ask: conflicts by time, place and object, candidates, what a new area would meet."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from databases import TestServer
+from piecework import load
+
+from conflictdb import store
+from conflictdb.detect import detect
+from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+
+Conn = psycopg.Connection[Any]
+
+T0 = datetime(2026, 3, 1, tzinfo=UTC)
+T0_US = int(T0.timestamp()) * 1_000_000
+HOUR_US = 3_600_000_000
+
+
+def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
+
+
+def sail(key: str, *positions: tuple[float, float]) -> Track:
+    times = T0_US + HOUR_US * np.arange(len(positions))
+    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200))
+
+
+# EAST and WEST overlap in [4.5, 5]; the ferry crosses both along 57.5 in one hour and comes back in the next.
+AREAS = [
+    box("WEST", 4, 57, 5, 58),
+    box("EAST", 4.5, 57, 6, 58, start_us=T0_US, end_us=T0_US + 4 * HOUR_US),
+    box("DEEP", 4, 57, 6, 58, floor_m=-200.0, ceiling_m=-100.0),
+    box("SEAM-1", 179, -10, 181, -9),
+    box("SEAM-2", -180.5, -9.5, -178, -8.5),
+]
+TRACKS = [
+    replace(sail("FERRY", (3.0, 57.5), (7.0, 57.5), (3.0, 57.5)), floor_m=0.0, ceiling_m=50.0),
+    sail("OCEAN", (178.0, -9.2), (-178.0, -9.2)),
+]
+
+
+@pytest.fixture(scope="module", params=list(EarthModel))
+def detected_dsn(_server: TestServer, template: str, worker_id: str, request: pytest.FixtureRequest) -> Iterator[str]:
+    """Return how to connect to a database with the scene, detected; nobody commits to it."""
+    name = f"{_server.prefix}_{worker_id}_queries"
+    dsn = _server.clone(template, name)
+    with psycopg.connect(dsn) as connection:
+        load(connection, Scene("s", earth=request.param), AREAS, TRACKS)
+        detect(connection, "s", jobs=1)
+    yield dsn
+    _server.drop(name)
+
+
+@pytest.fixture
+def conn_with_conflicts(detected_dsn: str) -> Iterator[Conn]:
+    with psycopg.connect(detected_dsn, options="-c timezone=UTC -c search_path=conflictdb,public") as connection:
+        yield connection
+
+
+def keys(conn: Conn, query: str, *arguments: object) -> set[tuple[str, ...]]:
+    return set(conn.execute(query.encode(), arguments).fetchall())
+
+
+PAIRS = {
+    ("EAST", "WEST"),
+    ("EAST", "FERRY"),
+    ("WEST", "FERRY"),
+    ("SEAM-1", "SEAM-2"),
+    ("SEAM-1", "OCEAN"),
+    ("SEAM-2", "OCEAN"),
+}
+
+
+def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
+    conn = conn_with_conflicts
+    assert keys(conn, "SELECT a_key, b_key FROM conflicts WHERE scene = 's'") == PAIRS | {
+        ("DEEP", "EAST"), ("DEEP", "WEST"),
+    }  # fmt: skip
+    columns = [column.name for column in conn.execute("SELECT * FROM conflicts").description or ()]
+    assert columns == [
+        *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict"),
+        *("region", "first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
+    ]
+
+
+def test_conflicts_at_an_instant(conn_with_conflicts: Conn) -> None:
+    at = "SELECT a_key, b_key FROM conflicts_at('s', %s) WHERE b_key IN ('FERRY', 'WEST') AND a_key <> 'DEEP'"
+    assert keys(conn_with_conflicts, at, T0 + timedelta(minutes=20)) == {("WEST", "FERRY"), ("EAST", "WEST")}
+    assert keys(conn_with_conflicts, at, T0 + timedelta(minutes=40)) == {("EAST", "FERRY"), ("EAST", "WEST")}
+    assert keys(conn_with_conflicts, at, T0 + timedelta(hours=4, microseconds=1)) == set()
+    assert keys(conn_with_conflicts, at, None) == set()
+
+
+def test_conflicts_of_an_object(conn_with_conflicts: Conn) -> None:
+    of = "SELECT a_key, b_key FROM conflicts_of('s', %s)"
+    assert keys(conn_with_conflicts, of, "FERRY") == {("EAST", "FERRY"), ("WEST", "FERRY")}
+    assert keys(conn_with_conflicts, of, "SEAM-2") == {("SEAM-1", "SEAM-2"), ("SEAM-2", "OCEAN")}
+    assert keys(conn_with_conflicts, of, "nobody") == set()
+
+
+@pytest.mark.parametrize(
+    ("envelope", "span", "expected"),
+    [
+        ((4.6, 57.1, 4.7, 57.2), "(,)", {("EAST", "WEST"), ("DEEP", "EAST"), ("DEEP", "WEST")}),
+        ((5.5, 57.45, 5.6, 57.55), "(,)", {("EAST", "FERRY"), ("DEEP", "EAST")}),
+        ((5.5, 57.45, 5.6, 57.55), "[2026-03-01 05:00+00,)", set()),
+        ((0, 0, 1, 1), "(,)", set()),
+        ((179.5, -9.4, 179.9, -9.3), "(,)", {("SEAM-1", "SEAM-2")}),
+        ((-180.5, -9.4, -180.1, -9.3), "(,)", {("SEAM-1", "SEAM-2")}),
+        ((180.5, -9.25, 180.6, -9.15), "(,)", {("SEAM-1", "SEAM-2"), ("SEAM-1", "OCEAN"), ("SEAM-2", "OCEAN")}),
+    ],
+)
+def test_conflicts_within_a_place_and_time(
+    conn_with_conflicts: Conn, envelope: tuple[float, ...], span: str, expected: set[tuple[str, str]]
+) -> None:
+    within = "SELECT a_key, b_key FROM conflicts_within('s', ST_SetSRID(ST_MakeEnvelope(%s, %s, %s, %s), 4326), %s)"
+    assert keys(conn_with_conflicts, within, *envelope, span) == expected
+
+
+def test_region_of_areas_is_their_intersection(conn_with_conflicts: Conn) -> None:
+    rows = conn_with_conflicts.execute("SELECT a_key, b_key, region::text FROM conflicts WHERE b_kind = 'area'")
+    region = {row[:2]: shapely.from_wkb(row[2]) for row in rows}
+    assert region["EAST", "WEST"].symmetric_difference(shapely.box(4.5, 57, 5, 58)).area < 1e-9
+    # Both reach over the seam: the answer is cut there.
+    wanted = shapely.union(shapely.box(179.5, -9.5, 180, -9), shapely.box(-180, -9.5, -179, -9))
+    assert region["SEAM-1", "SEAM-2"].symmetric_difference(wanted).area < 1e-9
+    assert shapely.get_srid(region["SEAM-1", "SEAM-2"]) == 4326
+
+
+def test_region_of_a_track_covers_where_they_meet_and_not_much_more(conn_with_conflicts: Conn) -> None:
+    rows = conn_with_conflicts.execute("SELECT a_key, b_key, region::text FROM conflicts WHERE b_kind = 'track'")
+    region = {row[:2]: shapely.from_wkb(row[2]) for row in rows}
+    for pair, west, east in ((("EAST", "FERRY"), 4.5, 6.0), (("WEST", "FERRY"), 4.0, 5.0)):
+        band = shapely.box(west, 57.4985, east, 57.5015)
+        assert region[pair].covers(band)
+        assert region[pair].area < 1.5 * shapely.box(west, 57.4982, east, 57.5018).area
+    west, _, east, _ = region["SEAM-1", "OCEAN"].bounds
+    assert (west, east) == (-180.0, 180.0)
+    assert region["SEAM-1", "OCEAN"].geom_type == "MultiPolygon"
+
+
+def test_region_is_computed_only_when_it_is_read(conn_with_conflicts: Conn) -> None:
+    plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT a_key, periods FROM conflicts_of('s', 'FERRY')")
+    assert "_conflict_region" not in str(plan.fetchall())
+    plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT region FROM conflicts_of('s', 'FERRY')")
+    assert "_conflict_region" in str(plan.fetchall())
+    assert all(c.region is None for c in store.conflicts(conn_with_conflicts, "s"))
+    with_region = store.conflicts(conn_with_conflicts, "s", with_region=True)
+    assert {json.loads(c.region or "")["type"] for c in with_region} == {"Polygon", "MultiPolygon"}
+
+
+def test_areas_nearer_than_the_separation_have_a_region_between_them(conn: Conn) -> None:
+    gap = [box("A", 4, 57, 5, 58), box("B", 5.001, 57, 6, 58)]  # 60 m apart
+    load(conn, Scene("s", separation_m=100.0), gap, [])
+    detect(conn, "s", jobs=1)
+    (found,) = store.conflicts(conn, "s", with_region=True)
+    west, _, east, _ = shapely.from_geojson(found.region or "").bounds
+    assert 4.999 < west < east < 5.002
+
+
+def test_candidates_are_a_superset_of_the_conflicts(conn_with_conflicts: Conn) -> None:
+    conn = conn_with_conflicts
+    found = keys(conn, "SELECT a_key, b_key FROM candidates('s')")
+    both_ways = found | {(b, a) for a, b in found}
+    assert keys(conn, "SELECT a_key, b_key FROM conflicts") <= both_ways
+    assert ("DEEP", "FERRY") not in both_ways
+    row = conn.execute(
+        """SELECT a_kind, b_kind, spans = '{["2026-03-01 00:00+00","2026-03-01 04:00+00")}'::tstzmultirange,
+                  ST_Area(region) FROM candidates('s') WHERE 'EAST' IN (a_key, b_key) AND 'WEST' IN (a_key, b_key)"""
+    ).fetchone()
+    assert row is not None
+    assert row[:3] == ("area", "area", True)
+    assert row[3] == pytest.approx(0.5, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("envelope", "more", "expected"),
+    [
+        ((5.5, 57.1, 7, 57.2), "", {"EAST", "DEEP"}),
+        ((5.5, 57.1, 7, 57.6), "", {"EAST", "DEEP", "FERRY"}),
+        ((5.5, 57.1, 7, 57.6), ", '[2026-03-01 02:30+00,)'", {"EAST", "DEEP"}),
+        ((5.5, 57.1, 7, 57.6), ", '[2026-03-01 04:00+00,)'", {"DEEP"}),
+        ((5.5, 57.1, 7, 57.6), ", '(,)', 100, 200", {"EAST"}),
+        ((5.5, 57.1, 7, 57.6), ", '(,)', NULL, -100", {"EAST", "DEEP"}),
+        ((-180.2, -9.6, -180.1, -9.55), "", {"SEAM-1"}),
+        ((179.8, -9.6, 179.9, -9.55), "", {"SEAM-1"}),
+        ((180.2, -8.9, 180.3, -8.8), "", {"SEAM-2"}),
+    ],
+)
+def test_probe_says_what_an_area_would_meet(
+    conn_with_conflicts: Conn, envelope: tuple[float, ...], more: str, expected: set[str]
+) -> None:
+    query = f"SELECT key FROM probe('s', ST_SetSRID(ST_MakeEnvelope(%s, %s, %s, %s), 4326){more})"
+    assert keys(conn_with_conflicts, query, *envelope) == {(key,) for key in expected}
+
+
+def test_probe_says_when_and_where_and_writes_nothing(conn_with_conflicts: Conn) -> None:
+    conn = conn_with_conflicts
+    conn.commit()
+    conn.execute("SET TRANSACTION READ ONLY")
+    row = conn.execute(
+        """SELECT kind, spans, region::text
+           FROM probe('s', ST_SetSRID(ST_MakeEnvelope(5.5, 57, 7, 57.4), 4326), '[2026-03-01 03:00+00,2026-03-02)')
+           WHERE key = 'EAST'"""
+    ).fetchone()
+    assert row is not None
+    assert row[0] == "area"
+    assert [(r.lower, r.upper) for r in row[1]] == [(T0 + timedelta(hours=3), T0 + timedelta(hours=4))]
+    assert shapely.from_wkb(row[2]).symmetric_difference(shapely.box(5.5, 57, 6, 57.4)).area < 1e-3
+
+
+def test_probe_counts_the_separation(conn: Conn) -> None:
+    load(conn, Scene("s", separation_m=2000.0), [box("A", 4, 70, 5, 71)], [])
+    detect(conn, "s", jobs=1)
+    query = "SELECT key FROM conflictdb.probe('s', ST_SetSRID(ST_MakeEnvelope(%s, 70.2, 5.5, 70.3), 4326))"
+    metres_per_degree = 111_300 * np.cos(np.radians(70.3))
+    assert keys(conn, query, 5 + 1990 / metres_per_degree) == {("A",)}
+    assert keys(conn, query, 5 + 2100 / metres_per_degree) == set()
+
+
+def test_incremental_and_full_detection_give_the_same_regions(conn: Conn) -> None:
+    load(conn, Scene("s"), AREAS, TRACKS)
+    detect(conn, "s", jobs=1)
+    first = [replace(c, run_id=0) for c in store.conflicts(conn, "s", with_region=True)]
+    detect(conn, "s", full=True, jobs=1)
+    assert [replace(c, run_id=0) for c in store.conflicts(conn, "s", with_region=True)] == first
