@@ -91,6 +91,15 @@ def test_one_scene_that_fails_does_not_stop_the_others(
     assert pending(dsn) == {"bad": 11, "good": 0}
 
 
+@pytest.fixture
+def heeded_interrupt() -> Iterator[None]:
+    """Have programs started here heed SIGINT, also where the tests run in the background, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeded_interrupt")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_change_wakes_the_worker_and_a_signal_ends_it(dsn: str, number: signal.Signals) -> None:
     with program(dsn, "--every", "1h") as worker:
