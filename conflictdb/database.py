@@ -255,7 +255,7 @@ class Database:
         tolerance_m: float | None = None,
         separation_m: float | None = None,
         full: bool = False,
-        jobs: int | None = None,
+        jobs: int | None = 1,
         progress: "Progress | None" = None,
     ) -> "Run":
         """Bring the conflicts of a scene up to date and return what was done.
@@ -267,7 +267,8 @@ class Database:
         full : bool
             Compute everything again, also what did not change.
         jobs : int, optional
-            Processes to solve in; default is one per processor.
+            Processes to solve in; None is one per processor. More than one begin by importing the main module of the
+            program, which must not detect while it is imported: put that under ``if __name__ == "__main__":``.
         progress : callable, optional
             Called now and then with what is done and how much there is.
         """

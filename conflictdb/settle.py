@@ -119,17 +119,26 @@ def _contacts(
         return contacts(scene, pieces, pairs, first, last, advance)
     effort, found = Effort(), []
     blocks = [np.arange(k, min(k + PAIRS_PER_JOB, len(pairs))) for k in range(0, len(pairs), PAIRS_PER_JOB)]
+    before = multiprocessing.active_children()
     # A fresh interpreter for each: a forked one would share the database connection.
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         tasks = {
             pool.submit(contacts, scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]): rows
             for rows in blocks
         }
-        for task in as_completed(tasks):
-            one, spent = task.result()
-            found.append(one.of_pairs(tasks[task]))
-            effort.add(spent)
-            advance(len(tasks[task]))
+        try:
+            for task in as_completed(tasks):
+                one, spent = task.result()
+                found.append(one.of_pairs(tasks[task]))
+                effort.add(spent)
+                advance(len(tasks[task]))
+        except BaseException:
+            # Leaving the block would first finish all that is begun or waits: too long for somebody who interrupts.
+            for process in multiprocessing.active_children():
+                if process not in before:
+                    process.terminate()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     return Contacts.concatenate(found), effort
 
 
