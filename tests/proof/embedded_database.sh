@@ -4,8 +4,8 @@
 #   sudo tests/proof/embedded_database.sh [DIRECTORY [CASE...]]
 #
 # As root, on Debian or Ubuntu with debootstrap; needs 2 GB in DIRECTORY (default: a new temporary one, removed in the
-# end) and some 5 minutes. The systems are this machine's own release from this machine's own archive. Each case works
-# on a throw-away overlay, in namespaces of its own: what it mounts and starts ends with it.
+# end) and some 5 minutes. The systems come from this machine's own archive and are of its own release, or of RELEASE (a
+# code name). Each case works on a throw-away overlay, in namespaces of its own: what it mounts and starts ends with it.
 set -euo pipefail
 
 repository=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
@@ -68,11 +68,12 @@ failed=0
 apart() { unshare --mount --pid --fork --kill-child --mount-proc "$0" --inside "$@"; }
 
 make_system() { # a minimal system with the checkout and its environment, made by ./run as an ordinary user
-    local system release mirror
+    local system own_release release mirror
     system=$(. /etc/os-release && echo "${ID^}")
-    release=$(. /etc/os-release && echo "$VERSION_CODENAME")
+    own_release=$(. /etc/os-release && echo "$VERSION_CODENAME")
+    release=${RELEASE:-$own_release}
     # shellcheck disable=SC2016 # the fields are apt's, not the shell's
-    mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' "Origin: $system" "Codename: $release" | head -n 1)
+    mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' "Origin: $system" "Codename: $own_release" | head -n 1)
     : "${mirror:?apt knows no archive of this system: apt-get update}"
     debootstrap --variant=minbase --include=python3,python3-venv,ca-certificates "$release" "$directory/base.part" "$mirror" \
         >"$directory/debootstrap.log"
