@@ -46,7 +46,7 @@ def head() -> str:
 
 def revision(conn: psycopg.Connection[Any]) -> str | None:
     """Return the revision of the schema in the database, None if there is none."""
-    with _translated(), conn.cursor(row_factory=tuple_row) as cursor:
+    with _translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
         cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL")
         if cursor.fetchone() != (True,):
             return None

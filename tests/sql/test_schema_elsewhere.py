@@ -1,0 +1,109 @@
+"""The schema works with PostGIS in a schema of its own, and survives dump and restore there."""
+
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from databases import TestServer
+from piecework import load
+from workloads import PAPER, throw
+
+from conflictdb import detect, schema, store
+from conflictdb.errors import ServerError
+from conflictdb.model import EarthModel
+from conflictdb.server.account import account_for
+from conflictdb.server.discovery import find_server
+from conflictdb.server.settings import Settings
+
+Conn = psycopg.Connection[Any]
+
+
+@pytest.fixture
+def elsewhere(_server: TestServer, worker_id: str) -> Iterator[str]:
+    """Return how to connect to a database with PostGIS in schema "My GIS", off everybody's search path."""
+    name = f"{_server.prefix}_{worker_id}_elsewhere"
+    dsn = _server.clone("template0", name)
+    with psycopg.connect(dsn) as conn:
+        conn.execute('CREATE SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION postgis SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION btree_gist SCHEMA "My GIS"')
+    schema.upgrade(dsn)
+    yield dsn
+    _server.drop(name)
+
+
+@pytest.fixture
+def restored(_server: TestServer, worker_id: str) -> Iterator[str]:
+    """Return how to connect to an empty database."""
+    name = f"{_server.prefix}_{worker_id}_restored"
+    yield _server.clone("template0", name)
+    _server.drop(name)
+
+
+def use_everything(conn: Conn, name: str) -> list[store.Conflict]:
+    """Detect and query a scene as every user would, with nothing but the default search path; return the conflicts."""
+    detect.detect(conn, name, full=True, jobs=1)
+    for query in (
+        "SELECT * FROM conflictdb.conflicts_at(%s, '2026-03-01')",
+        "SELECT * FROM conflictdb.conflicts_of(%s, 'A1')",
+        "SELECT * FROM conflictdb.candidates(%s)",
+        "SELECT conflictdb.haven_at(%s, 'T1', '2026-03-01 06:00+00')",
+        """SELECT * FROM conflictdb.probe(%s, (SELECT footprint FROM conflictdb.area WHERE key = 'A1' LIMIT 1))""",
+        """SELECT * FROM conflictdb.conflicts_within(
+               %s, (SELECT footprint FROM conflictdb.area WHERE key = 'A1' LIMIT 1), '(,)')""",
+    ):
+        conn.execute(query.encode(), [name])
+    conn.commit()
+    return store.conflicts(conn, name, with_region=True)
+
+
+@pytest.mark.parametrize("earth", list(EarthModel))
+def test_postgis_may_live_in_another_schema(elsewhere: str, dsn: str, earth: EarthModel) -> None:
+    scene, areas, tracks = throw(PAPER, 41, 12, 12, earth)
+    answers = []
+    for where in (elsewhere, dsn):
+        with store.connect(where) as conn:
+            load(conn, scene, areas, tracks)
+            answers.append(use_everything(conn, scene.name))
+            put = "SELECT conflictdb.put_area(%s, 'X', (SELECT footprint FROM conflictdb.area LIMIT 1))"
+            conn.execute(put, [scene.name])
+            conn.execute("UPDATE conflictdb.area SET floor_m = 0")
+            conn.commit()
+    assert [(c.a_key, c.b_key, c.periods, c.region) for c in answers[0]] == [
+        (c.a_key, c.b_key, c.periods, c.region) for c in answers[1]
+    ]
+    assert answers[0]
+
+
+def client_programs(home: Path, major: int) -> tuple[Path, dict[str, str]]:
+    """Return the directory of pg_dump and pg_restore, and their environment."""
+    try:
+        server = find_server(Settings.from_environment(home=home), account_for(home), None, lambda _: None)
+    except ServerError as error:
+        pytest.skip(f"did not run: no pg_dump here ({error})")
+    if server.major < major or not (server.bin / "pg_dump").exists():
+        pytest.skip(f"did not run: no pg_dump of version {major} or newer in {server.bin}")
+    return server.bin, server.environ
+
+
+def test_dump_and_restore(elsewhere: str, restored: str) -> None:
+    scene, areas, tracks = throw(PAPER, 42, 12, 12)
+    with store.connect(elsewhere) as conn:
+        load(conn, scene, areas, tracks)
+        before = use_everything(conn, scene.name)
+        programs, environ = client_programs(Path(tempfile.gettempdir()), conn.info.server_version // 10000)
+    dump, restore = [programs / "pg_dump", "-Fc", "-d", elsewhere], [programs / "pg_restore", "-e", "-d", restored]
+    archive = subprocess.run(dump, check=True, env=environ, stdout=subprocess.PIPE).stdout
+    subprocess.run(restore, check=True, env=environ, input=archive)
+    with store.connect(restored) as conn:
+        schema.check(conn)
+        assert store.conflicts(conn, scene.name, with_region=True) == before
+        assert store.list_scenes(conn)[0].pending == 0
+        again = use_everything(conn, scene.name)
+    assert [(c.a_key, c.b_key, c.periods, c.region) for c in again] == [
+        (c.a_key, c.b_key, c.periods, c.region) for c in before
+    ]
