@@ -1,0 +1,97 @@
+"""Contacts at the edge: random pairs moved aside until they only just touch, then a little back and forth."""
+
+from dataclasses import replace
+
+import numpy as np
+import oracle
+import pytest
+from verdicts import Pair, Reported, compare, solved
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
+
+from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
+
+# Degrees of latitude moved back (deeper) and on (apart) from where contact ends: 10 micrometres to 100 m.
+ASIDE_DEG = [0.0, 1e-10, 1e-8, 3e-6, 2e-5, 1e-3, -1e-10, -1e-8, -3e-6, -2e-5, -1e-3]
+BISECTIONS = 45
+
+
+def moved(track: Track, north_deg: float) -> Track:
+    return replace(track, positions_deg=track.positions_deg + np.array([0.0, north_deg]))
+
+
+def edge_of_contact(scene: Scene, other: Area | Track, track: Track) -> float | None:
+    """How far north the track has to be for the contact to end, degrees; None if it does not within half its window."""
+    low, high = 0.0, None
+    for far in (0.01, 0.1, 0.5, 1.0, 2.0):
+        if np.abs(track.positions_deg[:, 1]).max() + far > 86:
+            return None
+        if not oracle.meeting(scene, other, moved(track, far), 1.0).touches:
+            high = far
+            break
+        low = far
+    if high is None:
+        return None
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        if oracle.meeting(scene, other, moved(track, middle), 1.0).touches:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def grazing_problems(workload: Workload, seed: int, earth: EarthModel, most: int) -> tuple[list[str], int]:
+    """Disagreements with the oracle, and how many pairs were looked at."""
+    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    objects: dict[str, Area | Track] = {thing.key: thing for thing in (*areas, *tracks)}
+    pairs = [
+        pair
+        for pair, meeting in oracle.meetings(scene, areas, tracks, 1.0).items()
+        if meeting.touches and pair[1].startswith("T")
+    ]
+    wrong, looked = [], 0
+    for a, b in pairs[:most]:
+        other, track = objects[a], objects[b]
+        assert isinstance(track, Track)
+        edge = edge_of_contact(scene, other, track)
+        if edge is None:
+            continue
+        for aside in ASIDE_DEG:
+            one = moved(track, edge + aside)
+            mine, theirs = ([other], [one]) if isinstance(other, Area) else ([], [other, one])
+            truth: dict[Pair, oracle.Meeting] = {(a, b): oracle.meeting(scene, other, one, 200.0)}
+            reported = solved(scene, mine, theirs)
+            result = compare(scene, truth, reported)
+            looked += 1
+            wrong += [f"{workload.name} {seed} {earth} {aside:g}: {line}" for line in result.wrong]
+            wrong += [f"{workload.name} {seed} {earth} {aside:g}: unresolved"] * result.unresolved
+            wrong += missing_grazing(
+                scene, truth[a, b], reported.get((a, b)), f"{workload.name} {seed} {(a, b)} {aside:g}"
+            )
+    return wrong, looked
+
+
+def missing_grazing(scene: Scene, meeting: oracle.Meeting, answer: Reported | None, who: str) -> list[str]:
+    """A pair within the tolerance is reported, and as grazing if it does not touch."""
+    if 1e-5 < meeting.least_m < 0.99 * scene.tolerance_m:
+        if answer is None:
+            return [f"{who}: {meeting.least_m} m apart, not reported"]
+        if answer.verdict is not Verdict.GRAZING:
+            return [f"{who}: {meeting.least_m} m apart, {answer.verdict}"]
+    return []
+
+
+@pytest.mark.parametrize(("workload", "earth"), [(PAPER, EarthModel.WGS84), (HIGH_LATITUDE, EarthModel.SPHERE)])
+def test_pairs_at_the_edge_of_contact(workload: Workload, earth: EarthModel) -> None:
+    wrong, looked = grazing_problems(workload, 2, earth, most=1)
+    assert not wrong
+    assert looked == len(ASIDE_DEG)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR], ids=lambda w: w.name)
+@pytest.mark.parametrize("seed", range(70, 74))
+def test_pairs_at_the_edge_of_contact_sweep(workload: Workload, earth: EarthModel, seed: int) -> None:
+    wrong, _ = grazing_problems(workload, seed, earth, most=6)
+    assert not wrong

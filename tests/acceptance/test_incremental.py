@@ -1,0 +1,112 @@
+"""The answer depends on the content of a scene alone: not on its history, on order, or on who computes."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from workloads import EQUATOR, SEAM, throw
+
+from conflictdb import settle, store
+from conflictdb.detect import detect
+from conflictdb.model import Area, EarthModel, Scene, Track
+
+EDITS = 6
+
+
+def answer(conn: psycopg.Connection[Any], scene: Scene) -> list[tuple[object, ...]]:
+    """All that the view says but for what names the run, in a fixed order."""
+    rows = store.conflicts(conn, scene.name, with_region=True)
+    assert all(row.is_current for row in rows)
+    found = [
+        (r.a_key, r.a_kind, r.b_key, r.b_kind, r.periods, r.verdict, r.first_contact_deg, r.time_error_s, r.region)
+        for r in rows
+    ]
+    return sorted(found, key=lambda row: (str(row[1]), str(row[0]), str(row[2])))
+
+
+def fresh_answer(
+    conn: psycopg.Connection[Any], scene: Scene, areas: list[Area], tracks: list[Track]
+) -> list[tuple[object, ...]]:
+    """The same content as a scene of its own, loaded backwards and detected at once."""
+    other = replace(scene, name=f"{scene.name} anew")
+    store.replace_scene(conn, other, areas[::-1], tracks[::-1], merge=False)
+    detect(conn, other.name, jobs=1, full=True)
+    return answer(conn, other)
+
+
+def edited(rng: np.random.Generator, areas: list[Area], tracks: list[Track]) -> tuple[list[Area], list[Track]]:
+    """Some objects moved, delayed, closed for another time, taken away."""
+    areas, tracks = list(areas), list(tracks)
+    for _ in range(int(rng.integers(1, 4))):
+        kind = rng.choice(["move", "delay", "close", "remove"])
+        if kind == "remove" and len(areas) > 3:
+            areas.pop(int(rng.integers(len(areas))))
+        elif kind == "close":
+            i = int(rng.integers(len(areas)))
+            start = int(tracks[0].times_us[0]) + int(rng.integers(3_600_000_000))
+            areas[i] = replace(areas[i], start_us=start, end_us=start + int(rng.integers(1, 10)) * 3_600_000_000)
+        else:
+            i = int(rng.integers(len(tracks)))
+            if kind == "move":
+                aside = np.array([0.0, rng.uniform(-0.4, 0.4)])
+                tracks[i] = replace(tracks[i], positions_deg=tracks[i].positions_deg + aside)
+            else:
+                tracks[i] = replace(tracks[i], times_us=tracks[i].times_us + int(rng.integers(-(10**10), 10**10)))
+    return areas, tracks
+
+
+@pytest.mark.parametrize(
+    ("workload", "earth", "seed"),
+    [
+        (EQUATOR, EarthModel.WGS84, 2),
+        (SEAM, EarthModel.SPHERE, 2),
+        *(
+            pytest.param(w, e, s, marks=pytest.mark.slow)
+            for w in (EQUATOR, SEAM)
+            for e in EarthModel
+            for s in range(5, 9)
+        ),
+    ],
+)
+def test_history_does_not_matter(conn: psycopg.Connection[Any], workload: Any, earth: EarthModel, seed: int) -> None:
+    """After any edits a detection of what changed says the same, to the last digit, as one of everything."""
+    rng = np.random.default_rng(seed)
+    scene, areas, tracks = throw(workload, seed, 9, 9, earth)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    changes = 0
+    for _ in range(EDITS):
+        areas, tracks = edited(rng, areas, tracks)
+        counts = store.replace_scene(conn, scene, areas, tracks, merge=False)
+        assert counts.unchanged > 0
+        run = detect(conn, scene.name, jobs=1)
+        changes += run.opened + run.changed + run.closed
+        assert answer(conn, scene) == fresh_answer(conn, scene, areas, tracks)
+    assert changes > 3
+
+
+def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
+    """A larger separation, another earth: the next detection knows, and gives what a fresh scene gives."""
+    scene, areas, tracks = throw(EQUATOR, 2, 4, 5)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    for settings in ({"separation_m": 3000.0}, {"earth": EarthModel.SPHERE}, {"tolerance_m": 50.0}):
+        scene = replace(scene, **settings)  # type: ignore[arg-type]
+        store.set_scene(conn, scene)
+        detect(conn, scene.name, jobs=1)
+        assert answer(conn, scene) == fresh_answer(conn, scene, areas, tracks)
+
+
+def test_number_of_processes_does_not_matter(conn: psycopg.Connection[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, areas, tracks = throw(EQUATOR, 2, 8, 8)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    alone = answer(conn, scene)
+    monkeypatch.setattr(settle, "PAIRS_PER_JOB", 7)
+    told: list[tuple[int, int]] = []
+    detect(conn, scene.name, jobs=2, full=True, progress=lambda done, of: told.append((done, of)))
+    assert answer(conn, scene) == alone
+    assert told, "progress is told"
+    assert told[-1][0] == told[-1][1]

@@ -1,0 +1,111 @@
+"""Where things are and where they meet, held to the oracle: first contacts, regions, and havens at an instant."""
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import oracle
+import psycopg
+import pytest
+import shapely
+from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
+
+from conflictdb import solve, store
+from conflictdb.detect import detect
+from conflictdb.model import Area, EarthModel, Scene, Track
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+CASES = [(EQUATOR, 2, EarthModel.WGS84), (SEAM, 2, EarthModel.SPHERE), (HIGH_LATITUDE, 2, EarthModel.WGS84)]
+cases = pytest.mark.parametrize(("workload", "seed", "earth"), CASES, ids=[f"{w.name}-{e}" for w, _, e in CASES])
+
+
+def polygons_at(scene: Scene, thing: Area | Track, instant_us: int, near_lon: float) -> list[shapely.Geometry]:
+    """The polygons of an object at an instant in the plane, in metres east of `near_lon`, the nearest whole turn."""
+    globe = oracle.Globe.of(scene.earth)
+    turn = 2 * np.pi * globe.a
+    found = []
+    for phase in oracle.phases(globe, thing, np.radians(near_lon)):
+        if phase.start_us <= instant_us <= phase.end_us:
+            polygon = phase.place(instant_us, np.zeros(1))[0]
+            aside = np.round(polygon.centroid.x / turn) * turn
+            for extra in (-turn, 0.0, turn):
+                found.append(shapely.transform(polygon, lambda xy, by=extra - aside: xy + np.array([by, 0.0])))
+    return found
+
+
+@cases
+def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: EarthModel) -> None:
+    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    objects = {thing.key: thing for thing in (*areas, *tracks)}
+    globe = oracle.Globe.of(earth)
+    found = [one for one in solve(tracks, areas, scene) if one.periods_us[0][0] is not None]
+    assert len(found) > 2
+    for one in found:
+        assert one.first_contact_deg is not None
+        lon, lat = one.first_contact_deg
+        assert -180.0 <= lon <= 180.0
+        start = one.periods_us[0][0]
+        assert start is not None
+        here = shapely.Point(0.0, globe.a * globe.isometric(np.radians(lat)))
+        for key in (one.a_key, one.b_key):
+            # A microsecond is millimetres at most, and the plane is larger than the earth.
+            apart = [here.distance(p) for p in polygons_at(scene, objects[key], start, lon)]
+            assert min(apart) < 0.1 + 50.0 * one.time_error_s, (one, key)
+
+
+@cases
+def test_haven_at_an_instant(conn: psycopg.Connection[Any], workload: Workload, seed: int, earth: EarthModel) -> None:
+    """The SQL function has the vertices that the oracle finds, to a tenth of a millimetre; nothing outside the span."""
+    scene, _, tracks = throw(workload, seed, 0, 8, earth)
+    store.replace_scene(conn, scene, [], tracks, merge=False)
+    globe = oracle.Globe.of(earth)
+    for track in tracks:
+        for leg in range(len(track.times_us) - 1):
+            instant = int(track.times_us[leg] + (track.times_us[leg + 1] - track.times_us[leg]) // 3)
+            row = conn.execute(
+                "SELECT ST_AsBinary(conflictdb.haven_at(%s, %s, %s))",
+                [scene.name, track.key, EPOCH + timedelta(microseconds=instant)],
+            ).fetchone()
+            assert row is not None
+            found = shapely.get_coordinates(shapely.from_wkb(row[0]))
+            expected = oracle.haven_at(scene, track, instant, leg)
+            lon, lat = (found[:, None] - expected[None]).transpose(2, 0, 1)
+            east = np.radians((lon + 180.0) % 360.0 - 180.0) * globe.across_m(np.radians(expected[:, 1]))
+            apart = np.hypot(east, np.radians(lat) * globe.a)
+            assert apart.min(axis=0).max() < 1e-4  # the seam may add others
+        for instant in (int(track.times_us[0]) - 1, int(track.times_us[-1])):
+            row = conn.execute(
+                "SELECT conflictdb.haven_at(%s, %s, %s)",
+                [scene.name, track.key, EPOCH + timedelta(microseconds=instant)],
+            ).fetchone()
+            assert row == (None,), "spans are half-open"
+
+
+@cases
+def test_regions_hold_the_places_of_contact(
+    conn: psycopg.Connection[Any], workload: Workload, seed: int, earth: EarthModel
+) -> None:
+    """Where a pair meets: the region holds the first contact, and lies in the area if there is one."""
+    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    objects = {thing.key: thing for thing in (*areas, *tracks)}
+    rows = store.conflicts(conn, scene.name, with_region=True)
+    assert rows
+    for row in rows:
+        assert row.region is not None
+        region = shapely.from_geojson(row.region)
+        assert not region.is_empty
+        west, south, east, north = region.bounds
+        assert west >= -180.0 - 1e-9
+        assert east <= 180.0 + 1e-9
+        assert row.first_contact_deg is not None
+        point = shapely.Point(row.first_contact_deg)
+        turns = [shapely.transform(point, lambda xy, t=t: xy + np.array([t, 0.0])) for t in (-360.0, 0.0, 360.0)]
+        # Straight lines between the corners are rhumb lines in the plane, and chords here: a thousandth of a degree.
+        assert min(region.distance(p) for p in turns) < 2e-3, row
+        area = objects[row.a_key]
+        if isinstance(area, Area):
+            _, low, _, high = area.footprint.bounds
+            assert low - 1e-3 <= south
+            assert north <= high + 1e-3
