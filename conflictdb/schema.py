@@ -6,6 +6,7 @@ in one transaction, under a lock: it runs the missing revisions and, once at hea
 
 import hashlib
 import re
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,8 @@ MIN_POSTGIS_VERSION: Final = (3, 3)
 
 # Key of the advisory lock that makes upgrades of one database wait for each other: "conflict" in ASCII.
 _UPGRADE_LOCK: Final = int.from_bytes(b"conflict")
+# Alembic keeps what it does in global variables: one thread at a time. Other programs wait at the database's lock.
+_ALEMBIC: Final = threading.Lock()
 _PACKAGE: Final = Path(__file__).resolve().parent
 
 
@@ -89,7 +92,7 @@ def upgrade(dsn: str) -> str:
     engine = sqlalchemy.create_engine(
         "postgresql+psycopg://", creator=lambda: psycopg.connect(dsn), poolclass=sqlalchemy.pool.NullPool
     )
-    with _translated(), engine.connect() as connection:
+    with _ALEMBIC, _translated(), engine.connect() as connection:
         config.attributes["connection"] = connection
         try:
             alembic.command.upgrade(config, "head")

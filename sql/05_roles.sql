@@ -21,14 +21,15 @@ BEGIN
         END IF;
     END LOOP;
     -- Each role can do what the one before it can.
-    IF NOT pg_has_role('conflictdb_editor', 'conflictdb_reader', 'MEMBER') THEN
-        GRANT conflictdb_reader TO conflictdb_editor;
-    END IF;
-    IF NOT pg_has_role('conflictdb_worker', 'conflictdb_editor', 'MEMBER') THEN
-        GRANT conflictdb_editor TO conflictdb_worker;
-    END IF;
-EXCEPTION
-    -- Two databases granting at once: the other one's grant is the same.
-    WHEN unique_violation THEN NULL;
+    BEGIN
+        IF NOT pg_has_role('conflictdb_editor', 'conflictdb_reader', 'MEMBER') THEN
+            GRANT conflictdb_reader TO conflictdb_editor;
+        END IF;
+        IF NOT pg_has_role('conflictdb_worker', 'conflictdb_editor', 'MEMBER') THEN
+            GRANT conflictdb_editor TO conflictdb_worker;
+        END IF;
+    EXCEPTION
+        WHEN unique_violation THEN NULL;
+    END;
 END
 $$;

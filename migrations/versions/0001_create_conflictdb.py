@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1ceda73c1bf3bfaddbf515a7e87e339fa1138735b1faeca91332c306b78f4a42"
+routines_sha256 = "157c4cce0f6c5cd906f1ae2f32eb410d4c85ec27624611477eab04a3c342c68c"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

@@ -1,0 +1,438 @@
+-- The schema conflictdb as a fresh install makes it, described from the catalog. Generated: do not edit.
+-- CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew.
+
+SEQUENCE area_area_id_seq;
+
+SEQUENCE change_change_id_seq;
+
+SEQUENCE conflict_conflict_id_seq;
+
+SEQUENCE piece_piece_id_seq;
+
+SEQUENCE run_run_id_seq;
+
+SEQUENCE scene_scene_id_seq;
+
+SEQUENCE track_track_id_seq;
+
+SEQUENCE version_seq;
+
+TABLE alembic_version (
+    version_num character varying(32) NOT NULL
+);
+
+TABLE area (
+    area_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    name text,
+    footprint geometry(MultiPolygon,4326) NOT NULL,
+    active_span tstzrange NOT NULL DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone),
+    floor_m double precision,
+    ceiling_m double precision,
+    properties jsonb NOT NULL DEFAULT '{}'::jsonb,
+    version bigint NOT NULL
+);
+
+TABLE change (
+    change_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    object_kind smallint NOT NULL,
+    object_id bigint NOT NULL,
+    version bigint NOT NULL,
+    changed_at timestamp with time zone NOT NULL DEFAULT now(),
+    is_covered boolean NOT NULL DEFAULT false
+);
+
+TABLE conflict (
+    conflict_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    run_id bigint NOT NULL,
+    a_kind smallint NOT NULL,
+    a_id bigint NOT NULL,
+    a_version bigint NOT NULL,
+    a_key text COLLATE C NOT NULL,
+    b_kind smallint NOT NULL,
+    b_id bigint NOT NULL,
+    b_version bigint NOT NULL,
+    b_key text COLLATE C NOT NULL,
+    periods tstzmultirange NOT NULL,
+    verdict text NOT NULL,
+    region geometry(Geometry,4326),
+    first_contact_point geometry(Point,4326),
+    method text NOT NULL,
+    time_error_s double precision NOT NULL,
+    found_at timestamp with time zone NOT NULL
+);
+
+TABLE object_key (
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    object_kind smallint NOT NULL
+);
+
+TABLE piece (
+    piece_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    object_kind smallint NOT NULL,
+    object_id bigint NOT NULL,
+    version bigint NOT NULL,
+    part integer NOT NULL,
+    turn smallint NOT NULL,
+    hull geometry(Polygon) NOT NULL,
+    span tstzrange NOT NULL,
+    floor_m double precision NOT NULL,
+    ceiling_m double precision NOT NULL,
+    shape geometry(Polygon) NOT NULL,
+    leg_start timestamp with time zone,
+    leg_end timestamp with time zone,
+    start_lon_deg double precision,
+    start_lat_deg double precision,
+    end_lon_deg double precision,
+    end_lat_deg double precision,
+    bearing_deg double precision
+);
+
+TABLE run (
+    run_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    started_at timestamp with time zone NOT NULL,
+    finished_at timestamp with time zone NOT NULL,
+    method text NOT NULL,
+    settings jsonb NOT NULL,
+    objects bigint NOT NULL,
+    candidate_pairs bigint,
+    intersecting_pairs bigint,
+    window_pairs bigint,
+    solved_pairs bigint,
+    conflicts bigint,
+    unresolved bigint,
+    opened bigint,
+    changed bigint,
+    closed bigint,
+    pieces_s double precision,
+    stage1_s double precision,
+    stage2_s double precision,
+    stage3_s double precision,
+    stage4_s double precision,
+    write_s double precision,
+    error text
+);
+
+TABLE scene (
+    scene_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    name text COLLATE C NOT NULL,
+    motion text NOT NULL DEFAULT 'rhumb'::text,
+    earth text NOT NULL DEFAULT 'wgs84'::text,
+    method text NOT NULL DEFAULT 'nlp'::text,
+    tolerance_m double precision NOT NULL DEFAULT 1.0,
+    separation_m double precision NOT NULL DEFAULT 0.0
+);
+
+TABLE track (
+    track_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    name text,
+    path geometry(LineStringM,4326) NOT NULL,
+    outline geometry(Polygon) NOT NULL,
+    floor_m double precision,
+    ceiling_m double precision,
+    properties jsonb NOT NULL DEFAULT '{}'::jsonb,
+    version bigint NOT NULL
+);
+
+VIEW conflicts (
+    scene text COLLATE C,
+    a_key text COLLATE C,
+    a_kind text,
+    b_key text COLLATE C,
+    b_kind text,
+    periods tstzmultirange,
+    first_contact timestamp with time zone,
+    last_contact timestamp with time zone,
+    verdict text,
+    region geometry(Geometry,4326),
+    first_contact_point geometry(Point,4326),
+    method text,
+    time_error_s double precision,
+    is_current boolean,
+    run_id bigint,
+    found_at timestamp with time zone
+);
+
+CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
+CONSTRAINT area_ceiling_above_floor ON area: CHECK ((ceiling_m > floor_m));
+CONSTRAINT area_heights_finite ON area: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
+CONSTRAINT area_key_speakable ON area: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
+CONSTRAINT area_key_unique ON area: UNIQUE (scene_id, key);
+CONSTRAINT area_pkey ON area: PRIMARY KEY (area_id);
+CONSTRAINT area_properties_object ON area: CHECK ((jsonb_typeof(properties) = 'object'::text));
+CONSTRAINT area_scene_fkey ON area: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT area_span_not_empty ON area: CHECK ((NOT isempty(active_span)));
+CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT change_pkey ON change: PRIMARY KEY (change_id);
+CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
+CONSTRAINT conflict_members_ordered ON conflict: CHECK (((a_kind < b_kind) OR ((a_kind = b_kind) AND (a_key < b_key))));
+CONSTRAINT conflict_pair_unique ON conflict: UNIQUE (a_kind, a_id, b_kind, b_id);
+CONSTRAINT conflict_periods_not_empty ON conflict: CHECK ((NOT isempty(periods)));
+CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (conflict_id);
+CONSTRAINT conflict_run_fkey ON conflict: FOREIGN KEY (run_id) REFERENCES run(run_id) DEFERRABLE INITIALLY DEFERRED;
+CONSTRAINT conflict_scene_fkey ON conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)::double precision));
+CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text])));
+CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT object_key_pkey ON object_key: PRIMARY KEY (scene_id, key);
+CONSTRAINT object_key_scene_fkey ON object_key: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT piece_ceiling_above_floor ON piece: CHECK ((ceiling_m > floor_m));
+CONSTRAINT piece_kind_known ON piece: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT piece_motion_of_tracks ON piece: CHECK (((object_kind = 1) = (num_nulls(leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg) = 0)));
+CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
+CONSTRAINT piece_scene_fkey ON piece: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
+CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
+CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
+CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
+CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'nlp'::text])));
+CONSTRAINT scene_motion_known ON scene: CHECK ((motion = 'rhumb'::text));
+CONSTRAINT scene_name_speakable ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
+CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
+CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
+CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
+CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
+CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
+CONSTRAINT track_heights_finite ON track: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
+CONSTRAINT track_key_speakable ON track: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
+CONSTRAINT track_key_unique ON track: UNIQUE (scene_id, key);
+CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
+CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
+CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+
+CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
+CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
+CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id, a_key, b_key);
+CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
+CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
+CREATE INDEX run_scene_id_btree ON conflictdb.run USING btree (scene_id, run_id);
+
+CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before();
+CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
+CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
+CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
+CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
+CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before();
+CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN ((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m))) EXECUTE FUNCTION _after_scene_change();
+CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before();
+CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
+CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+
+FUNCTION _after_object_change()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _after_scene_change()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _area_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _begin_load()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+
+FUNCTION _begin_pieces(p_scene_id bigint)
+    RETURNS integer LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _begin_write()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
+    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _changed_tracks(p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT path bytea, OUT outline bytea)
+    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_outline(p_who text, p_outline geometry)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_times(p_who text, p_path geometry)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_earth text)
+    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
+
+FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _end_pieces(p_changed bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _find_candidates(p_scene_id bigint)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_material=off SET enable_mergejoin=off;
+
+FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _footprints(p_area_ids bigint[])
+    RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _from_plane(p_geometry geometry, p_earth text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _half_open(p_span tstzrange)
+    RETURNS tstzrange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _intersecting_pairs(OUT a_piece_id bigint, OUT b_piece_id bigint)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT shape bytea)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _latitude(p_rectifying double precision, p_earth text)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
+    RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _mark_all(p_scene_id bigint)
+    RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _pending_scenes()
+    RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+    RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _plane_srid(p_earth text)
+    RETURNS integer LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _radius_m(p_earth text)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
+    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT path bytea, OUT outline bytea, OUT key text, OUT name text, OUT properties text)
+    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
+    RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _rectifying(p_latitude double precision, p_earth text)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _rectifying_m(p_earth text)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _refuse_truncate()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _require_snapshot()
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _runs(p_scene text, p_limit integer)
+    RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _scene(p_scene_id bigint)
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _scene_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _scene_id(p_scene text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _scene_named(p_scene text)
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _scenes()
+    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _series(p_angle double precision, p_coefficients double precision[])
+    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
+    RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
+    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _to_plane(p_geometry geometry, p_earth text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _track_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _unlock_scene(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _wrapped(p_geometry geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION candidates(p_scene text)
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION conflicts_at(p_scene text, p_instant timestamp with time zone)
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION conflicts_of(p_scene text, p_key text)
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
+    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
+    RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION remove_object(p_scene text, p_key text)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

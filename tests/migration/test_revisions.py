@@ -1,0 +1,75 @@
+"""Revisions hold structure only, are numbered and named, and never change once released."""
+
+import hashlib
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from conflictdb import schema
+
+VERSIONS = Path(schema.__file__).resolve().parent.parent / "migrations" / "versions"
+FILES = sorted(VERSIONS.glob("*.py"))
+
+# SHA-256 of every revision that was in a release: a line is added with the release, and none ever changes.
+RELEASED: dict[str, str] = {}
+
+
+def module(file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec is not None
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_name_is_number_verb_and_object(file: Path) -> None:
+    assert re.fullmatch(r"\d{4}_[a-z]+(_[a-z0-9]+)+\.py", file.name)
+    assert module(file).revision == file.name[:4]
+
+
+def test_revisions_follow_one_another() -> None:
+    modules = [module(file) for file in FILES]
+    assert [m.revision for m in modules] == [f"{n:04}" for n in range(1, len(FILES) + 1)]
+    assert [m.down_revision for m in modules] == [None, *(m.revision for m in modules[:-1])]
+    assert schema.head() == modules[-1].revision
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_no_routine_view_or_trigger_is_made_by_a_revision(file: Path) -> None:
+    """They have one source, sql/."""
+    made = re.search(r"\b(CREATE|ALTER)\b[^;]*?\b(FUNCTION|PROCEDURE|VIEW|TRIGGER)\b", file.read_text(), re.IGNORECASE)
+    assert made is None
+
+
+def test_head_carries_the_hash_of_the_routines() -> None:
+    """Whoever changes sql/ after a release adds a revision, so that databases in the field get the change."""
+    assert module(FILES[-1]).routines_sha256 == schema.routines_sha256(), (
+        f"sql/ changed: add a revision (or, before its release, mend {FILES[-1].name}) with "
+        f'routines_sha256 = "{schema.routines_sha256()}"'
+    )
+
+
+def test_released_revisions_are_frozen() -> None:
+    found = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in FILES}
+    assert {name: found.get(name) for name in RELEASED} == RELEASED
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_there_is_no_way_back(file: Path) -> None:
+    with pytest.raises(NotImplementedError, match="DROP SCHEMA"):
+        module(file).downgrade()
+
+
+def test_files_of_sql_are_numbered_and_may_be_run_again() -> None:
+    for file in schema.routine_files():
+        assert re.fullmatch(r"\d\d_[a-z0-9_]+\.sql", file.name)
+        code = re.sub(r"--.*", "", file.read_text())
+        assert not re.search(r"\bCREATE (FUNCTION|VIEW|TRIGGER|PROCEDURE|TABLE|SCHEMA)\b", code)
+    assert [f.name for f in schema.routine_files()] == sorted(
+        f.name for f in (VERSIONS.parent.parent / "sql").iterdir()
+    )

@@ -1,0 +1,230 @@
+"""Upgrades: from nothing or from any revision to the same schema, all or nothing, also by several at once."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import alembic.command
+import alembic.config
+import psycopg
+import pytest
+import sqlalchemy
+from catalog import describe, details
+from databases import TestServer
+from psycopg import conninfo, sql
+from sqlalchemy.pool import NullPool
+
+from conflictdb import schema
+from conflictdb.errors import SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
+
+ROOT = Path(schema.__file__).resolve().parent.parent
+SNAPSHOT = ROOT / "docs" / "schema.sql"
+
+
+@pytest.fixture
+def other_dsn(_server: TestServer, worker_id: str) -> Iterator[str]:
+    name = f"{_server.prefix}_{worker_id}_other"
+    yield _server.clone("template0", name)
+    _server.drop(name)
+
+
+def catalog(dsn: str) -> tuple[str, list[str]]:
+    with psycopg.connect(dsn) as conn:
+        return describe(conn), details(conn)
+
+
+def alembic_do(dsn: str, command: Any, revision: str) -> None:
+    """Run an alembic command as its command line does, with our environment."""
+    config = alembic.config.Config()
+    config.set_main_option("script_location", str(schema._folder("migrations")))
+    engine = sqlalchemy.create_engine("postgresql+psycopg://", creator=lambda: psycopg.connect(dsn), poolclass=NullPool)
+    with engine.connect() as connection:
+        config.attributes["connection"] = connection
+        command(config, revision)
+
+
+@pytest.fixture
+def next_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the tree of a next release: a revision that adds a column, and a routine that reads it."""
+    for name in ("sql", "migrations"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    number = int(schema.head()) + 1
+    (tmp_path / "migrations" / "versions" / f"{number:04}_add_scene_note.py").write_text(
+        f"""from alembic import op
+revision = "{number:04}"
+down_revision = "{schema.head()}"
+
+
+def upgrade() -> None:
+    op.execute("ALTER TABLE conflictdb.scene ADD COLUMN note text DEFAULT 'none: 100%'")
+"""
+    )
+    (tmp_path / "sql" / "86_note.sql").write_text(
+        """CREATE OR REPLACE FUNCTION scene_note(p_scene text) RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC SELECT format('%s :x', s.note) FROM scene s WHERE s.name = p_scene; END;
+"""
+    )
+    monkeypatch.setattr(schema, "_folder", lambda name: tmp_path / name)
+    return tmp_path
+
+
+def test_fresh_schema_is_the_documented_one(dsn: str) -> None:
+    """docs/schema.sql is reviewed as a diff."""
+    found, _ = catalog(dsn)
+    if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT"):
+        SNAPSHOT.write_text(found)
+    assert found == SNAPSHOT.read_text()
+
+
+def test_upgrade_returns_the_revision_and_again_changes_nothing(empty_dsn: str) -> None:
+    assert schema.upgrade(empty_dsn) == schema.head()
+    before = catalog(empty_dsn)
+    assert schema.upgrade(empty_dsn) == schema.head()
+    assert catalog(empty_dsn) == before
+    with psycopg.connect(empty_dsn) as conn:
+        schema.check(conn)
+        assert schema.revision(conn) == schema.head()
+        assert conn.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
+
+
+def test_stepwise_upgrade_is_the_fresh_install(empty_dsn: str, other_dsn: str, next_release: Path) -> None:
+    """Every revision in turn, with objects in the tables, gives what a fresh install gives."""
+    for revision in sorted(schema._revisions()):
+        alembic_do(empty_dsn, alembic.command.upgrade, revision)
+        with psycopg.connect(empty_dsn) as conn:
+            assert schema.revision(conn) == revision
+            at_head = revision == schema.head()
+            found = conn.execute("SELECT to_regproc('conflictdb.put_area') IS NOT NULL").fetchone()
+            assert found == (at_head,)  # older revisions never meet newer routines
+            if not at_head:
+                conn.execute("INSERT INTO conflictdb.scene (name) VALUES (%s)", [revision])
+    schema.upgrade(other_dsn)
+    assert catalog(empty_dsn) == catalog(other_dsn)
+    with psycopg.connect(empty_dsn) as conn:
+        assert conn.execute("SELECT conflictdb.scene_note('0001')").fetchone() == ("none: 100% :x",)
+
+
+def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("SELECT conflictdb.create_scene('s')")
+        with pytest.raises(SchemaOutdated, match="conflictdb upgrade"):
+            schema.check(conn)
+    assert schema.upgrade(dsn) == schema.head()
+    with psycopg.connect(dsn) as conn:
+        schema.check(conn)
+        assert conn.execute("SELECT conflictdb.scene_note('s')").fetchone() == ("none: 100% :x",)
+
+
+def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = '9999'")
+    with psycopg.connect(dsn) as conn, pytest.raises(SchemaTooNew, match="9999"):
+        schema.check(conn)
+    with pytest.raises(SchemaTooNew, match="install a newer conflictdb"):
+        schema.upgrade(dsn)
+
+
+def test_missing_schema_is_said(empty_dsn: str) -> None:
+    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaMissing, match="conflictdb init"):
+        schema.check(conn)
+
+
+def test_broken_routine_rolls_everything_back(empty_dsn: str, next_release: Path) -> None:
+    (next_release / "sql" / "87_broken.sql").write_text("SELECT no_such_function();")
+    with pytest.raises(StoreError, match="no_such_function"):
+        schema.upgrade(empty_dsn)
+    with psycopg.connect(empty_dsn) as conn:
+        assert schema.revision(conn) is None
+        assert conn.execute("SELECT count(*) FROM pg_namespace WHERE nspname = 'conflictdb'").fetchone() == (0,)
+
+
+def test_changed_routines_are_applied_without_a_revision(dsn: str, next_release: Path) -> None:
+    """While a revision is being written, routines change under it."""
+    schema.upgrade(dsn)
+    file = next_release / "sql" / "86_note.sql"
+    file.write_text(file.read_text().replace(":x", ":y"))
+    schema.upgrade(dsn)
+    with psycopg.connect(dsn) as conn:
+        conn.execute("SELECT conflictdb.create_scene('s')")
+        assert conn.execute("SELECT conflictdb.scene_note('s')").fetchone() == ("none: 100% :y",)
+
+
+def test_several_programs_at_once_all_succeed(empty_dsn: str, other_dsn: str) -> None:
+    """On one database, and on two that share the server's roles."""
+    program = "import sys; from conflictdb import schema; print(schema.upgrade(sys.argv[1]))"
+    running = [
+        subprocess.Popen([sys.executable, "-c", program, dsn], stdout=subprocess.PIPE, cwd=ROOT, text=True)
+        for dsn in (empty_dsn, other_dsn, empty_dsn, other_dsn)
+    ]
+    assert [process.communicate()[0].strip() for process in running] == [schema.head()] * 4
+    assert catalog(empty_dsn) == catalog(other_dsn)
+
+
+def test_several_threads_at_once_all_succeed(empty_dsn: str) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(schema.upgrade, [empty_dsn] * 4)) == [schema.head()] * 4
+
+
+def test_stamp_applies_no_routines(empty_dsn: str) -> None:
+    alembic_do(empty_dsn, alembic.command.stamp, "head")
+    with psycopg.connect(empty_dsn) as conn:
+        assert schema.revision(conn) == schema.head()
+        assert conn.execute("SELECT to_regproc('conflictdb.put_area')").fetchone() == (None,)
+
+
+def test_nothing_is_made_outside_the_schema(empty_dsn: str) -> None:
+    """But for the two extensions."""
+    outside = """SELECT n.nspname, c.relname FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace
+                 WHERE n.nspname NOT IN ('conflictdb', 'pg_toast') AND c.oid >= 16384
+                   AND NOT EXISTS (SELECT FROM pg_depend d WHERE d.objid = c.oid AND d.deptype IN ('e', 'i'))
+                   AND c.relkind <> 'i'"""
+    schema.upgrade(empty_dsn)
+    with psycopg.connect(empty_dsn) as conn:
+        assert conn.execute(outside.encode()).fetchall() == []
+        conn.execute("DROP SCHEMA conflictdb CASCADE")
+    with psycopg.connect(empty_dsn) as conn:
+        assert schema.revision(conn) is None
+
+
+def test_everything_is_commented(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        bare = conn.execute(
+            """SELECT c.relname || coalesce('.' || a.attname, '')
+               FROM pg_class c LEFT JOIN pg_attribute a ON a.attrelid = c.oid AND a.attnum > 0 AND NOT a.attisdropped
+               WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+                 AND c.relname <> 'alembic_version'
+                 AND (col_description(c.oid, a.attnum) IS NULL OR obj_description(c.oid, 'pg_class') IS NULL)
+               UNION ALL
+               SELECT p.oid::regprocedure::text FROM pg_proc p
+               WHERE p.pronamespace = 'conflictdb'::regnamespace AND obj_description(p.oid, 'pg_proc') IS NULL"""
+        ).fetchall()
+    assert bare == []
+
+
+def test_plpgsql_pins_its_search_path_and_sql_is_atomic(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        loose = conn.execute(
+            """SELECT p.oid::regprocedure::text FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
+               WHERE p.pronamespace = 'conflictdb'::regnamespace
+                 AND CASE l.lanname WHEN 'sql' THEN p.prosqlbody IS NULL OR p.proconfig IS NOT NULL
+                     ELSE NOT coalesce(p.proconfig[1], '') LIKE 'search_path=conflictdb, %, pg_temp' END"""
+        ).fetchall()
+    assert loose == []
+
+
+def test_user_who_may_not_create_extensions_is_told_what_to_ask_for(server_dsn: str, empty_dsn: str) -> None:
+    name = f"plain_{conninfo.conninfo_to_dict(empty_dsn)['dbname']}"
+    user = sql.Identifier(name)
+    with psycopg.connect(server_dsn, autocommit=True) as admin:
+        admin.execute(sql.SQL("CREATE ROLE {} LOGIN").format(user))
+        try:
+            dsn = conninfo.make_conninfo(empty_dsn, options=f"-c role={name}")
+            with pytest.raises(ServerError, match="let an administrator run: CREATE EXTENSION postgis"):
+                schema.upgrade(dsn)
+        finally:
+            admin.execute(sql.SQL("DROP ROLE {}").format(user))
