@@ -1,0 +1,51 @@
+"""Detection in the database, where it meets what the stages in memory do not: the store's own answers."""
+
+import numpy as np
+import psycopg
+import shapely
+from scenes import T0_US
+
+from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve, store
+from conflictdb.detect import detect
+
+
+def spiked_area() -> Area:
+    """Return a round area with 2,000 spikes: all of its convex parts are thinner than a metre."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 4001)[:-1]
+    radius = np.where(np.arange(4000) % 2, 0.00100, 0.00101)
+    ring = np.stack([4.0 + radius * np.cos(angle), 57.0 + radius * np.sin(angle)], axis=1)
+    return Area("A", shapely.MultiPolygon([shapely.Polygon(ring)]))
+
+
+def test_shallow_in_thin_parts_is_deep_in_the_whole(conn: psycopg.Connection) -> None:
+    """A point that crosses an area cut into thin parts is in conflict, not grazing; in memory and in the database."""
+    path = np.array([[3.99, 57.0], [4.01, 57.0001]])
+    track = Track("T", path, np.array([T0_US, T0_US + 600_000_000]), rectangle_outline_m(0.0, 0.0, 0.0, 0.0))
+    scene = Scene("thin")
+    (one,) = solve([track], [spiked_area()], scene)
+    store.replace_scene(conn, scene, [spiked_area()], [track], merge=False)
+    conn.commit()
+    detect(conn, "thin", jobs=1)
+    (found,) = store.conflicts(conn, "thin")
+    assert one.verdict == found.verdict == Verdict.CONFLICT
+    assert [[round(t.timestamp() * 1e6) for t in period if t] for period in found.periods] == [
+        list(period) for period in one.periods_us
+    ]
+
+
+def test_touching_areas_graze(conn: psycopg.Connection) -> None:
+    """Areas that share an edge are grazing; whether they are cut into parts or not."""
+    ell = shapely.Polygon([(5, 57), (6, 57), (6, 57.5), (5.5, 57.5), (5.5, 58), (5, 58)])
+    areas = [
+        Area("L", shapely.MultiPolygon([ell])),
+        Area("R", shapely.MultiPolygon([shapely.box(6, 57, 7, 58)])),
+        Area("U", shapely.MultiPolygon([shapely.box(5.5, 57.5, 6, 58)])),
+    ]
+    store.replace_scene(conn, Scene("edges"), areas, [], merge=False)
+    conn.commit()
+    detect(conn, "edges", jobs=1)
+    assert [(c.a_key, c.b_key, c.verdict) for c in store.conflicts(conn, "edges")] == [
+        ("L", "R", Verdict.GRAZING),
+        ("L", "U", Verdict.GRAZING),
+        ("R", "U", Verdict.GRAZING),
+    ]
