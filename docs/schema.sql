@@ -246,7 +246,7 @@ FUNCTION _begin_pieces(p_scene_id bigint)
     RETURNS integer LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _begin_write()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -279,10 +279,10 @@ FUNCTION _end_pieces(p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _find_candidates(p_scene_id bigint)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_material=off SET enable_mergejoin=off;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -301,6 +301,12 @@ FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank b
 
 FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _join_all(p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_material=off;
+
+FUNCTION _join_dirty(p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_material=off SET enable_seqscan=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -396,7 +402,7 @@ FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;

@@ -1,7 +1,7 @@
 -- Stage 2, intersection: do the swept pieces meet in space, and where? May over-report, never misses (see stage 1).
 
 CREATE OR REPLACE FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     DROP TABLE IF EXISTS pg_temp.intersecting;
     ANALYZE pg_temp.candidate;

@@ -47,7 +47,7 @@ COMMENT ON FUNCTION _conflict_region(smallint, bigint, smallint, bigint, tstzmul
 'the intersection of what they sweep while in conflict. Computed from the current pieces.';
 
 CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     PERFORM _require_snapshot();
     DROP TABLE IF EXISTS pg_temp.found, pg_temp.found_period;
@@ -65,7 +65,7 @@ COMMENT ON FUNCTION _begin_write() IS
 CREATE OR REPLACE FUNCTION _write_run(
     p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint
 )
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 #variable_conflict use_column
 DECLARE
     v_scene scene%ROWTYPE;

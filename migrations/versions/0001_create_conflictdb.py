@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "157c4cce0f6c5cd906f1ae2f32eb410d4c85ec27624611477eab04a3c342c68c"
+routines_sha256 = "e630475af492e8f4ceb8aadd950c5ee565bd6e894e416e50f868f90b25ea3beb"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (
