@@ -266,6 +266,9 @@ FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth t
 FUNCTION _check_outline(p_who text, p_outline geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 

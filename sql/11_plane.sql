@@ -49,9 +49,9 @@ CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_earth text) RETURN
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN p_earth = 'wgs84' THEN
-        ST_Translate(ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6378137.0), 0), 3395),
-                                  4326),
-                     degrees(_middle_x(p_geometry, pi() * 6378137.0) / 6378137.0), 0)
+        ST_Translate(
+            ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6378137.0), 0), 3395), 4326),
+            degrees(_middle_x(p_geometry, pi() * 6378137.0) / 6378137.0), 0)
     ELSE
         ST_Translate(ST_Transform(ST_SetSRID(
             ST_Scale(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6371008.771415), 0),

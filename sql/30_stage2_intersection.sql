@@ -41,7 +41,8 @@ CREATE OR REPLACE FUNCTION _intersecting_pieces(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
-        SELECT p.piece_id, row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C", p.part, p.turn DESC),
+        SELECT p.piece_id,
+               row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C", p.part, p.turn DESC),
                p.object_kind, p.object_id, p.version, p.part, p.turn,
                coalesce(lower(p.span), '-infinity'), coalesce(upper(p.span), 'infinity'), upper_inc(p.span),
                p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),

@@ -43,8 +43,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _conflict_region(smallint, bigint, smallint, bigint, tstzmultirange, text) IS
-'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a superset, '
-'the intersection of what they sweep while in conflict. Computed from the current pieces.';
+'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a '
+'superset, the intersection of what they sweep while in conflict. Computed from the current pieces.';
 
 CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -95,7 +95,8 @@ BEGIN
             SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
                    (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
                    (ARRAY['conflict', 'grazing', 'unresolved'])[f.verdict + 1] AS verdict_name,
-                   CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END AS first_point
+                   CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END
+                       AS first_point
             FROM pg_temp.found f
             JOIN period p USING (nr)
             JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id
@@ -186,8 +187,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _write_run(bigint, jsonb) IS
-'Replaces the conflicts of pairs with a dirty member by the found ones, records the run (p_run: columns of run), deletes '
-'the covered marks, notifies channel conflictdb. A conflict that stays keeps the instant it was first found.';
+'Replaces the conflicts of pairs with a dirty member by the found ones, records the run (p_run: columns of run), '
+'deletes the covered marks, notifies channel conflictdb. A conflict that stays keeps the instant it was first found.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

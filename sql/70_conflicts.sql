@@ -32,7 +32,8 @@ COMMENT ON COLUMN conflicts.verdict IS
 COMMENT ON COLUMN conflicts.region IS
 'Where, longitude and latitude in degrees. Computed when the column is read: leave it out where it is not needed. '
 'Two areas: the intersection; else a superset, where what both sweep meanwhile meets.';
-COMMENT ON COLUMN conflicts.first_contact_point IS 'Where they first touch, longitude and latitude in degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.first_contact_point IS
+'Where they first touch, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN conflicts.time_error_s IS 'Bound on the error of every end of every period, seconds.';
 COMMENT ON COLUMN conflicts.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
@@ -100,7 +101,8 @@ BEGIN ATOMIC
       AND ST_Intersects(c.region, _wrapped(p_geometry));
 END;
 COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
-'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet a span.';
+'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet '
+'a span.';
 
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),

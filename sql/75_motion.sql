@@ -5,8 +5,9 @@
 -- and its length linear in mu, so a step needs one quantity: (psi2 - psi1) / (mu2 - mu1), written so that it loses no
 -- digits on an east-west line.
 --
--- Series of order 6 in the third flattening of WGS84: C. F. F. Karney, J. Geodesy 85 (2011), doi:10.1007/s00190-011-0445-3,
--- eq. 36 (chi of mu); J. P. Snyder, Map Projections (1987), eqs. 3-20, 3-26 (mu and latitude), carried to order 6.
+-- Series of order 6 in the third flattening of WGS84: C. F. F. Karney, J. Geodesy 85 (2011),
+-- doi:10.1007/s00190-011-0445-3, eq. 36 (chi of mu); J. P. Snyder, Map Projections (1987), eqs. 3-20, 3-26
+-- (mu and latitude), carried to order 6.
 -- What is left out is below 1e-17 radians.
 
 CREATE OR REPLACE FUNCTION _series(p_angle double precision, p_coefficients double precision[]) RETURNS double precision
@@ -79,8 +80,8 @@ COMMENT ON FUNCTION _stretch(double precision, double precision, text) IS
 
 CREATE OR REPLACE FUNCTION _legs(
     p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
-    OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision,
-    OUT bearing_deg double precision
+    OUT lon_deg double precision, OUT lon_step_deg double precision,
+    OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision
 ) RETURNS SETOF record
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -89,8 +90,8 @@ BEGIN ATOMIC
                _rectifying(radians(ST_Y(d.geom)), p_earth) AS mu
         FROM ST_DumpPoints(p_path) d
     ), step AS (
-        SELECT w.n, w.at AS starts_at, lead(w.at) OVER o AS ends_at, w.lon_deg, lead(w.lon_deg) OVER o - w.lon_deg AS turn,
-               w.mu, lead(w.mu) OVER o AS next_mu
+        SELECT w.n, w.at AS starts_at, lead(w.at) OVER o AS ends_at,
+               w.lon_deg, lead(w.lon_deg) OVER o - w.lon_deg AS turn, w.mu, lead(w.mu) OVER o AS next_mu
         FROM waypoint w WINDOW o AS (ORDER BY w.n)
     ), leg AS (
         SELECT s.n, s.starts_at, s.ends_at, s.lon_deg, s.mu, s.next_mu - s.mu AS mu_step, s.next_mu,
@@ -130,7 +131,8 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene), 'object_known');
+        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
+                        'object_known');
     END IF;
     -- At a waypoint the leg that starts there counts; the last instant belongs to none.
     SELECT max(d.path[1]) INTO v_nr FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;
@@ -167,8 +169,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
-'Where the haven of a track is at an instant: longitude and latitude in degrees, exact on the scene''s earth, cut at the '
-'seam; null before its first and from its last waypoint on. A haven without size is a point, without width a line.';
+'Where the haven of a track is at an instant: longitude and latitude in degrees, exact on the scene''s earth, cut '
+'at the seam; null before its first and from its last waypoint on. A haven without size is a point, without width '
+'a line.';
 
 CREATE OR REPLACE FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -179,7 +182,8 @@ BEGIN
         CROSS JOIN LATERAL (SELECT ST_Y(d.geom) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
                                    ST_X(d.geom) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
                             FROM ST_DumpPoints(p_outline) d) v) > radians(89.5) THEN
-        PERFORM _refuse('ZC005', p_who, 'outline', 'the haven reaches beyond 89.5 degrees of latitude on one of its legs',
+        PERFORM _refuse('ZC005', p_who, 'outline',
+                        'the haven reaches beyond 89.5 degrees of latitude on one of its legs',
                         'haven_in_plane', 'The Mercator plane stretches without limit towards the poles.');
     END IF;
 END

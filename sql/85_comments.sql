@@ -12,7 +12,8 @@ COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean ra
 COMMENT ON COLUMN scene.method IS
 'Where a detection stops: screen (who might meet), window (a safe time window), nlp (nonlinear program).';
 COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
-COMMENT ON COLUMN scene.separation_m IS 'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';
+COMMENT ON COLUMN scene.separation_m IS
+'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';
 
 COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
 COMMENT ON COLUMN area.area_id IS 'Number within this database.';
@@ -67,8 +68,8 @@ COMMENT ON COLUMN piece.version IS 'Version of the object it was made from.';
 COMMENT ON COLUMN piece.part IS 'Number within the object, from 0; a copy at the seam shares it.';
 COMMENT ON COLUMN piece.turn IS '0; -1 for a copy one turn west, of a piece that reaches over longitude 180.';
 COMMENT ON COLUMN piece.hull IS
-'Convex hull of all the piece covers during its span, padded for tolerance and separation: metres of the scene''s plane '
-'(EPSG:3395 on wgs84, no SRID on the sphere), shifted by turn.';
+'Convex hull of all the piece covers during its span, padded for tolerance and separation: metres of the scene''s '
+'plane (EPSG:3395 on wgs84, no SRID on the sphere), shifted by turn.';
 COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';
@@ -82,7 +83,8 @@ COMMENT ON COLUMN piece.end_lon_deg IS 'Tracks: longitude at the end of the leg,
 COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees.';
 COMMENT ON COLUMN piece.bearing_deg IS 'Tracks: heading of the haven, degrees clockwise from north.';
 
-COMMENT ON TABLE run IS 'Detections that were done, with settings, pairs left after each stage, and seconds each stage took.';
+COMMENT ON TABLE run IS
+'Detections that were done, with settings, pairs left after each stage, and seconds each stage took.';
 COMMENT ON COLUMN run.run_id IS 'Number of the run.';
 COMMENT ON COLUMN run.scene_id IS 'Scene.';
 COMMENT ON COLUMN run.started_at IS 'When it began.';
@@ -107,7 +109,8 @@ COMMENT ON COLUMN run.stage4_s IS 'Seconds spent in stage 4, solver.';
 COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results.';
 COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';
 
-COMMENT ON TABLE conflict IS 'Pairs that interfere, as the last detection found them. Derived; query the view conflicts.';
+COMMENT ON TABLE conflict IS
+'Pairs that interfere, as the last detection found them. Derived; query the view conflicts.';
 COMMENT ON COLUMN conflict.conflict_id IS 'Number.';
 COMMENT ON COLUMN conflict.scene_id IS 'Scene of both objects.';
 COMMENT ON COLUMN conflict.run_id IS 'Run that last computed the pair.';
@@ -123,8 +126,10 @@ COMMENT ON COLUMN conflict.periods IS 'When they interfere, bounds inclusive.';
 COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled. '
 'Each detection of the pair decides anew.';
-COMMENT ON COLUMN conflict.region IS 'Two areas: their intersection, longitude and latitude. Null: computed by the view.';
-COMMENT ON COLUMN conflict.first_contact_point IS 'Where they first touch, longitude and latitude; null if not computed.';
+COMMENT ON COLUMN conflict.region IS
+'Two areas: their intersection, longitude and latitude. Null: computed by the view.';
+COMMENT ON COLUMN conflict.first_contact_point IS
+'Where they first touch, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.method IS 'Method that found it.';
 COMMENT ON COLUMN conflict.time_error_s IS 'Bound on the error of every end of every period, seconds.';
 COMMENT ON COLUMN conflict.found_at IS 'When the pair was first found to interfere.';

@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e630475af492e8f4ceb8aadd950c5ee565bd6e894e416e50f868f90b25ea3beb"
+routines_sha256 = "87e904afae5ee46c6bdf25b7d5d45be80626b1806f2ab049454f8a76ffa1adfa"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

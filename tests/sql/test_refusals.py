@@ -46,6 +46,10 @@ BAD = {
     "latitude beyond 89 in rhumb": (
         "put_area('s', 'A', 'SRID=4326;POLYGON((4 57,5 57,5 89.5,4 57))')", "ZC005", "latitude_in_plane",
     ),
+    "crosses itself between rhumb lines": (
+        "put_area('s', 'A', 'SRID=4326;POLYGON((0 0,80 80,39 80,40 41,38 80,0 80,0 0))')",
+        "ZC001", "footprint_valid_in_plane",
+    ),
     "empty span": (f"put_area('s', 'A', {SQUARE}, 'empty')", "ZC003", "span_not_empty"),
     "span of no instant": (f"put_area('s', 'A', {SQUARE}, '[2026-01-01,2026-01-01)')", "ZC003", "span_not_empty"),
     "span before the year 1": (

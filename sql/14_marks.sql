@@ -1,6 +1,7 @@
 -- Marks: every change of an object leaves a row in `change`, in the same transaction. The marks are the queue.
 --
---   made (is_covered = false) --pieces refreshed, transaction 1--> covered --conflicts replaced, transaction 2--> deleted
+--   made (is_covered = false) --pieces refreshed--> covered (true) --conflicts replaced--> deleted
+--                                transaction 1                        transaction 2
 --
 -- Writers only insert marks and a detection only touches marks it saw: they never wait for, or fail, each other.
 

@@ -1,5 +1,5 @@
 -- How users put scenes, areas and tracks in and take them out. Everything is an upsert by scene and key; what does not
--- change anything leaves no mark. The triggers of 12_validation.sql refuse what is wrong.
+-- change anything leaves no mark. The triggers of 13_validation.sql refuse what is wrong.
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,

@@ -1,0 +1,155 @@
+-- Rules of single objects, the same as those of conflictdb.model and conflictdb.pieces.check_plane; what calls them is
+-- in 13_validation.sql.
+
+CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Instants are whole microseconds, so that an inclusive end is an exclusive one a microsecond later.
+    SELECT CASE WHEN isempty(p_span) THEN p_span ELSE tstzrange(
+        CASE WHEN lower(p_span) = '-infinity' THEN NULL
+             WHEN lower_inc(p_span) OR lower_inf(p_span) THEN lower(p_span)
+             ELSE lower(p_span) + interval '1 microsecond' END,
+        CASE WHEN upper(p_span) = 'infinity' THEN NULL
+             WHEN upper_inc(p_span) THEN upper(p_span) + interval '1 microsecond'
+             ELSE upper(p_span) END) END;
+END;
+COMMENT ON FUNCTION _half_open(tstzrange) IS
+'The same instants as [start, end); an infinite end becomes no end.';
+
+CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
+                                         p_ceiling_m double precision, p_properties jsonb) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
+        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_speakable');
+    END IF;
+    IF NOT (p_floor_m > '-infinity' AND p_floor_m < 'infinity') THEN
+        PERFORM _refuse('ZC004', p_who, 'floor_m', 'must be a finite number of metres, or absent', 'heights_finite');
+    END IF;
+    IF NOT (p_ceiling_m > '-infinity' AND p_ceiling_m < 'infinity') THEN
+        PERFORM _refuse('ZC004', p_who, 'ceiling_m', 'must be a finite number of metres, or absent', 'heights_finite');
+    END IF;
+    IF p_ceiling_m <= p_floor_m THEN
+        PERFORM _refuse('ZC004', p_who, 'ceiling_m',
+                        format('must be above floor_m (%s); got %s', p_floor_m, p_ceiling_m), 'ceiling_above_floor');
+    END IF;
+    IF jsonb_typeof(p_properties) IS DISTINCT FROM 'object' THEN
+        PERFORM _refuse('ZC012', p_who, 'properties', 'must be a JSON object', 'properties_object');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb) IS
+'Refuses what is wrong with the key, heights (metres) or properties of an object.';
+
+CREATE OR REPLACE FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
+RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_latitude double precision := greatest(ST_YMax(p_geometry), -ST_YMin(p_geometry));
+    v_longitude double precision := greatest(ST_XMax(p_geometry), -ST_XMin(p_geometry));
+BEGIN
+    -- The length of a line through a coordinate that is not finite is not finite either.
+    IF NOT ST_Length(ST_MakeLine(ARRAY(SELECT d.geom FROM ST_DumpPoints(p_geometry) d))) < 'infinity' THEN
+        PERFORM _refuse('ZC001', p_who, p_field, 'coordinates must be finite numbers', 'coordinates_finite');
+    END IF;
+    IF v_latitude > 90 THEN
+        PERFORM _refuse('ZC005', p_who, p_field,
+                        format('latitude must lie within +-90 degrees; got %s (is it longitude first?)', v_latitude),
+                        'latitude_in_range');
+    END IF;
+    IF v_longitude > 360 THEN
+        PERFORM _refuse('ZC005', p_who, p_field,
+                        format('longitude must lie within +-360 degrees; got %s', v_longitude), 'longitude_in_range');
+    END IF;
+    IF v_latitude > 89 AND EXISTS (SELECT FROM scene s WHERE s.scene_id = p_scene_id AND s.motion = 'rhumb') THEN
+        PERFORM _refuse('ZC005', p_who, p_field,
+                        format('latitude beyond 89 degrees has no place in a scene with motion ''rhumb''; got %s',
+                               v_latitude),
+                        'latitude_in_plane', 'The Mercator plane stretches without limit towards the poles.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
+'Refuses longitudes and latitudes (degrees) that are not finite, out of range or beyond the scene''s plane.';
+
+CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_planar geometry := _to_plane(p_footprint, p_earth);
+    v_reason text := ST_IsValidReason(v_planar);
+BEGIN
+    -- A polygon narrower than the plane's rounding (metres) may look invalid without being so.
+    IF v_reason <> 'Valid Geometry'
+       AND ST_Area(ST_OrientedEnvelope(v_planar)) > 1e-6 * greatest(ST_Perimeter(v_planar), 1) THEN
+        PERFORM _refuse('ZC001', p_who, 'footprint',
+                        format('crosses itself when its edges are rhumb lines (%s)', split_part(v_reason, '[', 1)),
+                        'footprint_valid_in_plane', 'Points on the long edges make them what is meant.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_planar(text, geometry, text) IS
+'Refuses a footprint that is valid on a map of degrees but not in the Mercator plane, where its edges are straight.';
+
+CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_bad record;
+BEGIN
+    WITH waypoint AS (
+        SELECT d.path[1] - 1 AS n, round(ST_M(d.geom) * 1e6) AS us, ST_X(d.geom) AS lon, ST_Y(d.geom) AS lat
+        FROM ST_DumpPoints(p_path) d
+    ), step AS (
+        SELECT w.n, w.us >= -62135596800e6 AND w.us < 253402300800e6 AS is_in_calendar, w.us - lag(w.us) OVER o AS us,
+               (w.lon, w.lat) <> (lag(w.lon) OVER o, lag(w.lat) OVER o) AS moves
+        FROM waypoint w WINDOW o AS (ORDER BY w.n)
+    )
+    SELECT s.*, CASE WHEN s.us = 0 AND s.moves THEN 'is at two places at the same time'
+                     ELSE 'must be later than the time before it' END AS rule
+        INTO v_bad FROM step s WHERE NOT s.is_in_calendar OR s.us <= 0 ORDER BY s.n LIMIT 1;
+    IF FOUND AND NOT v_bad.is_in_calendar THEN
+        PERFORM _refuse('ZC003', p_who, 'path', format('times[%s] must lie in the years 1 to 9999', v_bad.n),
+                        'path_in_calendar', 'M is Unix seconds.');
+    ELSIF FOUND THEN
+        PERFORM _refuse('ZC002', p_who, 'path', format('times[%s] %s', v_bad.n, v_bad.rule),
+                        'path_time_increasing', 'M is Unix seconds, told apart to the microsecond.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_times(text, geometry) IS
+'Refuses a path whose M (Unix seconds) is outside the years 1 to 9999 or does not increase by a microsecond at least.';
+
+CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_left boolean;
+    v_right boolean;
+    v_turns double precision;
+BEGIN
+    -- Corners as in conflictdb.model: rounding of the coordinates turns a straight one by the slack at most.
+    WITH vertex AS (
+        SELECT d.path[2] AS n, ST_X(d.geom) AS x, ST_Y(d.geom) AS y
+        FROM ST_DumpPoints(p_outline) d WHERE d.path[2] < ST_NPoints(p_outline)
+    ), edge AS (
+        SELECT v.n, coalesce(lead(v.x) OVER w, first_value(v.x) OVER w) - v.x AS dx,
+               coalesce(lead(v.y) OVER w, first_value(v.y) OVER w) - v.y AS dy,
+               8 * 2.220446049250313e-16 * max(greatest(abs(v.x), abs(v.y))) OVER () ^ 2 AS slack
+        FROM vertex v WINDOW w AS (ORDER BY v.n)
+    ), corner AS (
+        SELECT e.dx * coalesce(lead(e.dy) OVER w, first_value(e.dy) OVER w)
+               - e.dy * coalesce(lead(e.dx) OVER w, first_value(e.dx) OVER w) AS turn, e.slack
+        FROM edge e WINDOW w AS (ORDER BY e.n)
+    ), heading AS (
+        SELECT e.n, atan2(e.dy, e.dx) - lag(atan2(e.dy, e.dx)) OVER (ORDER BY e.n) AS step
+        FROM edge e WHERE e.dx <> 0 OR e.dy <> 0
+    )
+    SELECT bool_or(c.turn > c.slack), bool_or(c.turn < -c.slack),
+           (SELECT abs(sum(h.step - 2 * pi() * round((h.step / (2 * pi()))::numeric)::double precision)) FROM heading h)
+        INTO v_left, v_right, v_turns FROM corner c;
+    IF (v_left AND v_right) OR v_turns > 2 * pi() + 1e-9 THEN
+        PERFORM _refuse('ZC006', p_who, 'outline', 'must be a convex ring', 'outline_convex',
+                        'Split it into several tracks, or use ST_ConvexHull.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_outline(text, geometry) IS
+'Refuses an outline (starboard and forward metres) that turns both ways or more than once round.';
