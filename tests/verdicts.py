@@ -80,7 +80,7 @@ def compared(
     truth: dict[Pair, oracle.Meeting] | None = None,
 ) -> Comparison:
     """Compare what was reported of a scene with the oracle (or with what it has said)."""
-    care_m = max(20.0, 3.0 * scene.tolerance_m)
+    care_m = max(20.0, 15.0 * scene.tolerance_m)  # in the plane, which is up to 12 times as large at 85 degrees
     truth = truth or oracle.meetings(scene, areas, tracks, care_m)
     outer = None
     if scene.separation_m > 0.0:
