@@ -68,6 +68,12 @@ def check(conn: psycopg.Connection[Any]) -> None:
             f"the conflictdb schema of database {conn.info.dbname!r} is at revision {found}, this program needs "
             f"{head()}: run `conflictdb upgrade`"
         )
+    # Between releases a routine may change before its revision has a name.
+    if _applied_sha256(conn) != routines_sha256():
+        raise SchemaOutdated(
+            f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
+            "`conflictdb upgrade`"
+        )
 
 
 def upgrade(dsn: str) -> str:

@@ -20,7 +20,6 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 from psycopg.pq import TransactionStatus
-from psycopg.types.numeric import Int8
 
 from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
 from conflictdb.errors import StoreError
@@ -119,8 +118,7 @@ def changed_areas(conn: psycopg.Connection[Any], scene_id: int) -> AreaBatch:
 
 def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
     """Return the footprints of some areas (degrees), in their order; empty where one was removed meanwhile."""
-    # Bare small integers would go out as smallint[].
-    known = dict(call_many(conn, "_footprints", [Int8(i) for i in area_ids.tolist()]))
+    known = dict(call_many(conn, "_footprints", area_ids.tolist()))
     found = np.empty(len(area_ids), dtype=object)
     found[:] = [shapely.from_wkb(known[i]) if i in known else shapely.MultiPolygon() for i in area_ids.tolist()]
     return found

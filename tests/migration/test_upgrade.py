@@ -120,6 +120,18 @@ def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> 
         assert conn.execute("SELECT conflictdb.scene_note('s')").fetchone() == ("none: 100% :x",)
 
 
+def test_other_routines_at_the_same_revision_are_outdated_and_upgraded(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("DROP FUNCTION conflictdb._footprints")
+        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
+        with pytest.raises(SchemaOutdated, match="routines"):
+            schema.check(conn)
+    schema.upgrade(dsn)
+    with psycopg.connect(dsn) as conn:
+        schema.check(conn)
+        conn.execute("SELECT conflictdb._footprints('{}')")
+
+
 def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '9999'")
