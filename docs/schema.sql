@@ -291,10 +291,10 @@ FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _from_plane(p_geometry geometry, p_earth text)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _half_open(p_span tstzrange)
-    RETURNS tstzrange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _intersecting_pairs(OUT a_piece_id bigint, OUT b_piece_id bigint)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -312,7 +312,7 @@ FUNCTION _join_dirty(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_material=off SET enable_seqscan=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -327,7 +327,7 @@ FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _pending_scenes()
     RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
@@ -336,10 +336,10 @@ FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, 
     RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _plane_srid(p_earth text)
-    RETURNS integer LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _radius_m(p_earth text)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -351,10 +351,10 @@ FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _rectifying(p_latitude double precision, p_earth text)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _rectifying_m(p_earth text)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -393,7 +393,7 @@ FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _to_plane(p_geometry geometry, p_earth text)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -402,7 +402,7 @@ FUNCTION _unlock_scene(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _wrapped(p_geometry geometry)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;

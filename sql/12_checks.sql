@@ -2,7 +2,7 @@
 -- in 13_validation.sql.
 
 CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Instants are whole microseconds, so that an inclusive end is an exclusive one a microsecond later.
     SELECT CASE WHEN isempty(p_span) THEN p_span ELSE tstzrange(

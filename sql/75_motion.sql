@@ -26,14 +26,14 @@ COMMENT ON FUNCTION _series(double precision, double precision[]) IS
 'An angle (radians) plus the sum of coefficient j times sin(2 j angle).';
 
 CREATE OR REPLACE FUNCTION _rectifying_m(p_earth text) RETURNS double precision
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN 6371008.771415 ELSE 6367449.1458234153 END::double precision;
 END;
 COMMENT ON FUNCTION _rectifying_m(text) IS 'Metres of meridian per radian of rectifying latitude.';
 
 CREATE OR REPLACE FUNCTION _rectifying(p_latitude double precision, p_earth text) RETURNS double precision
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN p_latitude ELSE _series(p_latitude, ARRAY[
         -0.0025188279161202296627, 2.6435410598113799292e-6, -3.4526234225354141111e-9, 4.8918220519771715152e-12,
@@ -42,7 +42,7 @@ END;
 COMMENT ON FUNCTION _rectifying(double precision, text) IS 'Rectifying latitude of a geographic latitude, radians.';
 
 CREATE OR REPLACE FUNCTION _latitude(p_rectifying double precision, p_earth text) RETURNS double precision
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN p_rectifying ELSE _series(p_rectifying, ARRAY[
         0.0025188265843977032707, 3.700949035657531109e-6, 7.4477702699759963203e-9, 1.7035857112600327458e-11,

@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "87e904afae5ee46c6bdf25b7d5d45be80626b1806f2ab049454f8a76ffa1adfa"
+routines_sha256 = "0ebee687351a7cfd4f848b51bb2c48528c9e3d8b911ebde0224c815f5436d056"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (
