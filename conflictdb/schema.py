@@ -69,7 +69,9 @@ def check(conn: psycopg.Connection[Any]) -> None:
             f"{head()}: run `conflictdb upgrade`"
         )
     # Between releases a routine may change before its revision has a name.
-    if _applied_sha256(conn) != routines_sha256():
+    with _translated(), conn.transaction():
+        applied = _applied_sha256(conn)
+    if applied != routines_sha256():
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
             "`conflictdb upgrade`"
