@@ -3,14 +3,8 @@
 Obvious, slow and independent: shares nothing with the package but the classes of a scene. Where the package uses
 series in the third flattening, this uses the incomplete elliptic integral, Gauss-Legendre means and Newton's method;
 where the package reasons about convex parts, this samples densely with shapely on the whole polygons.
-`oracle_precise.py` is the same motion in 50 digits.
-
-Motion (all that is assumed):
-
-- A leg is a rhumb line at constant speed; longitudes are unwrapped the shortest way.
-- A haven vertex (starboard, forward) is reached from the reference point by a rhumb step forward along the leg's
-  bearing, then one to starboard. The haven is the convex hull of its vertices in the Mercator plane.
-- Spans are half-open, polygons are closed; at inner waypoints both orientations count.
+`oracle_motion.py` is the motion, and
+`oracle_precise.py` the same motion in 50 digits.
 
 Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
 """
@@ -24,134 +18,17 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.special import ellipeinc
+from oracle_motion import Globe, Leg, legs
 
-from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.model import Area, Scene, Track
 
 Floats = NDArray[np.float64]
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 SPEED_MARGIN: Final = 2.0  # on the largest speed that is seen between samples
 SPLIT: Final = 16  # parts that an undecided interval is cut into
 SAMPLING_ROUNDS: Final = 3  # 16, then 256, then 4096 intervals per pair of legs, the last two only where undecided
 ZOOM_ROUNDS: Final = 10  # each narrows a bracket 8 times or more
 SAME_INSTANT_S: Final = 1e-7  # contacts closer than this are one
-
-
-@dataclass(frozen=True)
-class Globe:
-    """Figure of the earth: equatorial radius in metres and squared eccentricity; latitudes in radians."""
-
-    a: float
-    e2: float
-
-    @classmethod
-    def of(cls, earth: EarthModel) -> "Globe":
-        if earth is EarthModel.SPHERE:
-            return cls(6371008.771415, 0.0)
-        f = 1 / 298.257223563
-        return cls(6378137.0, f * (2 - f))
-
-    def isometric(self, lat: Floats) -> Floats:
-        e = np.sqrt(self.e2)
-        return np.arcsinh(np.tan(lat)) - e * np.arctanh(e * np.sin(lat))
-
-    def latitude_of_isometric(self, psi: Floats) -> Floats:
-        e = np.sqrt(self.e2)
-        lat = np.arctan(np.sinh(psi))
-        for _ in range(12):
-            lat = np.arctan(np.sinh(psi + e * np.arctanh(e * np.sin(lat))))
-        return lat
-
-    def meridian_m(self, lat: Floats) -> Floats:
-        """Metres from the equator to a latitude, along the meridian."""
-        sin, cos = np.sin(lat), np.cos(lat)
-        return self.a * (ellipeinc(lat, self.e2) - self.e2 * sin * cos / np.sqrt(1 - self.e2 * sin**2))
-
-    def latitude_of_meridian(self, m: Floats) -> Floats:
-        lat = np.asarray(m / self.a)
-        for _ in range(5):
-            lat = lat - (self.meridian_m(lat) - m) / self.along_m(lat)
-        return lat
-
-    def along_m(self, lat: Floats) -> Floats:
-        """Metres per radian of latitude."""
-        return self.a * (1 - self.e2) / (1 - self.e2 * np.sin(lat) ** 2) ** 1.5
-
-    def across_m(self, lat: Floats) -> Floats:
-        """Metres per radian of longitude."""
-        return self.a * np.cos(lat) / np.sqrt(1 - self.e2 * np.sin(lat) ** 2)
-
-    def turn_per_m(self, lat1: Floats, lat2: Floats) -> Floats:
-        """Radians of longitude per metre made good to the east on the rhumb line between two latitudes.
-
-        The mean over the meridian of 1/across: by quadrature for short arcs (nothing cancels), else as the quotient.
-        """
-        lat1, lat2 = np.broadcast_arrays(np.asarray(lat1, float), np.asarray(lat2, float))
-        middle, half = (lat1 + lat2) / 2, (lat2 - lat1) / 2
-        lat = middle[..., None] + half[..., None] * NODES
-        along = self.along_m(lat)
-        short = (along / self.across_m(lat)) @ WEIGHTS / (along @ WEIGHTS)
-        wide = np.abs(half) > 0.025
-        if not wide.any():
-            return short
-        span = np.where(wide, self.meridian_m(lat2) - self.meridian_m(lat1), 1.0)
-        return np.where(wide, (self.isometric(lat2) - self.isometric(lat1)) / span, short)
-
-    def step(self, lon: Floats, lat: Floats, north_m: Floats, east_m: Floats) -> tuple[Floats, Floats]:
-        """Go along a rhumb line by so many metres made good to the north and to the east."""
-        lat2 = np.where(north_m == 0.0, lat, self.latitude_of_meridian(self.meridian_m(lat) + north_m))
-        return lon + east_m * self.turn_per_m(lat, lat2), lat2
-
-    def between(self, lat1_deg: float, lat2_deg: float, dlon_deg: float) -> tuple[float, float]:
-        """Metres made good to the north and to the east on the rhumb line between two points, unwrapped."""
-        lat1, lat2 = np.radians(lat1_deg), np.radians(lat2_deg)
-        north = self.meridian_m(lat2) - self.meridian_m(lat1)
-        half = np.radians(lat2_deg - lat1_deg) / 2
-        if abs(half) < 0.025:  # the difference of two large distances would be rounded
-            north = half * (self.along_m((lat1 + lat2) / 2 + half * NODES) @ WEIGHTS)
-        return float(north), float(np.radians(dlon_deg) / self.turn_per_m(lat1, lat2))
-
-
-@dataclass(frozen=True)
-class Leg:
-    """One leg of a track, longitudes unwrapped, in radians; heading as a unit vector (north, east)."""
-
-    start_us: int
-    end_us: int
-    lon: float
-    lat: float
-    north_m: float
-    east_m: float
-    heading: tuple[float, float]
-
-    def vertices(self, globe: Globe, outline_m: Floats, fraction: Floats) -> tuple[Floats, Floats]:
-        """Longitudes and latitudes in radians, (n, m), of the haven's vertices at n fractions of the leg."""
-        lon, lat = globe.step(
-            self.lon, np.full(len(fraction), self.lat), fraction * self.north_m, fraction * self.east_m
-        )
-        (cos, sin), starboard, forward = self.heading, outline_m[:, 0], outline_m[:, 1]
-        lon, lat = globe.step(lon[:, None], lat[:, None], forward * cos, forward * sin)
-        return globe.step(lon, lat, -starboard * sin, starboard * cos)
-
-
-def legs(globe: Globe, track: Track) -> list[Leg]:
-    """The legs of a track; a loiter keeps the heading before it, else that of the next moving leg, else north."""
-    turns = np.diff(track.positions_deg[:, 0])
-    turns = np.where(
-        np.abs(turns) > 180.0, turns - 360.0 * np.round(turns / 360.0), turns
-    )  # half a turn keeps its sign
-    lon = np.radians(track.positions_deg[0, 0] + np.concatenate([[0.0], np.cumsum(turns)]))
-    lat = track.positions_deg[:, 1]
-    moves = [globe.between(lat[i], lat[i + 1], turn) for i, turn in enumerate(turns)]
-    headings = [(n / np.hypot(n, e), e / np.hypot(n, e)) if np.hypot(n, e) > 0.0 else None for n, e in moves]
-    heading = next((h for h in headings if h), (1.0, 0.0))
-    found = []
-    for i, (north, east) in enumerate(moves):
-        heading = headings[i] or heading
-        start, end = int(track.times_us[i]), int(track.times_us[i + 1])
-        found.append(Leg(start, end, float(lon[i]), float(np.radians(lat[i])), north, east, heading))
-    return found
 
 
 @dataclass(frozen=True)
@@ -210,7 +87,6 @@ class Meeting:
     least_m : least separation on the earth, metres; 0 in contact; inf if more than was asked to be resolved
     least_plane_m : the same in the plane
     at_s : when that is, seconds after epoch_us
-    ends_open : whether only the excluded last instant of a span touches (least_m is 0 but there is no interval)
     """
 
     epoch_us: int

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from scenes import write_scene
+from scene_file import write_scene
 from verdicts import Period, Reported, compared, microseconds
 from workloads import LONG_LEGS, SEAM, SOUTH, Workload, throw
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from reference import data
-from scenes import T0_US, iso
+from scene_file import iso
+from scenes import T0_US
 from verdicts import Reported, solved, stored
 
 from conflictdb import connect, io

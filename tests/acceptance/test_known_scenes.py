@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from scenes import T0_US, Known, known_scenes, write_scene
+from scene_file import write_scene
+from scenes import T0_US, Known, known_scenes
 from verdicts import Reported, solved, stored
 
 from conflictdb import connect
