@@ -133,13 +133,21 @@ def clean_up(run: str) -> None:
         except psycopg.OperationalError:
             return  # the server could not be reached, which the tests have said already
     home = run_home(run)
-    if not home.exists():
-        return
     for _ in range(1000):
         if server.status(home).pid is None:
-            shutil.rmtree(home, ignore_errors=True)
-            return
+            break
         time.sleep(0.01)
+    for left_home in home.parent.glob(run_home("*").name):
+        # Those of runs that were killed, too, once nobody can miss them.
+        if left_home == home or (time.time() - left_home.stat().st_mtime > 86400 and _is_idle(left_home)):
+            shutil.rmtree(left_home, ignore_errors=True)
+
+
+def _is_idle(home: Path) -> bool:
+    try:
+        return server.status(home).pid is None
+    except ServerError:  # another user's
+        return False
 
 
 def _embedded(run: str, *, download: bool) -> server.EmbeddedServer:
