@@ -24,7 +24,9 @@ CREATE OR REPLACE FUNCTION _load(
     p_separation_m double precision, p_merge boolean,
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
 )
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
+SET enable_nestloop = off AS $$
 DECLARE
     v_scene_id bigint := create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m);
     v_rows bigint;

@@ -67,9 +67,10 @@ CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint) RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _require_snapshot();
+    -- Not by scene: of a scene that is new the planner expects few pieces, and would compare all with all.
     DELETE FROM piece p
         USING (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) marked
-        WHERE p.scene_id = p_scene_id AND p.object_kind = marked.object_kind AND p.object_id = marked.object_id;
+        WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id;
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
     RETURN (SELECT _plane_srid(s.earth) FROM scene s WHERE s.scene_id = p_scene_id);
 END
@@ -82,7 +83,7 @@ CREATE OR REPLACE FUNCTION _end_pieces(p_changed bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
 BEGIN
     -- Without statistics that know the new pieces the next joins may be planned for an empty table.
-    IF p_changed > 1000 THEN
+    IF p_changed > 1000 OR p_changed > (SELECT 0.1 * c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass) THEN
         ANALYZE piece;
     END IF;
 END

@@ -75,18 +75,30 @@ DECLARE
 BEGIN
     SELECT * INTO STRICT v_scene FROM scene s WHERE s.scene_id = p_scene_id;
     v_turn_m := 2 * pi() * _radius_m(v_scene.earth);
-    DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.result, pg_temp.static_region;
+    DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.old, pg_temp.result, pg_temp.static_region;
     CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
         SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
     ANALYZE pg_temp.dirty_object;
+    CREATE TEMPORARY TABLE old ON COMMIT DROP AS
+        SELECT c.conflict_id, c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, c.verdict
+        FROM pg_temp.dirty_object d JOIN conflict c ON c.a_kind = d.object_kind AND c.a_id = d.object_id
+        UNION
+        SELECT c.conflict_id, c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, c.verdict
+        FROM pg_temp.dirty_object d JOIN conflict c ON c.b_kind = d.object_kind AND c.b_id = d.object_id;
+    ANALYZE pg_temp.old;
     ANALYZE pg_temp.found;
     ANALYZE pg_temp.found_period;
     -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own and drops out.
     CREATE TEMPORARY TABLE result ON COMMIT DROP AS
+        -- Not by scene: of a scene that is new the planner expects few objects, and would compare all with all.
         WITH member AS (
-            SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a WHERE a.scene_id = p_scene_id
+            SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a
+            WHERE a.area_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 0
+                                UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 0)
             UNION ALL
-            SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id
+            SELECT 1::smallint, t.track_id, t.key FROM track t
+            WHERE t.track_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 1
+                                 UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 1)
         ), period AS (
             SELECT t.nr, range_agg(tstzrange(nullif(t.first_at, '-infinity'), nullif(t.last_at, 'infinity'), '[]'))
                 AS periods
@@ -141,17 +153,15 @@ BEGIN
         FROM jsonb_populate_record(NULL::run, p_run) r
         RETURNING run.run_id INTO v_run_id;
 
-    DELETE FROM conflict c
-        WHERE c.scene_id = p_scene_id
-          AND (EXISTS (SELECT FROM pg_temp.dirty_object d WHERE d.object_kind = c.a_kind AND d.object_id = c.a_id)
-               OR EXISTS (SELECT FROM pg_temp.dirty_object d WHERE d.object_kind = c.b_kind AND d.object_id = c.b_id))
-          AND NOT EXISTS (SELECT FROM pg_temp.result n
-                          WHERE n.a_kind = c.a_kind AND n.a_id = c.a_id AND n.b_kind = c.b_kind AND n.b_id = c.b_id);
+    DELETE FROM conflict c USING pg_temp.old o
+        WHERE c.conflict_id = o.conflict_id
+          AND (o.a_kind, o.a_id, o.b_kind, o.b_id) NOT IN (
+              SELECT n.a_kind, n.a_id, n.b_kind, n.b_id FROM pg_temp.result n);
     GET DIAGNOSTICS closed = ROW_COUNT;
 
     SELECT count(*) INTO changed
-        FROM pg_temp.result n JOIN conflict c USING (a_kind, a_id, b_kind, b_id)
-        WHERE (n.periods, n.verdict) IS DISTINCT FROM (c.periods, c.verdict);
+        FROM pg_temp.result n JOIN pg_temp.old o USING (a_kind, a_id, b_kind, b_id)
+        WHERE (n.periods, n.verdict) IS DISTINCT FROM (o.periods, o.verdict);
 
     WITH written AS (
         INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,

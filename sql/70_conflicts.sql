@@ -97,7 +97,8 @@ BEGIN ATOMIC
     )
     SELECT c.* FROM conflicts c
     WHERE c.scene = p_scene AND c.periods && p_span
-      AND c.a_key IN (SELECT n.key FROM near n) AND c.b_key IN (SELECT n.key FROM near n)
+      -- As subplans these are looked up in a table of hashes.
+      AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
       AND ST_Intersects(c.region, _wrapped(p_geometry));
 END;
 COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS

@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0ebee687351a7cfd4f848b51bb2c48528c9e3d8b911ebde0224c815f5436d056"
+routines_sha256 = "ade2d457f3ac9b0c1e18d7d0bab7184a7d2300185f262718284896697b33b1d6"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

@@ -1,0 +1,123 @@
+"""A scene that came after the last ANALYZE is small in the planner's eyes; no routine may then compare all with all.
+
+Told by the number of rows that plans threw away, not by time: a nested loop over n objects throws away n squared.
+"""
+
+import json
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load, refresh
+
+from conflictdb import store
+from conflictdb.batches import Conflicts
+from conflictdb.model import Area, Scene
+
+Conn = psycopg.Connection[Any]
+
+COUNT = 1500
+T0_US = 1_772_323_200_000_000
+
+
+def grid(changed: bool = False) -> list[Area]:
+    """Return areas side by side, each meeting the next."""
+    floor = 0.0 if changed else None
+    west = [(0.02 * (i % 100), 0.02 * (i // 100)) for i in range(COUNT)]
+    return [
+        Area(f"A{i}", shapely.MultiPolygon([shapely.box(x, y, x + 0.021, y + 0.019)]), floor_m=floor)
+        for i, (x, y) in enumerate(west)
+    ]
+
+
+def neighbours(conn: Conn) -> Conflicts:
+    """Return conflicts of every object with the next, as a detection might find them."""
+    rows = conn.execute(
+        "SELECT area_id, version FROM conflictdb.area ORDER BY area_id DESC LIMIT %s", [COUNT]
+    ).fetchall()
+    ids, versions = np.array(rows, dtype=np.int64).T
+    n = COUNT - 1
+    return Conflicts(
+        a_kind=np.zeros(n, np.int8),
+        a_id=ids[:-1],
+        a_version=versions[:-1],
+        b_kind=np.zeros(n, np.int8),
+        b_id=ids[1:],
+        b_version=versions[1:],
+        period_us=np.tile(np.array([T0_US, T0_US + 1]), (n, 1)),
+        period_offset=np.arange(n + 1),
+        verdict=np.zeros(n, np.int8),
+        first_contact_deg=np.full((n, 2), np.nan),
+        time_error_s=np.zeros(n),
+    )
+
+
+def worst_waste(plan: dict[str, Any]) -> float:
+    """Return the most rows that any node of a plan threw away."""
+    own = sum(
+        plan.get(name, 0) * plan.get("Actual Loops", 1)
+        for name in ("Rows Removed by Join Filter", "Rows Removed by Filter", "Rows Removed by Index Recheck")
+    )
+    return max([own, *(worst_waste(child) for child in plan.get("Plans", []))])
+
+
+@pytest.fixture
+def plans(conn: Conn) -> list[dict[str, Any]]:
+    """Return a list that the plans of all statements, also inside routines, are added to."""
+    try:
+        conn.execute("LOAD 'auto_explain'")
+    except psycopg.Error:
+        pytest.skip("did not run: the server has no auto_explain")
+    for setting, value in {
+        "log_min_duration": "0", "log_nested_statements": "on", "log_analyze": "on", "log_timing": "off",
+        "log_format": "json",
+    }.items():  # fmt: skip
+        conn.execute(f"SET auto_explain.{setting} = {value}".encode())
+    conn.execute("SET client_min_messages = log")
+    conn.commit()
+    found: list[dict[str, Any]] = []
+
+    def keep(diagnostic: psycopg.errors.Diagnostic) -> None:
+        _, _, text = (diagnostic.message_primary or "").partition("plan:\n")
+        if text:
+            plan = json.loads(text)
+            found.append({"query": plan["Query Text"], "waste": worst_waste(plan["Plan"])})
+
+    conn.add_notice_handler(keep)
+    return found
+
+
+def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with_all(
+    conn: Conn, plans: list[dict[str, Any]]
+) -> None:
+    first = load(conn, Scene("first"), grid(), [])
+    refresh(conn, first)
+    conn.execute("ANALYZE")
+    conn.commit()
+    conn.execute("ALTER TABLE conflictdb.piece SET (autovacuum_enabled = off)")
+    conn.commit()
+
+    scene_id = load(conn, Scene("second"), grid(), [])
+    for areas in (grid(), grid(changed=True)):
+        store.replace_scene(conn, Scene("second"), areas, [], merge=False)
+        with store.scene_lock(conn, scene_id, wait=False):
+            refresh(conn, scene_id)
+            store.begin_snapshot(conn)
+            store.find_candidates(conn, scene_id)
+            store.find_intersections(conn, scene_id, regions=True)
+            store.intersecting_pairs(conn, scene_id)
+            store.write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
+            conn.commit()
+        conn.execute("SELECT count(*) FROM conflictdb.candidates('second')")
+        everywhere = "ST_SetSRID(ST_MakeEnvelope(0, 0, 2, 2), 4326), '(,)'"
+        conn.execute(f"SELECT count(*) FROM conflictdb.conflicts_within('second', {everywhere})".encode())
+        conn.commit()
+        store.conflicts(conn, "second")
+
+    assert len(plans) > 50
+    # 1500 objects against each other are 2,250,000 pairs; what boxes cannot tell apart are some dozen an object.
+    wasteful = [plan for plan in plans if plan["waste"] > 100 * COUNT]
+    assert wasteful == []
