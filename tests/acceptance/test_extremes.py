@@ -53,6 +53,25 @@ def test_haven_that_points_away_from_the_pole(earth: EarthModel) -> None:
 
 
 @earths
+@pytest.mark.parametrize("sign", [1, -1])
+def test_wide_haven_near_the_pole(earth: EarthModel, sign: int) -> None:
+    """Havens of hundreds of kilometres a few degrees from the pole, whose image bends a lot within a slice."""
+    far = track("T", [(124, sign * 86), (-117, sign * 72.5)], [0, 20 * HOUR_S], 22e3, 134e3, 336e3, 25e3)
+    near = track("U", [(150, sign * 76.6), (-124, sign * 75.1)], [0, 20 * HOUR_S], 48e3, 41e3, 40e3, 22e3)
+    low, high = sorted((sign * 74.0, sign * 75.0))
+    zones = [area(f"A{lon}", shapely.box(lon, low, lon + 4, high)) for lon in range(-140, -100, 10)]
+    assert touching(Scene("s", earth=earth), zones, [far, near]) >= 2
+
+
+@earths
+def test_haven_wider_than_the_world(earth: EarthModel) -> None:
+    """At 88 degrees a haven of 1,600 km from side to side spans more than a turn: it meets what is behind too."""
+    wide = track("T", [(170, 87.5), (170, 88.0)], [0, 2 * HOUR_S], 1e3, 1e3, 8e5, 8e5)
+    zones = [area(f"A{lon}", shapely.box(lon, 87.6, lon + 5, 87.7)) for lon in range(-175, 180, 35)]
+    check(Scene("s", earth=earth), zones, [wide])
+
+
+@earths
 def test_areas_as_wide_as_the_world(earth: EarthModel) -> None:
     areas = [
         area("band", shapely.box(-180, 10, 180, 20)),

@@ -38,6 +38,9 @@ def assert_holds_the_motion(scene: Scene, track: Track, samples: int = 33) -> Pi
         xy = phase.vertices(int(pieces.start_us[k]), seconds).reshape(-1, 2)
         shift = np.round((around.centroid.x - xy[:, 0].mean()) / turn_m) * turn_m
         points = shapely.points(xy + np.array([shift, 0.0]))
+        # Of use, too: padding for what bends within a slice may not dwarf the slice.
+        spare_m = 200.0 * (scene.tolerance_m + scene.separation_m) + 1.0
+        assert np.ptp(around.exterior.xy[0]) < 3.0 * (np.ptp(xy[:, 0]) + np.ptp(xy[:, 1])) + spare_m
         assert shapely.contains_properly(around, points).all()
         assert shapely.distance(around.exterior, points).min() >= 0.49 * (scene.tolerance_m + scene.separation_m)
     return pieces
