@@ -10,6 +10,9 @@ LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
 DECLARE
     v_kind smallint := TG_ARGV[0];
     v_id text := TG_ARGV[1];
+    v_renamed text;
+    v_wanted bigint;
+    v_claimed bigint;
     v_taken text;
     v_marked bigint;
 BEGIN
@@ -25,17 +28,15 @@ BEGIN
                        'JOIN scene s ON s.scene_id = o.scene_id', v_id) USING v_kind;
         GET DIAGNOSTICS v_marked = ROW_COUNT;
     ELSE
-        EXECUTE format('WITH claimed AS (INSERT INTO object_key (scene_id, key, object_kind) '
-                       'SELECT n.scene_id, n.key, $1 FROM new_rows n '
-                       || CASE TG_OP WHEN 'UPDATE' THEN 'JOIN old_rows o ON o.%1$I = n.%1$I WHERE o.key <> n.key '
-                                     ELSE '' END
-                       || 'ON CONFLICT DO NOTHING RETURNING scene_id, key) '
-                       'SELECT n.key FROM new_rows n '
-                       || CASE TG_OP WHEN 'UPDATE' THEN 'JOIN old_rows o ON o.%1$I = n.%1$I AND o.key <> n.key '
-                                     ELSE '' END
-                       || 'LEFT JOIN claimed c ON c.scene_id = n.scene_id AND c.key = n.key '
-                       'WHERE c.key IS NULL ORDER BY n.key LIMIT 1', v_id) INTO v_taken USING v_kind;
-        IF v_taken IS NOT NULL THEN
+        v_renamed := CASE TG_OP WHEN 'UPDATE' THEN format('JOIN old_rows o ON o.%1$I = n.%1$I AND o.key <> n.key', v_id)
+                                ELSE '' END;
+        EXECUTE format('SELECT count(*) FROM new_rows n %s', v_renamed) INTO v_wanted;
+        EXECUTE format('INSERT INTO object_key (scene_id, key, object_kind) SELECT n.scene_id, n.key, $1 '
+                       'FROM new_rows n %s ON CONFLICT DO NOTHING', v_renamed) USING v_kind;
+        GET DIAGNOSTICS v_claimed = ROW_COUNT;
+        IF v_claimed < v_wanted THEN
+            EXECUTE 'SELECT n.key FROM new_rows n JOIN object_key k ON k.scene_id = n.scene_id AND k.key = n.key '
+                    'WHERE k.object_kind <> $1 ORDER BY n.key LIMIT 1' INTO v_taken USING v_kind;
             PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
                             'is taken by another object of the scene', 'object_key_unique');
         END IF;

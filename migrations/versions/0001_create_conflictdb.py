@@ -12,7 +12,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ade2d457f3ac9b0c1e18d7d0bab7184a7d2300185f262718284896697b33b1d6"
+routines_sha256 = "b6ad51854357ef91e44f989069d913a0b7d0ef38a372b2d4e6650cc937f5e49d"
 
 SETTINGS = """
 CREATE TABLE conflictdb.scene (

@@ -116,6 +116,13 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
         conn.execute(f"SELECT count(*) FROM conflictdb.conflicts_within('second', {everywhere})".encode())
         conn.commit()
         store.conflicts(conn, "second")
+    conn.execute(
+        """INSERT INTO conflictdb.area (scene_id, key, footprint)
+           SELECT scene_id, 'N' || key, footprint FROM conflictdb.area"""
+    )
+    conn.execute("UPDATE conflictdb.area SET key = 'U' || key, ceiling_m = 10")
+    conn.execute("DELETE FROM conflictdb.area WHERE key LIKE 'UN%'")
+    conn.commit()
 
     assert len(plans) > 50
     # 1500 objects against each other are 2,250,000 pairs; what boxes cannot tell apart are some dozen an object.
