@@ -5,7 +5,7 @@ does, padded so that two pieces can only come within the scene's tolerance and s
 database joins hulls, and never misses. Slices serve the boxes, not the accuracy: stage 4 works on the true motion.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,7 +17,7 @@ from conflictdb.batches import AreaBatch, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Area, Kind, Scene, Track
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, vertex_slots
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, RhumbShapes, padding_m, rhumb_shapes, vertex_slots
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
@@ -25,6 +25,10 @@ MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 # (benchmarks/slicing.py).
 SLICE_LENGTH_HAVENS: Final = 4.0
 MAX_SLICES: Final = 16
+# A hull may be padded for a bending haven by this share of the haven's reach; else its leg is cut again, up to a limit
+# that only havens of hundreds of kilometres close to a pole come near.
+MAX_BEND_SHARE: Final = 0.25
+MAX_BENT_SLICES: Final = 4096
 # Hulls of polygons differ from them by this share of area at most where they count as convex: less than a
 # micrometre of depth for any area below 1,000 km across.
 CONVEX_AREA_SHARE: Final = 1e-13
@@ -123,44 +127,21 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
     earth = earth_of(scene.earth)
     legs = _legs(earth, tracks)
-    count = _slice_counts(earth, tracks, legs)
-    leg = np.repeat(np.arange(len(count)), count)
-    nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
-    n = len(leg)
-    start = _cut(legs, count, leg, nth)
-    end = _cut(legs, count, leg, nth + 1)
-    track = legs.track[leg]
-    last_of_track = np.append(track[1:] != track[:-1], True)[:n]
-    vertices = np.diff(tracks.outline_offset)[track]
-    outline, outline_offset = _ccw_outlines(tracks)
-    first = outline_offset[track]
-    shape_offset = np.concatenate([[0], np.cumsum(vertices)]).astype(np.int64)
-    pieces = Pieces(
-        piece_id=np.full(n, -1, np.int64),
-        kind=np.full(n, Kind.TRACK, np.int8),
-        object_id=tracks.track_id[track],
-        version=tracks.version[track],
-        part=_numbered(track),
-        turn=np.zeros(n, np.int16),
-        start_us=start,
-        end_us=end,
-        end_inclusive=~last_of_track,
-        floor_m=tracks.floor_m[track],
-        ceiling_m=tracks.ceiling_m[track],
-        hull_xy=np.empty((0, 2)),
-        hull_offset=np.zeros(n + 1, np.int64),
-        shape_xy=outline[np.repeat(first - shape_offset[:-1], vertices) + np.arange(shape_offset[-1])],
-        shape_offset=shape_offset,
-        leg_start_us=legs.start_us[leg],
-        leg_end_us=legs.end_us[leg],
-        leg_start_deg=legs.start_deg[leg],
-        leg_end_deg=legs.end_deg[leg],
-        bearing_deg=legs.bearing_deg[leg],
-    )
-    hull_xy, hull_offset = _swept_hulls(earth, scene, pieces)
+    count = _slice_counts(tracks, legs)
+    while True:
+        pieces, leg = _slices(tracks, legs, count)
+        bend, reach = _swept_bend(earth, pieces)
+        # Near the poles a wide haven bends a lot within a slice: shorter slices, until the padding is tight.
+        loose = np.zeros(len(count), np.bool_)
+        loose[leg[bend > MAX_BEND_SHARE * reach]] = True
+        loose &= 2 * count <= np.minimum(legs.end_us - legs.start_us, MAX_BENT_SLICES)
+        if not loose.any():
+            break
+        count = np.where(loose, 2 * count, count)
+    hull_xy, hull_offset = _swept_hulls(earth, scene, pieces, bend)
     turns = _turns_from_home(earth, hull_xy, hull_offset)
     hull_xy[:, 0] -= np.repeat(2.0 * np.pi * earth.radius_m * turns, np.diff(hull_offset))
-    away = np.stack([360.0 * turns, np.zeros(n)], axis=1)
+    away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
     pieces = replace(
         pieces,
         hull_xy=hull_xy,
@@ -169,6 +150,40 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         leg_end_deg=pieces.leg_end_deg - away,
     )
     return _with_seam_copies(earth, pieces)
+
+
+def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
+    """Return the slices of all legs, still without hulls, and the leg of each."""
+    leg = np.repeat(np.arange(len(count)), count)
+    nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
+    n = len(leg)
+    track = legs.track[leg]
+    vertices = np.diff(tracks.outline_offset)[track]
+    outline, outline_offset = _ccw_outlines(tracks)
+    shape_offset = np.concatenate([[0], np.cumsum(vertices)]).astype(np.int64)
+    pieces = Pieces(
+        piece_id=np.full(n, -1, np.int64),
+        kind=np.full(n, Kind.TRACK, np.int8),
+        object_id=tracks.track_id[track],
+        version=tracks.version[track],
+        part=_numbered(track),
+        turn=np.zeros(n, np.int16),
+        start_us=_cut(legs, count, leg, nth),
+        end_us=_cut(legs, count, leg, nth + 1),
+        end_inclusive=np.append(track[1:] == track[:-1], False)[:n],
+        floor_m=tracks.floor_m[track],
+        ceiling_m=tracks.ceiling_m[track],
+        hull_xy=np.empty((0, 2)),
+        hull_offset=np.zeros(n + 1, np.int64),
+        shape_xy=outline[np.repeat(outline_offset[track] - shape_offset[:-1], vertices) + np.arange(shape_offset[-1])],
+        shape_offset=shape_offset,
+        leg_start_us=legs.start_us[leg],
+        leg_end_us=legs.end_us[leg],
+        leg_start_deg=legs.start_deg[leg],
+        leg_end_deg=legs.end_deg[leg],
+        bearing_deg=legs.bearing_deg[leg],
+    )
+    return pieces, leg
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +254,7 @@ def _haven_latitude(earth: Earth, tracks: TrackBatch, legs: _Legs) -> Floats:
     return highest
 
 
-def _slice_counts(earth: Earth, tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
+def _slice_counts(tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
     """Return (m,) in how many slices each leg is cut: by its length against its haven's."""
     radius = np.hypot(tracks.outline_m[:, 0], tracks.outline_m[:, 1])
     haven = 2.0 * np.maximum.reduceat(radius, tracks.outline_offset[:-1])[legs.track]
@@ -270,31 +285,48 @@ def _ccw_outlines(tracks: TrackBatch) -> tuple[Floats, NDArray[np.int64]]:
     return np.where(clockwise[:, None], outline[mirrored], outline), offset
 
 
-def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces) -> tuple[Floats, NDArray[np.int64]]:
-    """Return hulls that hold each haven during its whole slice, and the padding.
+def _swept_bend(earth: Earth, pieces: Pieces) -> tuple[Floats, Floats]:
+    """Return (n,) how far a vertex may leave the hull of its slice's two ends, and how far it is from the reference.
 
     The reference point runs straight in the plane; between the slice's ends a vertex departs from the chord of its
-    offset by at most bend * (psi difference)^2 / 8, which is added to the padding: proven, not assumed.
+    offset by at most bend * (psi difference)^2 / 8: proven, not assumed. Plane metres both.
     """
+    departure, reach = np.zeros(len(pieces)), np.zeros(len(pieces))
+    for rows, shapes, duration in _by_slots(earth, pieces):
+        nought = np.zeros(len(rows))
+        (x0, mu0), (x1, mu1) = shapes.reference(nought), shapes.reference(duration)
+        way = earth.isometric(mu1) - earth.isometric(mu0)
+        departure[rows] = shapes.offset_bend(nought, duration) * way**2 / 8.0
+        for t, x, mu in ((nought, x0, mu0), (duration, x1, mu1)):
+            offset = shapes.positions(t) - np.stack([x, earth.radius_m * earth.isometric(mu)], axis=1)[:, None, :]
+            reach[rows] = np.maximum(reach[rows], np.hypot(offset[..., 0], offset[..., 1]).max(axis=1))
+    return departure, reach
+
+
+def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces, bend: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return hulls that hold each haven during its whole slice, the padding and how it bends."""
     n = len(pieces)
     points: list[Floats] = []
     owners: list[NDArray[np.int64]] = []
-    pad = np.zeros(n)
+    pad = bend.copy()
+    for rows, shapes, duration in _by_slots(earth, pieces):
+        nought = np.zeros(len(rows))
+        highest = earth.isometric(shapes.highest_latitude(nought, duration))
+        pad[rows] += padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
+        for t in (nought, duration):
+            points.append(shapes.positions(t).reshape(-1, 2))
+            owners.append(np.repeat(rows, shapes.vertex_count))
+    xy = np.concatenate([np.empty((0, 2)), *points])
+    return _padded_hulls(xy, np.concatenate([np.empty(0, np.int64), *owners]), n, pad)
+
+
+def _by_slots(earth: Earth, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], RhumbShapes, Floats]]:
+    """Yield rows of pieces with equal slots, their havens, timed from the start of the slice, and its duration."""
     slots = vertex_slots(pieces)
     for count in np.unique(slots):
         rows = np.flatnonzero(slots == count)
         shapes = rhumb_shapes(earth, pieces, rows, pieces.start_us[rows])
-        t0, t1 = np.zeros(len(rows)), (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
-        way = earth.isometric(shapes.reference(t1)[1]) - earth.isometric(shapes.reference(t0)[1])
-        highest = earth.isometric(shapes.highest_latitude(t0, t1))
-        pad[rows] = padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
-        pad[rows] += shapes.offset_bend(t0, t1) * way**2 / 8.0
-        for t in (t0, t1):
-            points.append(shapes.positions(t).reshape(-1, 2))
-            owners.append(np.repeat(rows, count))
-    return _padded_hulls(
-        np.concatenate([np.empty((0, 2)), *points]), np.concatenate([np.empty(0, np.int64), *owners]), n, pad
-    )
+        yield rows, shapes, (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
 
 
 def _padded_hulls(xy: Floats, owner: NDArray[np.int64], n: int, pad: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -317,17 +349,19 @@ def _turns_from_home(earth: Earth, hull_xy: Floats, hull_offset: NDArray[np.int6
 
 
 def _with_seam_copies(earth: Earth, pieces: Pieces) -> Pieces:
-    """Return the pieces and, for those that reach +180 degrees, a copy one turn west."""
+    """Return the pieces and, for those that reach +180 degrees, copies one turn west, and as many as they are wide."""
     if not len(pieces):
         return pieces
+    turn_m = 2.0 * np.pi * earth.radius_m
     east = np.maximum.reduceat(pieces.hull_xy[:, 0], pieces.hull_offset[:-1])
     # A touch on the seam must be found from both sides.
-    rows = np.flatnonzero(east >= np.pi * earth.radius_m - ROUNDING_ALLOWANCE_M)
-    if not rows.size:
-        return pieces
-    copies = pieces.take(rows)
-    hull_xy = copies.hull_xy - np.array([2.0 * np.pi * earth.radius_m, 0.0])
-    return Pieces.concatenate([pieces, replace(copies, hull_xy=hull_xy, turn=copies.turn - np.int16(1))])
+    beyond = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5).astype(np.int64)
+    found = [pieces]
+    for turn in range(1, int(beyond.max()) + 1):
+        copies = pieces.take(np.flatnonzero(beyond >= turn))
+        shifted = copies.hull_xy - np.array([turn * turn_m, 0.0])
+        found.append(replace(copies, hull_xy=shifted, turn=copies.turn - np.int16(turn)))
+    return Pieces.concatenate(found)
 
 
 def _numbered(owner: NDArray[np.int64]) -> NDArray[np.int32]:

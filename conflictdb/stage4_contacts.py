@@ -20,7 +20,7 @@ from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import Scene, Verdict
 from conflictdb.motion import shapes_of, vertex_slots
-from conflictdb.separation import TOUCH_M, Encounters, Leaf, Leaves, crossing, deepest, not_clear
+from conflictdb.separation import SHORTEST_INTERVAL_S, TOUCH_M, Encounters, Leaf, Leaves, crossing, deepest, not_clear
 
 _VERDICTS: Final = list(Verdict)
 CONFLICT: Final = _VERDICTS.index(Verdict.CONFLICT)
@@ -196,31 +196,36 @@ class _Group:
             np.maximum.at(last, row, at)
             low, high = _hull(leaves, n)
             self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], leaves)
-        self._closeness(leaves, ~touched)
+        # What could not be proven apart may be a touch, too short to be seen; the rest is only close.
+        unproven = np.zeros(n, np.bool_)
+        unproven[deeper.row] = True
+        self._closeness(deeper, unproven & ~touched, touches=True)
+        self._closeness(leaves, ~unproven & ~touched, touches=False)
         return Contacts.concatenate(self.found)
 
-    def _closeness(self, leaves: Leaves, wanted: NDArray[np.bool_]) -> None:
-        """Report pairs that come within the margin, but not proven to meet: grazing, or unresolved."""
+    def _closeness(self, leaves: Leaves, wanted: NDArray[np.bool_], *, touches: bool) -> None:
+        """Report pairs that come within the margin (or touch, if `touches`), but are not seen to meet.
+
+        They are grazing, or unresolved.
+        """
         mine = wanted[leaves.row]
         if not mine.any():
             return
         rows = np.unique(leaves.row[mine])
-        low, high = _hull(leaves, len(wanted))
+        low, high = (ends[rows] for ends in _hull(leaves, len(wanted)))
         # An interval that could not be settled down to a microsecond is within rounding of the margin; one that was
         # given up earlier is unresolved.
-        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2e-6)
+        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S)
         unresolved = np.isin(rows, leaves.row[given_up & mine])
-        known = np.where(leaves.kind == Leaf.NEAR, leaves.at, np.nan)
+        near = leaves.kind == Leaf.NEAR
         earliest, last = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
-        np.fmin.at(earliest, leaves.row, known)
-        np.fmax.at(last, leaves.row, known)
-        with np.errstate(invalid="ignore"):
-            error = np.fmax(
-                np.where(np.isfinite(earliest), earliest - low, 0.0), np.where(np.isfinite(last), high - last, 0.0)
-            )
-        error = np.where(unresolved, high[rows] - low[rows], error[rows])
+        np.minimum.at(earliest, leaves.row[near], leaves.at[near])
+        np.maximum.at(last, leaves.row[near], leaves.at[near])
+        seen = np.isfinite(earliest[rows]) & ~unresolved
+        error = high - low
+        error[seen] = np.maximum(earliest[rows] - low, high - last[rows])[seen]
         verdict = np.where(unresolved, UNRESOLVED, GRAZING).astype(np.int8)
-        self.found.append(Contacts(rows, low[rows], high[rows], error, verdict, np.zeros(len(rows), np.bool_)))
+        self.found.append(Contacts(rows, low, high, error, verdict, np.full(len(rows), touches)))
 
     def _contact(
         self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, leaves: Leaves
@@ -254,7 +259,7 @@ class _Group:
     def _leave_to_closeness(self, rows: NDArray[np.int64], leaves: Leaves) -> None:
         """Report pairs whose only contact is at an instant outside of the span as what they are within it: close."""
         if rows.size and self.margin_m > TOUCH_M:
-            self._closeness(leaves, np.isin(np.arange(len(self.low)), rows))
+            self._closeness(leaves, np.isin(np.arange(len(self.low)), rows), touches=False)
 
     def _end(self, rows: NDArray[np.int64], limit: Floats, witness: Floats, *, latest: bool) -> tuple[Floats, Floats]:
         """Return the first (or last) instant of contact on the outer side, and the bound on its error, seconds.
