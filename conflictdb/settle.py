@@ -196,11 +196,13 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
     has_conflict[group[verdict == CONFLICT]] = True
     has_open[group[verdict == UNRESOLVED]] = True
 
-    for one in np.flatnonzero(~has_conflict & ~has_open).tolist():
-        rows = order[group == one]
-        has_conflict[one] = _is_deep(scene, pieces, pairs, found, rows[found.touches[rows]], footprints)
+    bounds = np.searchsorted(group, np.arange(n + 1))
+    first = bounds[:-1]
+    shallow = np.flatnonzero(~has_conflict & ~has_open).tolist()
+    contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow]
+    contacts_of = [rows[found.touches[rows]] for rows in contacts_of]
+    has_conflict[shallow] = _deep(scene, pieces, pairs, found, contacts_of, footprints)
 
-    first = np.searchsorted(group, np.arange(n))
     points = np.full((n, 2), np.nan)
     if scene.method not in (Method.SCREEN, Method.WINDOW):
         at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
@@ -221,34 +223,55 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
     )
 
 
-def _is_deep(
-    scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, rows: NDArray[np.int64], footprints: Footprints
-) -> bool:
-    """Return whether contacts that are shallow in every part of an area are deep in the whole of it.
+def _deep(
+    scene: Scene,
+    pieces: Pieces,
+    pairs: Pairs,
+    found: Contacts,
+    contacts_of: list[NDArray[np.int64]],
+    footprints: Footprints,
+) -> list[bool]:
+    """Return which pairs of objects, whose contacts are shallow in every part of an area, are deep in the whole of it.
 
     An area is cut into parts that may be narrower than the tolerance, so that nothing is deep in any of them.
+
+    contacts_of : for each pair of objects the numbers of its contacts
     """
     earth = earth_of(scene.earth)
+    rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
+    members = np.concatenate([pairs.a[found.pair[rows]], pairs.b[found.pair[rows]]])
+    numbers = np.unique(pieces.object_id[members[pieces.kind[members] == Kind.AREA]])
+    wholes = planar(earth, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
+    cores = {number: _core(scene, earth, whole) for number, whole in zip(numbers.tolist(), wholes, strict=True)}
+
+    def reaches(contact: int) -> bool:
+        a, b = int(pairs.a[found.pair[contact]]), int(pairs.b[found.pair[contact]])
+        zero = int(max(pieces.start_us[a], pieces.start_us[b]))
+        first, last = float(found.start_s[contact]), float(found.end_s[contact])
+        instants = (first, 0.5 * (first + last), last) if np.isfinite(last) else (0.0,)
+        return any(
+            _meets(cores[int(pieces.object_id[area])], earth, _polygon(earth, pieces, other, at, zero))
+            for area, other in ((a, b), (b, a))
+            if pieces.kind[area] == Kind.AREA
+            for at in instants
+        )
+
+    return [any(reaches(contact) for contact in mine.tolist()) for mine in contacts_of]
+
+
+def _core(scene: Scene, earth: Earth, whole: shapely.Geometry) -> shapely.Geometry:
+    """Return what of an area in the plane is deeper than the tolerance."""
+    if whole.is_empty:
+        return whole
+    highest = max(abs(y) for y in whole.bounds[1::2]) / earth.radius_m
+    margin = max(scene.tolerance_m, TOUCH_M) * float(earth.plane_scale(np.array([highest]))[0])
+    return shapely.buffer(whole, -margin, join_style="mitre")
+
+
+def _meets(core: shapely.Geometry, earth: Earth, polygon: shapely.Geometry) -> bool:
+    """Return whether two geometries of the plane meet, a turn apart or not."""
     turn_m = 2.0 * np.pi * earth.radius_m
-    for area, other in ((pairs.a, pairs.b), (pairs.b, pairs.a)):
-        mine = rows[pieces.kind[area[found.pair[rows]]] == Kind.AREA]
-        if not mine.size:
-            continue
-        whole = planar(earth, footprints(pieces.object_id[area[found.pair[mine[:1]]]]))[0]
-        if whole.is_empty:
-            continue
-        highest = max(abs(y) for y in whole.bounds[1::2]) / earth.radius_m
-        margin = max(scene.tolerance_m, TOUCH_M) * float(earth.plane_scale(np.array([highest]))[0])
-        core = shapely.buffer(whole, -margin, join_style="mitre")
-        for row in mine.tolist():
-            pair = int(found.pair[row])
-            zero = int(max(pieces.start_us[pairs.a[pair]], pieces.start_us[pairs.b[pair]]))
-            first, last = float(found.start_s[row]), float(found.end_s[row])
-            for at in (first, 0.5 * (first + last), last) if np.isfinite(last) else (0.0,):
-                haven = _polygon(earth, pieces, int(other[pair]), at, zero)
-                if any(shapely.intersects(core, translate(haven, k * turn_m)) for k in (-1, 0, 1)):
-                    return True
-    return False
+    return any(shapely.intersects(core, translate(polygon, turn * turn_m)) for turn in (-1, 0, 1))
 
 
 def _polygon(earth: Earth, pieces: Pieces, row: int, at_s: float, zero_us: int = 0) -> shapely.Geometry:
