@@ -1,6 +1,7 @@
 """Random scenes of every workload, the product held to the oracle; more of them than a test run can afford.
 
     python tests/acceptance/sweep.py --seeds 100:200 [--workload paper] [--objects 12] [--separation-m 500]
+    python tests/acceptance/sweep.py --seeds 100:200 --workload wild
 
 Prints one line per workload and every disagreement, and exits 1 if there is any. Runs without a database, through
 `conflictdb.solve`.
@@ -15,16 +16,27 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parents[2])]
 
 from verdicts import Comparison, compared, solved
+from wild import throw_wild
 from workloads import WORKLOADS, Workload, throw
 
 from conflictdb.model import EarthModel
 
+WILD = "wild"
+
 
 def check(
-    workload: Workload, seed: int, objects: int, earth: EarthModel, tolerance_m: float = 1.0, separation_m: float = 0.0
+    workload: Workload | None,
+    seed: int,
+    objects: int,
+    earth: EarthModel,
+    tolerance_m: float = 1.0,
+    separation_m: float = 0.0,
 ) -> Comparison:
-    """Throw one scene and compare."""
-    scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m, separation_m)
+    """Throw one scene (a wild one if there is no workload) and compare."""
+    if workload is None:
+        scene, areas, tracks = throw_wild(seed, objects)
+    else:
+        scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m, separation_m)
     return compared(scene, areas, tracks, solved(scene, areas, tracks))
 
 
@@ -33,26 +45,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:10", help="first:after, default 0:10")
     parser.add_argument("--objects", type=int, default=10, help="areas, and as many tracks, per scene")
-    parser.add_argument("--workload", action="append", choices=[w.name for w in WORKLOADS])
+    parser.add_argument("--workload", action="append", choices=[*(w.name for w in WORKLOADS), WILD])
     parser.add_argument("--tolerance-m", type=float, default=1.0)
     parser.add_argument("--separation-m", type=float, default=0.0)
     options = parser.parse_args()
     first, after = map(int, options.seeds.split(":"))
     failed = False
-    for workload in WORKLOADS:
-        if options.workload and workload.name not in options.workload:
+    for workload in (*WORKLOADS, None):
+        name = workload.name if workload else WILD
+        if options.workload and name not in options.workload:
             continue
         total, began = Comparison(), time.monotonic()
         for seed in range(first, after):
             earth = list(EarthModel)[seed % 2]
             one = check(workload, seed, options.objects, earth, options.tolerance_m, options.separation_m)
             for line in one.wrong:
-                sys.stdout.write(f"  {workload.name}, seed {seed}, {earth}: {line}\n")
+                sys.stdout.write(f"  {name}, seed {seed}, {earth}: {line}\n")
             total.add(one)
         failed |= bool(total.wrong)
         took = time.monotonic() - began
         sys.stdout.write(
-            f"{workload.name}: {total.pairs} pairs, {total.touching} touch, {total.reported} reported, "
+            f"{name}: {total.pairs} pairs, {total.touching} touch, {total.reported} reported, "
             f"{total.grazing} grazing, {total.unresolved} unresolved, {len(total.wrong)} wrong; "
             f"worst end {total.worst_error_s:.2g} s off, widest bound {total.worst_bound_s:.2g} s; {took:.0f} s\n"
         )

@@ -8,6 +8,7 @@ import scenes
 import shapely
 from scenes import HOUR_S, T0_US, Known, area, meridian_m, parallel_m, track
 from verdicts import Comparison, Reported, compared, solved
+from wild import throw_wild
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
@@ -69,6 +70,16 @@ def test_haven_wider_than_the_world(earth: EarthModel) -> None:
     wide = track("T", [(170, 87.5), (170, 88.0)], [0, 2 * HOUR_S], 1e3, 1e3, 8e5, 8e5)
     zones = [area(f"A{lon}", shapely.box(lon, 87.6, lon + 5, 87.7)) for lon in range(-175, 180, 35)]
     check(Scene("s", earth=earth), zones, [wide])
+
+
+@earths
+@pytest.mark.parametrize("sign", [1, -1])
+def test_deep_overlap_near_the_pole(earth: EarthModel, sign: int) -> None:
+    """Hundreds of kilometres deep at 86 degrees, where depth in metres changes faster than the polygons move."""
+    low, high = sorted((sign * 74.0, sign * 88.0))
+    zone = area("A", shapely.box(120, low, 139, high))
+    wide = track("T", [(1, sign * 86), (177, sign * 86)], [0, 400 * HOUR_S], 32e4, 32e4, 7e4, 7e4)
+    assert touching(Scene("s", earth=earth), [zone], [wide]) == 1
 
 
 @earths
@@ -357,6 +368,15 @@ def test_known_scenes_at_tolerance_nought(earth: EarthModel, maker: object) -> N
     known: Known = maker(earth)  # type: ignore[operator]
     _, reported = check(replace(known.scene, tolerance_m=0.0), known.areas, known.tracks)
     assert set(known.expected) <= set(reported)
+
+
+# All at once
+
+
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 100))])
+def test_wild_scenes(seed: int) -> None:
+    """Every size, latitude, speed and shape at once."""
+    check(*throw_wild(seed))
 
 
 # Nothing, and what is refused
