@@ -250,8 +250,9 @@ def _window_batch(
             / pairs.earth.radius_m
         )
         rate = _relative_speed(pairs, middle) + bend * h
+        # Of polygons that overlap it is not the depth that drifts: a negative rate would prove anything.
         drift = (
-            (excess + pairs.separation_m)
+            np.maximum(excess + pairs.separation_m, 0.0)
             * np.sinh(highest)
             / pairs.earth.rectifying_m
             * _speed(pairs, middle, bend * h)
