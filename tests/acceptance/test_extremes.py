@@ -346,6 +346,18 @@ def test_stops_at_a_touch(earth: EarthModel) -> None:
 
 
 @earths
+@pytest.mark.parametrize("beyond_um", [-0.5, 0.2, 0.9])
+def test_span_that_ends_within_a_micrometre_of_the_contact(earth: EarthModel, beyond_um: float) -> None:
+    """At a millimetre a second the last micrometre takes a millisecond: the bound says so, also where the span ends."""
+    degree = parallel_m(earth, 0.0)
+    end = 1 + (5000.0 + beyond_um * 1e-6) / degree
+    leaves = track("T", [(end - 10 / degree, 0), (end, 0)], [0, 1e4], 100, 5000, 100, 100)
+    enters = track("U", [(-end, 0), (-end + 10 / degree, 0)], [0, 1e4], 5000, 100, 100, 100)
+    zones = [area("A", shapely.box(0, -1, 1, 1)), area("B", shapely.box(-1, -1, 0, 1), 0, None, (5.0, 6.0))]
+    check(Scene("s", earth=earth), zones, [leaves, enters])
+
+
+@earths
 def test_corner_to_corner(earth: EarthModel) -> None:
     """One eastbound and one northbound, equally fast: a north-east corner passes a south-west one."""
     size = 5000.0
