@@ -268,17 +268,17 @@ class _Group:
         """
         outer, error = limit.copy(), np.zeros(len(rows))
         witness = witness.copy()
-        active = np.flatnonzero(self.pairs.excess(rows, limit) > TOUCH_M)
+        at_limit = self.pairs.excess(rows, limit)
+        touching = np.flatnonzero(np.abs(at_limit) <= TOUCH_M)
+        error[touching] = self._until_deep(rows[touching], limit[touching], witness[touching])
+        active = np.flatnonzero(at_limit > TOUCH_M)
         for _ in range(MAX_ROUNDS):
             if not active.size:
                 break
             row = rows[active]
             outside, inside = self._bracket(row, limit[active], witness[active], latest=latest)
             outer[active] = crossing(self.pairs, row, outside, inside, TOUCH_M)[0]
-            # How much later it may truly be: plane coordinates are rounded by less than TOUCH_M.
-            settled = crossing(self.pairs, row, outer[active], witness[active], -TOUCH_M)[1]
-            sunk = self.pairs.excess(row, witness[active]) <= -TOUCH_M
-            error[active] = np.abs(np.where(sunk, settled, witness[active]) - outer[active])
+            error[active] = self._until_deep(row, outer[active], witness[active])
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
             rest = not_clear(self.pairs, np.arange(len(self.low))[row], *ends, 0.0)
             where = np.full(len(self.low), -1)
@@ -303,6 +303,12 @@ class _Group:
         error[active] = np.abs(limit[active] - outer[active]) + error[active]
         outer[active] = limit[active]
         return outer, error
+
+    def _until_deep(self, rows: NDArray[np.int64], outer: Floats, witness: Floats) -> Floats:
+        """Return how far from `outer` the contact is beyond doubt: the plane is rounded by less than TOUCH_M."""
+        settled = crossing(self.pairs, rows, outer, witness, -TOUCH_M)[1]
+        sunk = self.pairs.excess(rows, witness) <= -TOUCH_M
+        return np.asarray(np.abs(np.where(sunk, settled, witness) - outer))
 
     def _bracket(
         self, rows: NDArray[np.int64], limit: Floats, witness: Floats, *, latest: bool
