@@ -125,8 +125,9 @@ class Leaves:
 def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats, margin_m: float) -> Leaves:
     """Return what remains of [start, end] of rows where the pairs are not proven further apart than wanted + margin.
 
-    Everything outside the leaves is proven clear. An interval becomes a leaf as soon as its middle is found closer
-    than that, so a leaf may hold more than is needed, never less.
+    With a negative margin: not proven to overlap by less than that. Everything outside the leaves is proven clear. An
+    interval becomes a leaf as soon as its middle is found closer than that, so a leaf may hold more than is needed,
+    never less.
     """
     found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
     rows, start, end = rows.copy(), start.copy(), end.copy()
@@ -233,6 +234,9 @@ def _window_batch(
     highest = np.abs(ordinates).max(axis=1) / pairs.earth.radius_m
     wanted_m = pairs.separation_m + margin_m
     wanted = wanted_m / _shortest_share(pairs.earth, wanted_m, highest) * pairs.earth.plane_scale(highest)
+    if wanted_m < 0.0:
+        # A depth is least in the plane where the scale is: it is 1 at the equator and more everywhere else.
+        wanted = np.full(len(h), wanted_m)
     away = bend * h**2 / 8.0 + wanted + TOUCH_M
     u, v = np.zeros(len(h)), np.ones(len(h))
     for nearest_then in found:
@@ -245,22 +249,26 @@ def _window_batch(
     if wanted_m > 0.0:
         # The scale at the highest latitude overstates what is wanted: the rate at which a distance in true metres can
         # change decides short intervals.
-        lowest = (
-            np.where(ordinates.min(axis=1) * ordinates.max(axis=1) <= 0.0, 0.0, np.abs(ordinates).min(axis=1))
-            / pairs.earth.radius_m
-        )
-        rate = _relative_speed(pairs, middle) + bend * h
-        # Of polygons that overlap it is not the depth that drifts: a negative rate would prove anything.
-        drift = (
-            np.maximum(excess + pairs.separation_m, 0.0)
-            * np.sinh(highest)
-            / pairs.earth.rectifying_m
-            * _speed(pairs, middle, bend * h)
-        )
-        changes = (rate + drift) / pairs.earth.plane_scale(lowest) * 0.5 * h
+        changes = _swing(pairs, middle, h, bend, ordinates, excess)
         sound = excess + pairs.separation_m < SIMPSON_REACH_M
         u = np.where(sound & (excess > margin_m + changes + TOUCH_M), 2.0, u)
     return u, v, excess
+
+
+def _swing(pairs: Encounters, middle: Floats, h: Floats, bend: Floats, ordinates: Floats, excess: Floats) -> Floats:
+    """Return (n,) by how many metres at most the excess differs from that at the middle of intervals of h seconds.
+
+    ordinates : (n, v) plane metres of all vertices at both ends
+    """
+    radius_m = pairs.earth.radius_m
+    highest = np.abs(ordinates).max(axis=1) / radius_m
+    crosses = ordinates.min(axis=1) * ordinates.max(axis=1) <= 0.0
+    lowest = np.where(crosses, 0.0, np.abs(ordinates).min(axis=1)) / radius_m
+    rate = _relative_speed(pairs, middle) + bend * h
+    # Of polygons that overlap it is not the depth that drifts: a negative rate would prove anything.
+    distance = np.maximum(excess + pairs.separation_m, 0.0)
+    drift = distance * np.sinh(highest) / pairs.earth.rectifying_m * _speed(pairs, middle, bend * h)
+    return np.asarray((rate + drift) / pairs.earth.plane_scale(lowest) * 0.5 * h)
 
 
 def _relative_speed(pairs: Encounters, t: Floats) -> Floats:

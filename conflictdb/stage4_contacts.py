@@ -20,7 +20,16 @@ from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import Scene, Verdict
 from conflictdb.motion import shapes_of, vertex_slots
-from conflictdb.separation import SHORTEST_INTERVAL_S, TOUCH_M, Encounters, Leaf, Leaves, crossing, deepest, not_clear
+from conflictdb.separation import (
+    SHORTEST_INTERVAL_S,
+    TOUCH_M,
+    Encounters,
+    Leaf,
+    Leaves,
+    crossing,
+    deepest,
+    not_clear,
+)
 
 _VERDICTS: Final = list(Verdict)
 CONFLICT: Final = _VERDICTS.index(Verdict.CONFLICT)
@@ -213,10 +222,11 @@ class _Group:
             return
         rows = np.unique(leaves.row[mine])
         low, high = (ends[rows] for ends in _hull(leaves, len(wanted)))
-        # An interval that could not be settled down to a microsecond is within rounding of the margin; one that was
-        # given up earlier is unresolved.
-        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S)
-        unresolved = np.isin(rows, leaves.row[given_up & mine])
+        # An interval that could not be settled down to a microsecond is within rounding of the margin. One that was
+        # given up earlier is as good if nothing in it is deeper than the margin; else it is unresolved.
+        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S) & mine
+        deep = not_clear(self.pairs, leaves.row[given_up], leaves.start[given_up], leaves.end[given_up], -self.margin_m)
+        unresolved = np.isin(rows, deep.row)
         near = leaves.kind == Leaf.NEAR
         earliest, last = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
         np.minimum.at(earliest, leaves.row[near], leaves.at[near])

@@ -8,6 +8,7 @@ import pytest
 from verdicts import Pair, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
+from conflictdb import solve
 from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
 
 # Degrees of latitude moved back (deeper) and on (apart) from where contact ends: 10 micrometres to 100 m.
@@ -95,3 +96,13 @@ def test_pairs_at_the_edge_of_contact(workload: Workload, earth: EarthModel) -> 
 def test_pairs_at_the_edge_of_contact_sweep(workload: Workload, earth: EarthModel, seed: int) -> None:
     wrong, _ = grazing_problems(workload, seed, earth, most=6)
     assert not wrong
+
+
+def test_micrometres_apart_for_an_hour_is_grazing() -> None:
+    """Edges that are nearly parallel stay ten micrometres apart for long: settled by depth, not left unresolved."""
+    scene, areas, tracks = throw(PAPER, 70, 8, 8, EarthModel.WGS84)
+    (zone,) = (area for area in areas if area.key == "A3")
+    (other,) = (track for track in tracks if track.key == "T7")
+    edge_deg = 0.37986166457839093  # from edge_of_contact
+    (found,) = solve([moved(other, edge_deg + 1e-10)], [zone], scene)
+    assert found.verdict is Verdict.GRAZING
