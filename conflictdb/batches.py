@@ -97,7 +97,7 @@ def _offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
 
 
-def _ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the offsets of some rows of ragged data, and where their items stand."""
     length = offset[rows + 1] - offset[rows]
     taken = _offsets(length)
@@ -160,7 +160,7 @@ class Pieces:
         for column in fields(self):
             if column.name.endswith("_offset"):
                 ragged = column.name.replace("_offset", "_xy")
-                columns[column.name], index = _ragged_rows(getattr(self, column.name), rows)
+                columns[column.name], index = ragged_rows(getattr(self, column.name), rows)
                 columns[ragged] = getattr(self, ragged)[index]
             elif not column.name.endswith("_xy"):
                 columns[column.name] = getattr(self, column.name)[rows]
@@ -198,7 +198,7 @@ class Pairs:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the pairs."""
-        offset, index = _ragged_rows(self.region_offset, rows)
+        offset, index = ragged_rows(self.region_offset, rows)
         return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset)
 
 

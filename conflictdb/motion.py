@@ -219,7 +219,10 @@ def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
     Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
     depend on the company it is in.
     """
-    count = np.diff(pieces.shape_offset)
+    return _slots(np.diff(pieces.shape_offset))
+
+
+def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
 
 
@@ -227,7 +230,7 @@ def shape_vertices(pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
     """Return the shapes of some pieces of equal slots, (n, v, 2); shorter ones repeat their last vertex."""
     first = pieces.shape_offset[rows]
     count = pieces.shape_offset[rows + 1] - first
-    slots = int(vertex_slots(pieces)[rows].max(initial=1))
+    slots = int(_slots(count).max(initial=1))
     index = first[:, None] + np.minimum(np.arange(slots), count[:, None] - 1)
     return pieces.shape_xy[index]
 

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.batches import AreaBatch, Pieces, TrackBatch, ragged_rows
 from conflictdb.convex import convex_parts, is_thread
 from conflictdb.errors import InvalidInput
 from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
@@ -154,9 +154,8 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
     nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
     n = len(leg)
     track = legs.track[leg]
-    vertices = np.diff(tracks.outline_offset)[track]
     outline, outline_offset = _ccw_outlines(tracks)
-    shape_offset = np.concatenate([[0], np.cumsum(vertices)]).astype(np.int64)
+    shape_offset, index = ragged_rows(outline_offset, track)
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
         kind=np.full(n, Kind.TRACK, np.int8),
@@ -171,7 +170,7 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         ceiling_m=tracks.ceiling_m[track],
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
-        shape_xy=outline[np.repeat(outline_offset[track] - shape_offset[:-1], vertices) + np.arange(shape_offset[-1])],
+        shape_xy=outline[index],
         shape_offset=shape_offset,
         leg_start_us=legs.start_us[leg],
         leg_end_us=legs.end_us[leg],
@@ -235,11 +234,8 @@ def _headings(track: NDArray[np.int64], bearing_deg: Floats, moves: NDArray[np.b
 def _haven_latitude(earth: Earth, tracks: TrackBatch, legs: _Legs) -> Floats:
     """Return (m,) the highest absolute latitude (rectifying, radians) that a haven's vertex reaches on each leg."""
     east, north = direction_of(legs.bearing_deg)
-    vertices = np.diff(tracks.outline_offset)[legs.track]
-    leg_of = np.repeat(np.arange(len(legs.track)), vertices)
-    index = np.arange(len(leg_of)) + np.repeat(
-        tracks.outline_offset[legs.track] - np.cumsum(vertices) + vertices, vertices
-    )
+    offset, index = ragged_rows(tracks.outline_offset, legs.track)
+    leg_of = np.repeat(np.arange(len(legs.track)), np.diff(offset))
     outline = tracks.outline_m[index] / earth.rectifying_m
     first = outline[:, 1] * north[leg_of]
     second = first - outline[:, 0] * east[leg_of]

@@ -10,19 +10,21 @@ haven's extents with the wrong sign at one end and takes them as rigid; in the M
 latitude, so here its extents are taken over both ends of the slice, plus a bound on how they bend between them.
 """
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.batches import Pairs, Pieces
+from conflictdb.batches import Pairs, Pieces, ragged_rows
 from conflictdb.geodesy import Earth, Floats, earth_of
 from conflictdb.model import Kind, Scene
 from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, vertex_slots
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
-_OUTWARD_SHARE = 1e-11
-_OUTWARD_S = 1e-6
+_OUTWARD_SHARE: Final = 1e-11
+_OUTWARD_S: Final = 1e-6
 # A reference point that moves less than this in a slice gives no usable projection (plane metres).
-_LEAST_WAY_M = 1e-3
+_LEAST_WAY_M: Final = 1e-3
 
 
 def shared_span(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -99,12 +101,10 @@ def _fractions(
     ahead = np.maximum(offsets[0].max(axis=1), offsets[1].max(axis=1)) + slack
     behind = np.minimum(offsets[0].min(axis=1), offsets[1].min(axis=1)) - slack
 
-    region = np.diff(pairs.region_offset)[rows]
-    of_vertex = np.repeat(np.arange(len(rows)), region)
-    ends = np.cumsum(region)
-    index = np.arange(len(of_vertex)) + np.repeat(pairs.region_offset[rows] - ends + region, region)
+    offset, index = ragged_rows(pairs.region_offset, rows)
+    of_vertex = np.repeat(np.arange(len(rows)), np.diff(offset))
     rho = np.einsum("nk,nk->n", pairs.region_xy[index] - start[of_vertex], along[of_vertex])
-    nearest, furthest = np.minimum.reduceat(rho, ends - region), np.maximum.reduceat(rho, ends - region)
+    nearest, furthest = np.minimum.reduceat(rho, offset[:-1]), np.maximum.reduceat(rho, offset[:-1])
 
     safe = np.where(moves, length, 1.0)
     low = np.where(moves, (nearest - ahead) / safe, 0.0)
