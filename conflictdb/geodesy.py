@@ -14,6 +14,7 @@ C. F. F. Karney, "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024), d
 section 3 (divided differences).
 """
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,6 +41,7 @@ class Earth:
     rectifying_m : metres of meridian per radian of rectifying latitude
     eccentricity : first eccentricity, 0 on the sphere
     to_rectifying, to_conformal : series mu(chi) and chi(mu) in sin(2 j .), j = 1, 2, ...; empty on the sphere
+    conformal_radius : power series in sin(chi)^2 of the radius of the conformal sphere, metres
     """
 
     radius_m: float
@@ -47,6 +49,7 @@ class Earth:
     eccentricity: float
     to_rectifying: tuple[float, ...]
     to_conformal: tuple[float, ...]
+    conformal_radius: tuple[float, ...]
 
     def rectifying(self, latitude: ArrayLike) -> Floats:
         """Return the rectifying latitude mu of a geographic latitude, radians."""
@@ -101,6 +104,66 @@ class Earth:
         half = 0.5 * ratio * (mu2 - mu1)
         z = _sinc(half) * half / np.cos(0.5 * (chi1 + chi2))
         return ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
+
+    def isometric_series(self, mu: Floats, order: int) -> list[Floats]:
+        """Return g_1 to g_order, (n,) each, such that psi(mu + d) = psi(mu) + sum of g_k d^k, up to order <= 12.
+
+        The derivatives of the sphere's psi are secants times polynomials in the tangent; on the ellipsoid the series
+        chi(mu + d) is put into it. The series converges for |d| below the distance to the pole.
+        """
+        chi = self.conformal(mu)
+        tangent = np.tan(chi)
+        square = tangent * tangent
+        secant = np.sqrt(1.0 + square)
+        odd = secant * tangent
+        sphere: list[Floats] = []
+        for k in range(order):
+            coefficients = _SECANT_SERIES[k]
+            value = np.full_like(square, coefficients[-1])
+            for coefficient in coefficients[-2::-1]:
+                value *= square
+                value += coefficient
+            value *= odd if k % 2 else secant
+            sphere.append(value)
+        if not self.to_conformal:
+            return sphere
+        inner = self._conformal_series(mu, order)
+        # Horner's rule on truncated power series: acc = (acc + g_m) * inner, from the highest power down.
+        found = [sphere[-1] * inner[0]]
+        for m in range(order - 2, -1, -1):
+            keep = order - m
+            product = [sphere[m] * inner[k] for k in range(keep)]
+            for i, factor in enumerate(found):
+                for k in range(keep - 1 - i):
+                    product[i + 1 + k] += factor * inner[k]
+            found = product
+        return found
+
+    def _conformal_series(self, mu: Floats, order: int) -> list[Floats]:
+        """Return c_1 to c_order with chi(mu + d) = chi(mu) + sum of c_k d^k."""
+        found = [np.zeros_like(mu) for _ in range(order)]
+        found[0] += 1.0
+        harmonics = [(np.cos(2.0 * mu), np.sin(2.0 * mu))]
+        for _ in self.to_conformal[1:]:
+            (cosine, sine), (cosine1, sine1) = harmonics[-1], harmonics[0]
+            harmonics.append((cosine * cosine1 - sine * sine1, sine * cosine1 + cosine * sine1))
+        for j, (beta, (cosine, sine)) in enumerate(zip(self.to_conformal, harmonics, strict=True), 1):
+            factor = beta
+            for k in range(order):
+                factor *= 2.0 * j / (k + 1)
+                found[k] += (factor, -factor, -factor, factor)[k % 4] * (sine if k % 2 else cosine)
+        return found
+
+    def conformal_radius_m(self, psi: Floats) -> Floats:
+        """Return metres on the earth per radian of the sphere that has the same Mercator plane (conformal sphere)."""
+        if not self.to_conformal:
+            return np.full_like(psi, self.radius_m)
+        square = np.tanh(psi) ** 2
+        value = np.full_like(psi, self.conformal_radius[-1])
+        for coefficient in self.conformal_radius[-2::-1]:
+            value *= square
+            value += coefficient
+        return value
 
     def slope(self, mu: ArrayLike) -> Floats:
         """Return d psi / d mu."""
@@ -160,6 +223,38 @@ class Earth:
         return ratio, self.conformal(mu1), self.conformal(mu2)
 
 
+def _secant_series(order: int) -> list[tuple[float, ...]]:
+    """Return for k = 1 to order the coefficients, in tan^2, of g_k / sec (k odd) or g_k / (sec tan) (k even).
+
+    g_k = psi^(k) / k!, psi' = sec, and (sec P(tan))' = sec (tan P + (1 + tan^2) P').
+    """
+    polynomial = np.polynomial.Polynomial([1.0])
+    tangent, found = np.polynomial.Polynomial([0.0, 1.0]), []
+    for k in range(1, order + 1):
+        coefficients = (polynomial / math.factorial(k)).coef
+        found.append(tuple(float(c) for c in coefficients[(k - 1) % 2 :: 2]))
+        polynomial = tangent * polynomial + (1.0 + tangent**2) * polynomial.deriv()
+    return found
+
+
+# Longest series that is used; one more gives its derivative.
+_SECANT_SERIES: Final = _secant_series(14)
+
+
+def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
+    """Return the power series in sin(chi)^2 of N cos(phi) / cos(chi), from the equator, where it is the radius."""
+    e2 = flattening * (2.0 - flattening)
+    sine2 = 0.5 - 0.5 * np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+    chi = np.arcsin(np.sqrt(sine2))
+    phi = chi
+    for _ in range(20):
+        e = np.sqrt(e2)
+        phi = np.arctan(np.sinh(np.arcsinh(np.tan(chi)) + e * np.arctanh(e * np.sin(phi))))
+    values = radius_m * np.cos(phi) / np.sqrt(1.0 - e2 * np.sin(phi) ** 2) / np.cos(chi)
+    # Terms shrink by e^2 = 0.0067 each: the seventh is beyond float64.
+    return tuple(float(c) for c in np.polynomial.Polynomial.fit(sine2, values, 6).convert().coef)
+
+
 def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floats, Floats, Floats]]:
     """Return cos(j total), sin(j total) and sin(j difference) / difference for j = 1 to count.
 
@@ -207,11 +302,12 @@ def _ellipsoid(radius_m: float, flattening: float) -> Earth:
         eccentricity=float(np.sqrt(flattening * (2.0 - flattening))),
         to_rectifying=_series(n, alpha, 1.0),
         to_conformal=_series(n, beta, -1.0),
+        conformal_radius=_conformal_radius(radius_m, flattening),
     )
 
 
 _EARTHS: Final = {
-    EarthModel.SPHERE: Earth(MEAN_RADIUS_M, MEAN_RADIUS_M, 0.0, (), ()),
+    EarthModel.SPHERE: Earth(MEAN_RADIUS_M, MEAN_RADIUS_M, 0.0, (), (), (MEAN_RADIUS_M,)),
     EarthModel.WGS84: _ellipsoid(WGS84_RADIUS_M, WGS84_FLATTENING),
 }
 

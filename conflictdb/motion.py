@@ -1,32 +1,28 @@
-"""Where the polygon of a piece is at an instant: the one motion model that every stage evaluates.
+"""Where the polygon of a piece is at an instant, and the plane it moves in: what every stage works on.
 
-A haven rides a rhumb line at constant speed. Each of its vertices is found from the reference point by two rhumb
-steps: forward along the heading, then to starboard across it (rhumb steps do not commute). Everything is written with
-the divided differences of `geodesy`, so no bearing is special. An area stands still.
+A plane is where a scene's tracks and edges are straight; it makes the `Shapes` of its tracks. A further earth or kind
+of motion is one more `Plane` (see `mercator`), named in `planes`.
 
-Reference: Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
-section III (constraints on the haven); corrected in that the haven's image in the Mercator plane is not rigid.
+Arrays hold the pair or piece in their last axis: arithmetic then runs along contiguous memory, however few vertices
+there are.
 """
 
 from dataclasses import dataclass
-from typing import Final, Protocol, Self
+from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.batches import Pieces
-from conflictdb.geodesy import Earth, Floats, direction_of
+from conflictdb.geodesy import Floats
 from conflictdb.model import Kind
 
-# The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
-# and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
-ELLIPSOID_SLACK: Final = 1.05
 # Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
 ROUNDING_ALLOWANCE_M: Final = 1e-6
 
 
 class Shapes(Protocol):
-    """n convex polygons of v vertices each, as functions of time (seconds; each row has its own zero)."""
+    """n convex polygons of v vertices each, as functions of time (seconds; each row has its own zero and origin)."""
 
     @property
     def vertex_count(self) -> int:
@@ -40,18 +36,78 @@ class Shapes(Protocol):
         """Return the shapes of some rows."""
 
     def positions(self, t: Floats) -> Floats:
-        """Return the vertices at times t (n,), (n, v, 2) plane metres."""
+        """Return the vertices at times t (n,), (2, v, n) plane metres from the row's origin."""
 
     def velocities(self, t: Floats) -> Floats:
-        """Return the vertices' velocities at times t (n,), (n, v, 2) plane metres per second."""
+        """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
 
     def bend(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2."""
 
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on how far any vertex's velocity is from one constant one in [t0, t1], plane m/s."""
+
+
+class Havens(Shapes, Protocol):
+    """Shapes that ride along straight lines of the plane."""
+
+    def reference(self, t: Floats) -> Floats:
+        """Return the reference points at times t (n,), (2, n) plane metres from the row's origin."""
+
+    def departure(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) how far a vertex may leave the hull of the polygons at t0 and t1 in between, plane metres."""
+
+    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) the largest scale (see `Plane`) that any vertex or step reaches during [t0, t1]."""
+
+    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
+        """Return (n,) the fraction of the time from t0 to t1 gone at a fraction of the way in the plane."""
+
+
+class Plane(Protocol):
+    """Where the tracks and edges of a scene are straight; coordinates in metres, degrees at the border."""
+
+    @property
+    def turn_m(self) -> float:
+        """Plane metres of one turn of longitude; 0 where the plane has no seam."""
+
+    def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        """Return plane x and y of longitudes and latitudes."""
+
+    def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Return longitudes (not wrapped) and latitudes of plane x and y."""
+
+    def largest_scale(self, points: Floats) -> Floats:
+        """Return (n,) the most plane metres per metre on the earth, any way, in the hulls of points (2, v, n)."""
+
+    def smallest_scale(self, points: Floats) -> Floats:
+        """Return (n,) the fewest plane metres per metre on the earth (>= 1) in the hulls of points (2, v, n)."""
+
+    def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return how many plane metres a distance may take up where the scale at its ends is at most this."""
+
+    def drift(self, distance_m: Floats, scale: Floats, speed: Floats) -> Floats:
+        """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
+
+        speed : (n,) plane m/s of the points; scale : the largest they reach
+        """
+
+    def distance_m(self, a: Floats, b: Floats) -> Floats:
+        """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
+
+        The length of the shortest way (geodesic); never overstated, understated by less than a millimetre in 100 km.
+        """
+
+    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
+        """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array."""
+
+    def shapes(self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats) -> Havens:
+        """Return the havens of some track pieces; row i counts time from zero_us[i], metres from origin[:, i]."""
+
 
 @dataclass(frozen=True, slots=True)
 class StaticShapes:
-    """Polygons that stand still; xy : (n, v, 2) plane metres."""
+    """Polygons that stand still; xy : (2, v, n) plane metres."""
 
     xy: Floats
 
@@ -64,7 +120,7 @@ class StaticShapes:
         return True
 
     def take(self, rows: NDArray[np.int64]) -> "StaticShapes":
-        return StaticShapes(self.xy[rows])
+        return StaticShapes(self.xy[:, :, rows])
 
     def positions(self, t: Floats) -> Floats:
         return self.xy
@@ -73,213 +129,64 @@ class StaticShapes:
         return np.zeros_like(self.xy)
 
     def bend(self, t0: Floats, t1: Floats) -> Floats:
-        return np.zeros(len(self.xy))
+        return np.zeros(self.xy.shape[2])
 
-
-@dataclass(frozen=True, slots=True)
-class RhumbShapes:
-    """Havens on one rhumb leg each.
-
-    start_x : (n,) plane metres of the leg's start, seam shift included
-    start_mu, delta_mu : (n,) rectifying latitude of the leg's start and its change over the leg, radians
-    rate_x : (n,) plane metres of x per unit of psi-weighted progress: x(t) = start_x + rate_x * progress * stretch
-    into_leg_s : (n,) seconds of the leg gone at t = 0
-    leg_s : (n,) seconds the leg takes
-    east, north : (n,) components of the heading
-    forward, starboard : (n, v) haven vertices, radians of rectifying latitude (metres over rectifying_m)
-    """
-
-    earth: Earth
-    start_x: Floats
-    start_mu: Floats
-    delta_mu: Floats
-    rate_x: Floats
-    into_leg_s: Floats
-    leg_s: Floats
-    east: Floats
-    north: Floats
-    forward: Floats
-    starboard: Floats
-
-    @property
-    def vertex_count(self) -> int:
-        return int(self.forward.shape[1])
-
-    @property
-    def is_convex(self) -> bool:
-        # The image of a straight side with a vertex on it may bend inwards by a trace.
-        return False
-
-    def take(self, rows: NDArray[np.int64]) -> Self:
-        return type(self)(
-            self.earth,
-            self.start_x[rows],
-            self.start_mu[rows],
-            self.delta_mu[rows],
-            self.rate_x[rows],
-            self.into_leg_s[rows],
-            self.leg_s[rows],
-            self.east[rows],
-            self.north[rows],
-            self.forward[rows],
-            self.starboard[rows],
-        )
-
-    def reference(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return plane x (metres) and rectifying latitude (radians) of the reference points at times t, (n,) each."""
-        progress = (self.into_leg_s + t) / self.leg_s
-        mu = self.start_mu + progress * self.delta_mu
-        return self.start_x + self.rate_x * progress * self.earth.stretch(self.start_mu, mu), mu
-
-    def positions(self, t: Floats) -> Floats:
-        earth = self.earth
-        x, mu = self.reference(t)
-        mu0, mu1, mu2 = self._steps(mu)
-        xy = np.empty((*mu2.shape, 2))
-        ahead = self.forward * self.east[:, None] * earth.stretch(mu0, mu1)
-        across = self.starboard * self.north[:, None] * earth.stretch(mu1, mu2)
-        xy[..., 0] = x[:, None] + earth.radius_m * (ahead + across)
-        xy[..., 1] = earth.radius_m * earth.isometric(mu2)
-        return xy
-
-    def velocities(self, t: Floats) -> Floats:
-        earth = self.earth
-        rate = (self.delta_mu / self.leg_s)[:, None]
-        mu = self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu
-        mu0, mu1, mu2 = self._steps(mu)
-        v = np.empty((*mu2.shape, 2))
-        ahead = self.forward * self.east[:, None] * earth.slope_change(mu0, mu1)
-        across = self.starboard * self.north[:, None] * earth.slope_change(mu1, mu2)
-        reference = self.rate_x / self.leg_s * earth.slope(mu)
-        v[..., 0] = reference[:, None] + earth.radius_m * rate * (ahead + across)
-        v[..., 1] = earth.radius_m * rate * earth.slope(mu2)
-        return v
-
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
-        """Return bounds on the second derivative of every vertex (see `Shapes`).
-
-        With mu linear in time at rate w, y = a psi(mu) has y'' = a w^2 sec tan, the reference point
-        x'' = rate_x w sec tan / leg_s, and a step's x'' = a w^2 step (sec)'' with (sec)'' = sec (1 + 2 tan^2): all
-        increase with latitude, so the highest one reached bounds them.
-        """
-        w = np.abs(self.delta_mu) / self.leg_s
-        highest = self.highest_latitude(t0, t1)
-        secant, tangent = 1.0 / np.cos(highest), np.tan(highest)
-        radius = self.earth.radius_m
-        step = np.abs(self.forward * self.east[:, None]) + np.abs(self.starboard * self.north[:, None])
-        y = radius * w**2 * secant * tangent
-        x = np.abs(self.rate_x) * w / self.leg_s * secant * tangent
-        x = x + radius * w**2 * step.max(axis=1) * secant * (1.0 + 2.0 * tangent**2)
-        return np.asarray(ELLIPSOID_SLACK * np.hypot(x, y))
-
-    def highest_latitude(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) the highest absolute latitude (rectifying, radians) of any vertex or step during [t0, t1]."""
-        highest = np.zeros(len(self.start_mu))
-        # Latitudes are linear in time, so that each is furthest from the equator at one end.
-        for t in (t0, t1):
-            for mu in self._steps(self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu):
-                highest = np.maximum(highest, np.abs(mu).max(axis=1))
-        return highest
-
-    def reach(self) -> Floats:
-        """Return (n,) how far in rectifying latitude any vertex lies from the reference point, radians."""
-        first = self.forward * self.north[:, None]
-        second = first - self.starboard * self.east[:, None]
-        return np.abs(second).max(axis=1)
-
-    def offset_bend(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on how the vertices' offsets from the reference point bend during [t0, t1].
-
-        That is, on their second derivative with respect to psi of the reference point, plane metres.
-
-        With d/dpsi = cos(mu) d/dmu, c the largest cos(mu) and M the highest latitude reached by a vertex:
-        x offset = a step sec: second derivative at most a step (c^2 sec M (1 + 2 tan^2 M) + c sec M tan M);
-        y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
-        """
-        ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
-        crosses = ends[0] * ends[1] <= 0.0
-        lowest = np.where(crosses, 0.0, np.minimum(np.abs(ends[0]), np.abs(ends[1])))
-        highest = self.highest_latitude(t0, t1)
-        secant, tangent, cosine = 1.0 / np.cos(highest), np.tan(highest), np.cos(lowest)
-        step = np.abs(self.forward * self.east[:, None]) + np.abs(self.starboard * self.north[:, None])
-        x = step.max(axis=1) * (cosine**2 * secant * (1.0 + 2.0 * tangent**2) + cosine * secant * tangent)
-        y = cosine * np.sin(self.reach()) * secant**2
-        return np.asarray(ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y))
-
-    def _steps(self, mu: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return rectifying latitudes (n, v) of the reference point, after the first and after the second step."""
-        mu0 = np.broadcast_to(mu[:, None], self.forward.shape)
-        mu1 = mu0 + self.forward * self.north[:, None]
-        return mu0, mu1, mu1 - self.starboard * self.east[:, None]
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        return np.zeros(self.xy.shape[2])
 
 
 def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
 
-    Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
-    depend on the company it is in.
+    Points, lines and polygons of up to eight vertices are held as they are, larger ones in the next power of two. So
+    what is computed of a piece does not depend on the company it is in.
     """
     return _slots(np.diff(pieces.shape_offset))
 
 
 def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+    return np.where(count <= 8, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+
+
+def likeness(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
+    return 2 * (vertex_slots(pieces) * 64 + plane.variety(pieces)) + pieces.kind
 
 
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
-    """Return the shapes of some pieces of equal slots, (n, v, 2); shorter ones repeat their last vertex."""
+    """Return the shapes of some pieces of equal slots, (2, v, n); shorter ones repeat their last vertex."""
     first = pieces.shape_offset[rows]
     count = pieces.shape_offset[rows + 1] - first
     slots = int(_slots(count).max(initial=1))
-    index = first[:, None] + np.minimum(np.arange(slots), count[:, None] - 1)
-    return pieces.shape_xy[index]
+    index = first + np.minimum(np.arange(slots)[:, None], count - 1)
+    return np.stack([pieces.shape_xy[index, 0], pieces.shape_xy[index, 1]])
 
 
-def static_shapes(earth: Earth, pieces: Pieces, rows: NDArray[np.int64]) -> StaticShapes:
-    """Return the polygons of some area pieces."""
-    xy = shape_vertices(pieces, rows)
-    xy[..., 0] += (2.0 * np.pi * earth.radius_m * pieces.turn[rows])[:, None]
-    return StaticShapes(xy)
+def shapes_of(
+    plane: Plane, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats | None = None
+) -> Shapes:
+    """Return the shapes of pieces that are all of one kind.
 
-
-def rhumb_shapes(earth: Earth, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64]) -> RhumbShapes:
-    """Return the havens of some track pieces; row i counts its time from instant zero_us[i]."""
-    start, end = pieces.leg_start_deg[rows], pieces.leg_end_deg[rows]
-    mu = earth.rectifying(np.radians(start[:, 1]))
-    delta_mu = earth.rectifying(np.radians(end[:, 1])) - mu
-    delta_lon = np.radians(end[:, 0] - start[:, 0])
-    east, north = direction_of(pieces.bearing_deg[rows])
-    outline = shape_vertices(pieces, rows) / earth.rectifying_m
-    leg_start = pieces.leg_start_us[rows]
-    return RhumbShapes(
-        earth=earth,
-        start_x=earth.radius_m * (np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn[rows]),
-        start_mu=mu,
-        delta_mu=delta_mu,
-        rate_x=earth.radius_m * delta_lon / earth.stretch(mu, mu + delta_mu),
-        into_leg_s=(zero_us - leg_start) / 1e6,
-        leg_s=(pieces.leg_end_us[rows] - leg_start) / 1e6,
-        east=east,
-        north=north,
-        forward=outline[..., 1],
-        starboard=outline[..., 0],
-    )
-
-
-def shapes_of(earth: Earth, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64]) -> Shapes:
-    """Return the shapes of pieces that are all of one kind; row i counts its time from instant zero_us[i]."""
-    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK:
-        return rhumb_shapes(earth, pieces, rows, zero_us)
-    return static_shapes(earth, pieces, rows)
-
-
-def padding_m(earth: Earth, highest_psi: Floats, tolerance_m: float, separation_m: float) -> Floats:
-    """Return (n,) how far hulls are padded, plane metres.
-
-    That is half of what may lie between two polygons that count as meeting, at the largest scale the piece reaches.
-    The scale is convex along a meridian, so half of the way at either piece's largest scale covers the way between
-    them; a rhumb line is longer than the geodesic by less than (distance * tan(latitude) / radius)^2.
+    Row i counts its time from instant zero_us[i], and its coordinates from origin[:, i] (the plane's own if None).
     """
-    wanted = 0.5 * (tolerance_m + separation_m)
-    excess = 1.0 + (2.0 * wanted * np.sinh(np.abs(highest_psi)) / earth.rectifying_m) ** 2
-    return np.asarray(wanted * excess * earth.plane_scale(np.abs(highest_psi)) + ROUNDING_ALLOWANCE_M)
+    origin = np.zeros((2, len(rows))) if origin is None else origin
+    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK:
+        return plane.shapes(pieces, rows, zero_us, origin)
+    xy = shape_vertices(pieces, rows)
+    xy[0] += plane.turn_m * pieces.turn[rows]
+    return StaticShapes(xy - origin[:, None, :])
+
+
+def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
+    """Return (2, n) a plane point near each piece: coordinates counted from there keep their digits."""
+    first = pieces.hull_xy[pieces.hull_offset[rows]]
+    return np.ascontiguousarray(first.T)
+
+
+def padding_m(plane: Plane, largest_scale: Floats, wanted_m: float) -> Floats:
+    """Return (n,) how far hulls are padded so that pieces within wanted_m metres of each other have hulls that meet.
+
+    That is half of it, at the largest scale each piece reaches. The scale is convex along the way between two points,
+    so that half of the way at either piece's largest scale covers it.
+    """
+    return np.asarray(0.5 * plane.span_m(wanted_m, largest_scale) + ROUNDING_ALLOWANCE_M)

@@ -18,7 +18,8 @@ from conflictdb.convex import convex_parts, is_thread
 from conflictdb.errors import InvalidInput
 from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Area, Kind, Scene, Track
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, RhumbShapes, padding_m, rhumb_shapes, vertex_slots
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, Havens, Plane, likeness, padding_m
+from conflictdb.planes import plane_of
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
@@ -43,7 +44,7 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
         _, south, _, north = area.footprint.bounds
         if max(-south, north) > MAX_RHUMB_LATITUDE_DEG:
             raise InvalidInput(f"area {area.key!r}", "geometry", rule)
-    flat = planar(earth, np.array([area.footprint for area in areas], dtype=object))
+    flat = planar(plane_of(scene), np.array([area.footprint for area in areas], dtype=object))
     for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
         if not is_thread(flat[i]):
             why = shapely.is_valid_reason(flat[i]).split("[")[0]
@@ -68,29 +69,29 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
         )
 
 
-def planar(earth: Earth, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
+def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
     """Return footprints (degrees) in the scene's plane (metres)."""
 
     def project(lonlat: Floats) -> Floats:
-        return np.stack(earth.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
+        return np.stack(plane.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
 
     return shapely.transform(footprints, project)
 
 
 def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
-    earth = earth_of(scene.earth)
-    owner, rings = convex_parts(planar(earth, areas.footprint))
+    plane = plane_of(scene)
+    owner, rings = convex_parts(planar(plane, areas.footprint))
     n = len(rings)
     offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings], dtype=np.int64)]).astype(np.int64)
     xy = np.concatenate([np.empty((0, 2)), *rings])
     of_vertex = np.repeat(np.arange(n), np.diff(offset))
-    highest = np.zeros(n)
-    np.maximum.at(highest, of_vertex, np.abs(xy[:, 1]) / earth.radius_m)
-    pad = padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
+    scale = np.zeros(n)
+    np.maximum.at(scale, of_vertex, plane.largest_scale(xy.T[:, None, :]))
+    pad = padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
     hull_xy, hull_offset = _padded_hulls(xy, of_vertex, n, pad)
     # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
-    shift = -2.0 * np.pi * earth.radius_m * _turns_from_home(earth, hull_xy, hull_offset)
+    shift = -plane.turn_m * _turns_from_home(plane, hull_xy, hull_offset)
     xy[:, 0] += shift[of_vertex]
     hull_xy[:, 0] += np.repeat(shift, np.diff(hull_offset))
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
@@ -116,17 +117,17 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
     )
-    return _with_seam_copies(earth, pieces)
+    return _with_seam_copies(plane, pieces)
 
 
 def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
-    earth = earth_of(scene.earth)
+    earth, plane = earth_of(scene.earth), plane_of(scene)
     legs = _legs(earth, tracks)
     count = _slice_counts(tracks, legs)
     while True:
         pieces, leg = _slices(tracks, legs, count)
-        bend, reach = _swept_bend(earth, pieces)
+        bend, reach = _swept_bend(plane, pieces)
         # Near the poles a wide haven bends a lot within a slice: shorter slices, until the padding is tight.
         loose = np.zeros(len(count), np.bool_)
         loose[leg[bend > MAX_BEND_SHARE * reach]] = True
@@ -134,9 +135,9 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)
-    hull_xy, hull_offset = _swept_hulls(earth, scene, pieces, bend)
-    turns = _turns_from_home(earth, hull_xy, hull_offset)
-    hull_xy[:, 0] -= np.repeat(2.0 * np.pi * earth.radius_m * turns, np.diff(hull_offset))
+    hull_xy, hull_offset = _swept_hulls(plane, scene, pieces, bend)
+    turns = _turns_from_home(plane, hull_xy, hull_offset)
+    hull_xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hull_offset))
     away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
     pieces = replace(
         pieces,
@@ -145,7 +146,7 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         leg_start_deg=pieces.leg_start_deg - away,
         leg_end_deg=pieces.leg_end_deg - away,
     )
-    return _with_seam_copies(earth, pieces)
+    return _with_seam_copies(plane, pieces)
 
 
 def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
@@ -277,47 +278,44 @@ def _ccw_outlines(tracks: TrackBatch) -> tuple[Floats, NDArray[np.int64]]:
     return np.where(clockwise[:, None], outline[mirrored], outline), offset
 
 
-def _swept_bend(earth: Earth, pieces: Pieces) -> tuple[Floats, Floats]:
+def _swept_bend(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
     """Return (n,) how far a vertex may leave the hull of its slice's two ends, and how far it is from the reference.
 
-    The reference point runs straight in the plane; between the slice's ends a vertex departs from the chord of its
-    offset by at most bend * (psi difference)^2 / 8: proven, not assumed. Plane metres both.
+    Proven, not assumed; plane metres both.
     """
     departure, reach = np.zeros(len(pieces)), np.zeros(len(pieces))
-    for rows, shapes, duration in _by_slots(earth, pieces):
+    for rows, shapes, duration in _alike(plane, pieces):
         nought = np.zeros(len(rows))
-        (x0, mu0), (x1, mu1) = shapes.reference(nought), shapes.reference(duration)
-        way = earth.isometric(mu1) - earth.isometric(mu0)
-        departure[rows] = shapes.offset_bend(nought, duration) * way**2 / 8.0
-        for t, x, mu in ((nought, x0, mu0), (duration, x1, mu1)):
-            offset = shapes.positions(t) - np.stack([x, earth.radius_m * earth.isometric(mu)], axis=1)[:, None, :]
-            reach[rows] = np.maximum(reach[rows], np.hypot(offset[..., 0], offset[..., 1]).max(axis=1))
+        departure[rows] = shapes.departure(nought, duration)
+        for t in (nought, duration):
+            offset = shapes.positions(t) - shapes.reference(t)[:, None, :]
+            reach[rows] = np.maximum(reach[rows], np.hypot(offset[0], offset[1]).max(axis=0))
     return departure, reach
 
 
-def _swept_hulls(earth: Earth, scene: Scene, pieces: Pieces, bend: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, bend: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Return hulls that hold each haven during its whole slice, the padding and how it bends."""
     n = len(pieces)
     points: list[Floats] = []
     owners: list[NDArray[np.int64]] = []
     pad = bend.copy()
-    for rows, shapes, duration in _by_slots(earth, pieces):
+    for rows, shapes, duration in _alike(plane, pieces):
         nought = np.zeros(len(rows))
-        highest = earth.isometric(shapes.highest_latitude(nought, duration))
-        pad[rows] += padding_m(earth, highest, scene.tolerance_m, scene.separation_m)
+        scale = shapes.largest_scale(nought, duration)
+        pad[rows] += padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
         for t in (nought, duration):
-            points.append(shapes.positions(t).reshape(-1, 2))
-            owners.append(np.repeat(rows, shapes.vertex_count))
+            points.append(shapes.positions(t).reshape(2, -1).T)
+            owners.append(np.tile(rows, shapes.vertex_count))
     xy = np.concatenate([np.empty((0, 2)), *points])
     return _padded_hulls(xy, np.concatenate([np.empty(0, np.int64), *owners]), n, pad)
 
 
-def _by_slots(earth: Earth, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], RhumbShapes, Floats]]:
-    """Yield rows of pieces with equal slots, their havens, timed from the start of the slice, and its duration."""
-    slots = vertex_slots(pieces)
-    for count in np.unique(slots):
-        rows = np.flatnonzero(slots == count)
-        shapes = rhumb_shapes(earth, pieces, rows, pieces.start_us[rows])
+def _alike(plane: Plane, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Havens, Floats]]:
+    """Yield rows of pieces that can share arrays, their havens, timed from the start of the slice, and its duration."""
+    sort = likeness(plane, pieces)
+    for one in np.unique(sort):
+        rows = np.flatnonzero(sort == one)
+        shapes = plane.shapes(pieces, rows, pieces.start_us[rows], np.zeros((2, len(rows))))
         yield rows, shapes, (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
 
 
@@ -334,17 +332,17 @@ def _padded_hulls(xy: Floats, owner: NDArray[np.int64], n: int, pad: Floats) -> 
     return coordinates, np.searchsorted(of, np.arange(n + 1)).astype(np.int64)
 
 
-def _turns_from_home(earth: Earth, hull_xy: Floats, hull_offset: NDArray[np.int64]) -> Floats:
+def _turns_from_home(plane: Plane, hull_xy: Floats, hull_offset: NDArray[np.int64]) -> Floats:
     """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
     west = np.minimum.reduceat(hull_xy[:, 0], hull_offset[:-1]) if len(hull_offset) > 1 else np.empty(0)
-    return np.floor(west / (2.0 * np.pi * earth.radius_m) + 0.5)
+    return np.floor(west / plane.turn_m + 0.5)
 
 
-def _with_seam_copies(earth: Earth, pieces: Pieces) -> Pieces:
+def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     """Return the pieces and, for those that reach +180 degrees, copies one turn west, and as many as they are wide."""
     if not len(pieces):
         return pieces
-    turn_m = 2.0 * np.pi * earth.radius_m
+    turn_m = plane.turn_m
     east = np.maximum.reduceat(pieces.hull_xy[:, 0], pieces.hull_offset[:-1])
     # A touch on the seam must be found from both sides.
     beyond = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5).astype(np.int64)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
-from conflictdb.geodesy import Earth, Floats, earth_of
+from conflictdb.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene
-from conflictdb.motion import shapes_of
+from conflictdb.motion import Plane, shapes_of
 from conflictdb.pieces import planar
+from conflictdb.planes import plane_of
 from conflictdb.separation import TOUCH_M
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, Effort, contacts, meeting_points, still_pairs
@@ -237,12 +238,12 @@ def _deep(
 
     contacts_of : for each pair of objects the numbers of its contacts
     """
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     members = np.concatenate([pairs.a[found.pair[rows]], pairs.b[found.pair[rows]]])
     numbers = np.unique(pieces.object_id[members[pieces.kind[members] == Kind.AREA]])
-    wholes = planar(earth, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
-    cores = {number: _core(scene, earth, whole) for number, whole in zip(numbers.tolist(), wholes, strict=True)}
+    wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
+    cores = {number: _core(scene, plane, whole) for number, whole in zip(numbers.tolist(), wholes, strict=True)}
 
     def reaches(contact: int) -> bool:
         a, b = int(pairs.a[found.pair[contact]]), int(pairs.b[found.pair[contact]])
@@ -250,7 +251,7 @@ def _deep(
         first, last = float(found.start_s[contact]), float(found.end_s[contact])
         instants = (first, 0.5 * (first + last), last) if np.isfinite(last) else (0.0,)
         return any(
-            _meets(cores[int(pieces.object_id[area])], earth, _polygon(earth, pieces, other, at, zero))
+            _meets(cores[int(pieces.object_id[area])], plane, _polygon(plane, pieces, other, at, zero))
             for area, other in ((a, b), (b, a))
             if pieces.kind[area] == Kind.AREA
             for at in instants
@@ -259,25 +260,24 @@ def _deep(
     return [any(reaches(contact) for contact in mine.tolist()) for mine in contacts_of]
 
 
-def _core(scene: Scene, earth: Earth, whole: shapely.Geometry) -> shapely.Geometry:
+def _core(scene: Scene, plane: Plane, whole: shapely.Geometry) -> shapely.Geometry:
     """Return what of an area in the plane is deeper than the tolerance."""
     if whole.is_empty:
         return whole
-    highest = max(abs(y) for y in whole.bounds[1::2]) / earth.radius_m
-    margin = max(scene.tolerance_m, TOUCH_M) * float(earth.plane_scale(np.array([highest]))[0])
+    corners = np.array(whole.bounds).reshape(2, 2).T[:, :, None]
+    margin = max(scene.tolerance_m, TOUCH_M) * float(plane.largest_scale(corners)[0])
     return shapely.buffer(whole, -margin, join_style="mitre")
 
 
-def _meets(core: shapely.Geometry, earth: Earth, polygon: shapely.Geometry) -> bool:
+def _meets(core: shapely.Geometry, plane: Plane, polygon: shapely.Geometry) -> bool:
     """Return whether two geometries of the plane meet, a turn apart or not."""
-    turn_m = 2.0 * np.pi * earth.radius_m
-    return any(shapely.intersects(core, translate(polygon, turn * turn_m)) for turn in (-1, 0, 1))
+    return any(shapely.intersects(core, translate(polygon, turn * plane.turn_m)) for turn in (-1, 0, 1))
 
 
-def _polygon(earth: Earth, pieces: Pieces, row: int, at_s: float, zero_us: int = 0) -> shapely.Geometry:
+def _polygon(plane: Plane, pieces: Pieces, row: int, at_s: float, zero_us: int = 0) -> shapely.Geometry:
     """Return the polygon of one piece in the plane, at_s seconds after zero_us."""
-    shape = shapes_of(earth, pieces, np.array([row]), np.array([zero_us]))
-    return shapely.convex_hull(shapely.multipoints(shape.positions(np.array([at_s]))[0]))
+    shape = shapes_of(plane, pieces, np.array([row]), np.array([zero_us]))
+    return shapely.convex_hull(shapely.multipoints(shape.positions(np.array([at_s]))[..., 0].T))
 
 
 def _instants(

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces, ragged_rows
-from conflictdb.geodesy import Earth, Floats, earth_of
+from conflictdb.geodesy import Floats
 from conflictdb.model import Kind, Scene
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, padding_m, rhumb_shapes, vertex_slots
+from conflictdb.motion import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m
+from conflictdb.planes import plane_of
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
 _OUTWARD_SHARE: Final = 1e-11
@@ -39,7 +40,7 @@ def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
     window is the whole shared span.
     """
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     start, end = shared_span(pieces, pairs)
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
@@ -47,7 +48,7 @@ def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]
     for member in (pairs.a, pairs.b):
         rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK))
         if rows.size:
-            one, other = _track_window(scene, earth, pieces, member[rows], pairs, rows)
+            one, other = _track_window(scene, plane, pieces, member[rows], pairs, rows)
             gone = (pieces.start_us[member[rows]] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
@@ -55,23 +56,23 @@ def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]
 
 
 def _track_window(
-    scene: Scene, earth: Earth, pieces: Pieces, member: NDArray[np.int64], pairs: Pairs, rows: NDArray[np.int64]
+    scene: Scene, plane: Plane, pieces: Pieces, member: NDArray[np.int64], pairs: Pairs, rows: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    slots = vertex_slots(pieces)[member]
-    for count in np.unique(slots):
-        some = np.flatnonzero(slots == count)
-        low[some], high[some] = _fractions(scene, earth, pieces, member[some], duration[some], pairs, rows[some])
+    sort = likeness(plane, pieces)[member]
+    for one in np.unique(sort):
+        some = np.flatnonzero(sort == one)
+        low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward
 
 
 def _fractions(
     scene: Scene,
-    earth: Earth,
+    plane: Plane,
     pieces: Pieces,
     member: NDArray[np.int64],
     duration: Floats,
@@ -79,47 +80,33 @@ def _fractions(
     rows: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
-    shapes = rhumb_shapes(earth, pieces, member, pieces.start_us[member])
     nought = np.zeros(len(rows))
-    (x0, mu0), (x1, mu1) = shapes.reference(nought), shapes.reference(duration)
-    start = np.stack([x0, earth.radius_m * earth.isometric(mu0)], axis=1)
-    end = np.stack([x1, earth.radius_m * earth.isometric(mu1)], axis=1)
+    shapes = plane.shapes(pieces, member, pieces.start_us[member], np.zeros((2, len(rows))))
+    start, end = shapes.reference(nought), shapes.reference(duration)
     way = end - start
-    length = np.hypot(way[:, 0], way[:, 1])
+    length = np.hypot(way[0], way[1])
     moves = length > _LEAST_WAY_M
-    along = way / np.where(moves, length, 1.0)[:, None]
+    along = way / np.where(moves, length, 1.0)
 
     offsets = [
-        np.einsum("nvk,nk->nv", shapes.positions(t) - at[:, None, :], along)
+        np.einsum("kvn,kn->vn", shapes.positions(t) - at[:, None, :], along)
         for t, at in ((nought, start), (duration, end))
     ]
-    stretch = earth.isometric(mu1) - earth.isometric(mu0)
-    slack = shapes.offset_bend(nought, duration) * stretch**2 / 8.0
     # The regions are cut from padded hulls, and rounded by as much again.
-    highest = earth.isometric(shapes.highest_latitude(nought, duration))
-    slack = slack + 2.0 * padding_m(earth, highest, scene.tolerance_m, scene.separation_m) + ROUNDING_ALLOWANCE_M
-    ahead = np.maximum(offsets[0].max(axis=1), offsets[1].max(axis=1)) + slack
-    behind = np.minimum(offsets[0].min(axis=1), offsets[1].min(axis=1)) - slack
+    wanted_m = scene.tolerance_m + scene.separation_m
+    slack = shapes.departure(nought, duration) + ROUNDING_ALLOWANCE_M
+    slack = slack + 2.0 * padding_m(plane, shapes.largest_scale(nought, duration), wanted_m)
+    ahead = np.maximum(offsets[0].max(axis=0), offsets[1].max(axis=0)) + slack
+    behind = np.minimum(offsets[0].min(axis=0), offsets[1].min(axis=0)) - slack
 
     offset, index = ragged_rows(pairs.region_offset, rows)
     of_vertex = np.repeat(np.arange(len(rows)), np.diff(offset))
-    rho = np.einsum("nk,nk->n", pairs.region_xy[index] - start[of_vertex], along[of_vertex])
+    rho = np.einsum("nk,kn->n", pairs.region_xy[index] - start[:, of_vertex].T, along[:, of_vertex])
     nearest, furthest = np.minimum.reduceat(rho, offset[:-1]), np.maximum.reduceat(rho, offset[:-1])
 
     safe = np.where(moves, length, 1.0)
     low = np.where(moves, (nearest - ahead) / safe, 0.0)
     high = np.where(moves, (furthest - behind) / safe, 1.0)
-    first, last = (_time_fraction(earth, mu0, mu1, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
+    first, last = (shapes.time_fraction(nought, duration, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
     # A region that the haven has left before the slice, or reaches after it, leaves an empty window.
     return np.where(low > 1.0, np.inf, first), np.where(high < 0.0, -np.inf, last)
-
-
-def _time_fraction(earth: Earth, mu0: Floats, mu1: Floats, plane_fraction: Floats) -> Floats:
-    """Return the fraction of time gone at a fraction of the way in the plane.
-
-    Time is linear in rectifying latitude, the way in the plane in isometric latitude; their ratio is a divided
-    difference, so that an east-west leg needs no case of its own.
-    """
-    psi = earth.isometric(mu0) + plane_fraction * earth.stretch(mu0, mu1) * (mu1 - mu0)
-    mu = earth.rectifying_of_isometric(psi)
-    return np.clip(plane_fraction * earth.stretch(mu0, mu1) / earth.stretch(mu0, mu), 0.0, 1.0)

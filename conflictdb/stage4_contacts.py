@@ -17,19 +17,12 @@ from numpy.typing import NDArray
 
 from conflictdb import stage4_lp, stage4_nlp
 from conflictdb.batches import Contacts, Pairs, Pieces
-from conflictdb.geodesy import Earth, Floats, earth_of
+from conflictdb.geodesy import Floats
 from conflictdb.model import Scene, Verdict
-from conflictdb.motion import shapes_of, vertex_slots
-from conflictdb.separation import (
-    SHORTEST_INTERVAL_S,
-    TOUCH_M,
-    Encounters,
-    Leaf,
-    Leaves,
-    crossing,
-    deepest,
-    not_clear,
-)
+from conflictdb.motion import Plane, likeness
+from conflictdb.planes import plane_of
+from conflictdb.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, deepest, not_clear
+from conflictdb.separation import TOUCH_M, Encounters
 
 _VERDICTS: Final = list(Verdict)
 CONFLICT: Final = _VERDICTS.index(Verdict.CONFLICT)
@@ -74,12 +67,12 @@ def contacts(
         a pair must not be unbounded in time together (pairs of areas are `still_pairs`).
     progress : called with the number of pairs settled since the last call
     """
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     effort = Effort()
     found = [_nothing()]
-    for rows in _alike(pieces, pairs, np.flatnonzero(first_s <= last_s)):
+    for rows in _alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
-        encounters = _encounters(scene, earth, pieces, pairs, rows, zero)
+        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
         span = (end - zero) / 1e6
         low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
@@ -93,10 +86,10 @@ def contacts(
 
 def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     verdict = np.full(len(pairs), -1, np.int8)
-    for rows in _alike(pieces, pairs, np.arange(len(pairs))):
-        encounters = _encounters(scene, earth, pieces, pairs, rows, np.zeros(len(rows), np.int64))
+    for rows in _alike(plane, pieces, pairs, np.arange(len(pairs))):
+        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
         excess = encounters.excess(np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
         verdict[rows] = np.select([excess > margin, excess >= -margin], [-1, GRAZING], CONFLICT)
@@ -108,41 +101,37 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
 
     Where the polygons touch it is the point of touch, where they overlap a point of both.
     """
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     places = np.full((len(pairs), 2), np.nan)
-    for rows in _alike(pieces, pairs, np.arange(len(pairs))):
+    for rows in _alike(plane, pieces, pairs, np.arange(len(pairs))):
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
-        encounters = _encounters(scene, earth, pieces, pairs, rows, zero)
+        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         found = encounters.nearest(np.arange(len(rows)), at_s[rows])
         point = 0.5 * (found.point_a + found.point_b)
         overlap = np.flatnonzero(found.gap <= 0.0)
         if overlap.size:
             inside = encounters.take(overlap)
-            a, b = (
-                shapely.convex_hull(shapely.multipoints(s.positions(at_s[rows][overlap]))) for s in (inside.a, inside.b)
-            )
+            a, b = (_hulls(shapes.positions(at_s[rows][overlap])) for shapes in (inside.a, inside.b))
             common = shapely.intersection(a, b)
             held = ~shapely.is_empty(common)
-            point[overlap[held]] = shapely.get_coordinates(shapely.centroid(common[held]))
-        lon, lat = earth.from_plane(point[:, 0], point[:, 1])
+            middle = shapely.get_coordinates(shapely.centroid(common[held]))
+            point[overlap[held]] = middle + inside.origin[:, held].T
+        lon, lat = plane.from_plane(point[:, 0], point[:, 1])
         places[rows] = np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)
     return places
 
 
-def _encounters(
-    scene: Scene, earth: Earth, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], zero: NDArray[np.int64]
-) -> Encounters:
-    a, b = (shapes_of(earth, pieces, member[rows], zero) for member in (pairs.a, pairs.b))
-    return Encounters(earth, a, b, scene.separation_m)
+def _hulls(polygons: Floats) -> NDArray[np.object_]:
+    """Return the convex hulls (n,) of vertices (2, v, n)."""
+    return np.asarray(shapely.convex_hull(shapely.multipoints(np.moveaxis(polygons, 0, 2).swapaxes(0, 1))))
 
 
-def _alike(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return batches of rows whose pieces are of the same kinds and of equal slots for vertices."""
-    size = vertex_slots(pieces)
+def _alike(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return batches of rows whose pieces can share arrays."""
     if not len(rows):
         return []
-    a, b = pairs.a[rows], pairs.b[rows]
-    keys = np.stack([pieces.kind[a].astype(np.int64), pieces.kind[b].astype(np.int64), size[a], size[b]])
+    sort = likeness(plane, pieces)
+    keys = np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]])
     _, group = np.unique(keys, axis=1, return_inverse=True)
     batches = []
     for g in range(int(group.max()) + 1):

@@ -35,10 +35,8 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     None if there is none, or the solver does not find it.
     """
     t0, t1 = np.array([start_s]), np.array([end_s])
-    a, b = pair.a.positions(t0)[0], pair.b.positions(t0)[0]
-    a_way, b_way = (
-        shape.positions(t1)[0].mean(axis=0) - shape.positions(t0)[0].mean(axis=0) for shape in (pair.a, pair.b)
-    )
+    a, b = pair.a.positions(t0)[..., 0].T, pair.b.positions(t0)[..., 0].T
+    a_way, b_way = ((shape.positions(t1) - shape.positions(t0))[..., 0].mean(axis=1) for shape in (pair.a, pair.b))
     origin = a[0]
     size = max(float(np.ptp(np.concatenate([a, b]), axis=0).max()), 1.0)
     m, n = len(a), len(b)
@@ -60,4 +58,4 @@ def _departure(shapes: Shapes, start_s: Floats, end_s: Floats) -> Floats:
     way = shapes.positions(end_s) - shapes.positions(start_s)
     uneven = way - way.mean(axis=1, keepdims=True)
     bend = shapes.bend(start_s, end_s) * (end_s - start_s) ** 2 / 8.0
-    return np.asarray(np.hypot(uneven[..., 0], uneven[..., 1]).max(axis=1) + bend)
+    return np.asarray(np.hypot(uneven[0], uneven[1]).max(axis=0) + bend)

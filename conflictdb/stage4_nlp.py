@@ -38,7 +38,7 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     @functools.lru_cache(maxsize=8)  # constraint and gradient ask for the same instant
     def vertices(fraction: float) -> tuple[Floats, Floats]:
         t = np.array([start_s + fraction * width])
-        return pair.a.positions(t)[0], pair.b.positions(t)[0]
+        return pair.a.positions(t)[..., 0].T, pair.b.positions(t)[..., 0].T
 
     at_start = vertices(0.5)
     origin = at_start[0][0]
@@ -51,7 +51,7 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     def apart_gradient(z: Floats) -> Floats:
         t = np.array([start_s + float(z[0]) * width])
         a, b = vertices(float(z[0]))
-        moving = z[1 : 1 + m] @ pair.a.velocities(t)[0] - z[1 + m :] @ pair.b.velocities(t)[0]
+        moving = z[1 : 1 + m] @ pair.a.velocities(t)[..., 0].T - z[1 + m :] @ pair.b.velocities(t)[..., 0].T
         return np.concatenate([(moving * width)[:, None], (a - origin).T, -(b - origin).T], axis=1) / size
 
     ones = np.zeros((2, 1 + m + n))
@@ -95,5 +95,5 @@ def _wanted(pair: Encounters, t: float) -> float:
     if pair.separation_m == 0.0:
         return 0.0
     nearest = pair.nearest(np.zeros(1, np.int64), np.array([t]))
-    psi = 0.5 * (nearest.point_a[:, 1] + nearest.point_b[:, 1]) / pair.earth.radius_m
-    return float(pair.separation_m * pair.earth.plane_scale(psi)[0])
+    middle = 0.5 * (nearest.point_a + nearest.point_b)
+    return float(pair.separation_m * pair.plane.smallest_scale(middle.T[:, None, :])[0])

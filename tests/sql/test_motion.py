@@ -11,10 +11,9 @@ from piecework import load
 from workloads import HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
 from conflictdb.batches import TrackBatch
-from conflictdb.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.motion import rhumb_shapes
 from conflictdb.pieces import track_pieces
+from conflictdb.planes import plane_of
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -36,11 +35,11 @@ def haven(conn: Conn, key: str, us: int) -> shapely.Geometry | None:
 
 def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
     """Vertices (degrees, not wrapped) by the package's motion model, at an instant inside a leg."""
-    earth = earth_of(scene.earth)
+    plane = plane_of(scene)
     pieces = track_pieces(scene, TrackBatch.of([track]))
     row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
-    xy = rhumb_shapes(earth, pieces, row, np.array([us])).positions(np.zeros(1))[0]
-    lon, lat = earth.from_plane(xy[:, 0], xy[:, 1])
+    x, y = plane.shapes(pieces, row, np.array([us]), np.zeros((2, 1))).positions(np.zeros(1))[..., 0]
+    lon, lat = plane.from_plane(x, y)
     return np.stack([lon, lat], axis=1)
 
 

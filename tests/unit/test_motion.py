@@ -10,19 +10,24 @@ from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
 from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
+from conflictdb.mercator import Mercator, RhumbShapes
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import RhumbShapes, padding_m, rhumb_shapes
+from conflictdb.motion import padding_m
 from conflictdb.pieces import track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65
 
 
+def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> RhumbShapes:
+    return Mercator(earth_of(scene.earth)).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+
+
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """One row per leg of a track, time counted from the leg's start."""
     pieces = track_pieces(scene, TrackBatch.of([track]))
     _, first = np.unique(pieces.leg_start_us, return_index=True)
-    return pieces, rhumb_shapes(earth_of(scene.earth), pieces, first, pieces.leg_start_us[first])
+    return pieces, havens(scene, pieces, first, pieces.leg_start_us[first])
 
 
 def oracle_plane(scene: Scene, track: Track, leg: int, seconds: np.ndarray) -> np.ndarray:
@@ -32,7 +37,8 @@ def oracle_plane(scene: Scene, track: Track, leg: int, seconds: np.ndarray) -> n
 
 
 def shape_error_m(earth: EarthModel, found: np.ndarray, expected: np.ndarray) -> float:
-    """How far the vertices of (n, v, 2) shapes are from those of (n, w, 2) ones, in any order, whole turns aside."""
+    """How far the vertices of (2, v, n) shapes are from those of (n, w, 2) ones, in any order, whole turns aside."""
+    found = found.transpose(2, 1, 0)
     turn = 2 * np.pi * oracle.Globe.of(earth).a
     shift = np.round((found[..., 0].mean() - expected[..., 0].mean()) / turn) * turn
     apart = found[:, :, None] - expected[:, None] - np.array([shift, 0.0])
@@ -106,9 +112,9 @@ def test_velocity_and_bend_bound_the_motion(earth: EarthModel, track: Track, sta
     seconds = np.linspace(t0, t1, SAMPLES)
     h = seconds[1] - seconds[0]
     shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at = shapes.positions(seconds)
+    at = shapes.positions(seconds).transpose(2, 1, 0)
     bend = float(one.bend(np.array([t0]), np.array([t1]))[0])
-    velocity = shapes.velocities(seconds)
+    velocity = shapes.velocities(seconds).transpose(2, 1, 0)
     # Central differences are off by h^2/6 of the third derivative, the mean of the bend by less than that of velocity.
     difference = (at[2:] - at[:-2]) / (2 * h)
     jerk = np.abs(np.diff(velocity, 2, axis=0)).max() + 4 * ROUNDING_M / h
@@ -127,7 +133,7 @@ def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthMode
     track = scenes.track("T", [(0, 87.5), (30, 80)], [0, 36000], 1.2e6, 0.0, 5e4, 5e4)
     _, one = legs_as_shapes(scene, track)
     seconds = np.linspace(0.0, 36000.0, 4001)
-    at = one.take(np.zeros(4001, np.int64)).positions(seconds)
+    at = one.take(np.zeros(4001, np.int64)).positions(seconds).transpose(2, 1, 0)
     h = seconds[1]
     second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
     bend = one.bend(np.array([0.0]), np.array([36000.0]))[0]
@@ -148,5 +154,7 @@ def test_padding_is_half_of_what_may_lie_between(earth: EarthModel) -> None:
         lon2, lat2 = globe.step(zero, lat, wanted * np.cos(bearing), wanted * np.sin(bearing))
         psi1, psi2 = globe.isometric(lat), globe.isometric(lat2)
         apart = figure.radius_m * np.hypot(lon2, psi2 - psi1)
-        pads = [padding_m(figure, np.abs(psi), 1.0, separation_m) for psi in (psi1, psi2)]
+        plane = Mercator(figure)
+        points = [figure.radius_m * np.stack([psi, psi])[:, None, :] for psi in (psi1, psi2)]
+        pads = [padding_m(plane, plane.largest_scale(point), wanted) for point in points]
         assert (apart <= pads[0] + pads[1]).all()

@@ -7,11 +7,10 @@ import shapely
 from verdicts import solved
 
 from conflictdb import stage4_lp, stage4_nlp
-from conflictdb.batches import AreaBatch, Pieces, TrackBatch
-from conflictdb.geodesy import earth_of
+from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
-from conflictdb.motion import shapes_of
 from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.planes import plane_of
 from conflictdb.separation import Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
@@ -21,12 +20,11 @@ PROGRAMS = pytest.mark.parametrize("program", [stage4_lp, stage4_nlp], ids=["lp"
 
 def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
     """An area and the first leg of a track, seconds from its start."""
-    earth = earth_of(SCENE.earth)
     still, moving = area_pieces(SCENE, AreaBatch.of([area])), track_pieces(SCENE, TrackBatch.of([track]))
     pieces = Pieces.concatenate([still, moving])
-    zero = track.times_us[:1]
-    shapes = [shapes_of(earth, pieces, np.array([k]), zero) for k in (0, len(still))]
-    return Encounters(earth, *shapes, separation_m)
+    row, none = np.zeros(1, np.int64), np.zeros(2, np.int64)
+    pairs = Pairs(row, row + len(still), np.empty((0, 2)), none)
+    return Encounters.of(plane_of(SCENE), separation_m, pieces, pairs, row, track.times_us[:1])
 
 
 @PROGRAMS

@@ -1,0 +1,400 @@
+"""The Mercator plane of rhumb lines, and havens that ride on them.
+
+A haven rides a rhumb line at constant speed. Each of its vertices is found from the reference point by two rhumb
+steps: forward along the heading, then to starboard across it (rhumb steps do not commute). With S1 and S2 the divided
+differences (psi2 - psi1) / (mu2 - mu1) of the two steps, a vertex (f forward, s starboard, heading (e, n)) is off the
+reference point by a (f S1 (e, n) + s S2 (n, -e)): no bearing is special, and nothing cancels.
+
+S1 and S2 depend on time through the latitude mu of the reference point alone. As power series in the haven's size
+their coefficients are one number per haven; only havens that are large against their distance to the pole take the
+closed form.
+
+Reference: Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
+section III (constraints on the haven); corrected in that the haven's image in the Mercator plane is not rigid.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from conflictdb.batches import Pieces
+from conflictdb.geodesy import Earth, Floats, direction_of
+from conflictdb.model import Kind
+from conflictdb.motion import shape_vertices
+
+# The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
+# and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
+ELLIPSOID_SLACK: Final = 1.05
+# Lengths of the power series, and the largest size of a haven over its distance to the pole for which what is left out,
+# a q^(K + 1) / (K + 1), is below 1e-10 m. Larger havens take the closed form (0).
+SERIES: Final = ((6, 0.005), (12, 0.06))
+# The radius of the conformal sphere varies by 0.7 % from equator to pole, and great circles on it are taken for
+# geodesics: over 100 km that overstates a distance by less than this share.
+GEODESIC_SHARE: Final = 1e-8
+# Rhumb lines curve, so that two edges may be nearest between their ends: that is seen to save less than a share of
+# 0.003 (distance * tan(latitude) / radius)^4; rounded up seven times.
+EDGE_SHARE: Final = 0.02
+# Steps that find the nearest place on an edge: each leaves (distance * tan(latitude) / radius)^2 / 2 of the error.
+NEAREST_STEPS: Final = 4
+# Where distance * tan(latitude) / radius is beyond this, the nearest place is only bounded.
+MAX_TURN: Final = 0.3
+# What numpy holds at once when distances between all vertices and edges are taken, numbers.
+BLOCK_NUMBERS: Final = 500_000
+
+
+@dataclass(frozen=True, slots=True)
+class Mercator:
+    """The Mercator plane of a figure of the earth: x = a * longitude, y = a * psi(latitude)."""
+
+    earth: Earth
+
+    @property
+    def turn_m(self) -> float:
+        return float(2.0 * np.pi * self.earth.radius_m)
+
+    def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        return self.earth.to_plane(lon_deg, lat_deg)
+
+    def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+        return self.earth.from_plane(x_m, y_m)
+
+    def largest_scale(self, points: Floats) -> Floats:
+        return self._scale(np.abs(points[1]).max(axis=0))
+
+    def smallest_scale(self, points: Floats) -> Floats:
+        return self._scale(np.maximum(np.maximum(points[1].min(axis=0), -points[1].max(axis=0)), 0.0))
+
+    def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return the plane metres of a distance on the earth.
+
+        A rhumb line has at most the geodesic curvature tan(latitude) / R: over a distance d the shortest way saves a
+        share (d tan / R)^2 / 24 of it; a way over the pole at most a third. Rounded up.
+        """
+        turn = distance_m * self._tangent(scale) / self.earth.rectifying_m
+        return np.asarray(distance_m / (1.0 - np.minimum(turn**2 / 4.0, 0.5)) * scale)
+
+    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
+        return np.asarray(distance_m * self._tangent(scale) / self.earth.rectifying_m * speed)
+
+    def distance_m(self, a: Floats, b: Floats) -> Floats:
+        found = np.empty(a.shape[2])
+        step = max(1, BLOCK_NUMBERS // (a.shape[1] * b.shape[1]))
+        for first in range(0, a.shape[2], step):
+            block = slice(first, first + step)
+            one, other = a[:, :, block] / self.earth.radius_m, b[:, :, block] / self.earth.radius_m
+            found[block] = np.minimum(self._from_vertices(one, other), self._from_vertices(other, one))
+        return found
+
+    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
+        """Return (n,) which power series each piece's haven takes, by index in SERIES; areas take none."""
+        size = np.zeros(len(pieces))
+        tracks = pieces.kind == Kind.TRACK
+        radius = np.hypot(pieces.shape_xy[:, 0], pieces.shape_xy[:, 1])
+        if tracks.any():
+            reach = np.maximum.reduceat(radius, pieces.shape_offset[:-1])[tracks] / self.earth.rectifying_m
+            highest = np.maximum(np.abs(pieces.leg_start_deg[:, 1]), np.abs(pieces.leg_end_deg[:, 1]))[tracks]
+            size[tracks] = reach / (0.5 * np.pi - self.earth.rectifying(np.radians(highest)))
+        return np.searchsorted([limit for _, limit in SERIES], size)
+
+    def shapes(
+        self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
+    ) -> "RhumbShapes":
+        earth = self.earth
+        start, end = pieces.leg_start_deg[rows], pieces.leg_end_deg[rows]
+        mu = earth.rectifying(np.radians(start[:, 1]))
+        delta_mu = earth.rectifying(np.radians(end[:, 1])) - mu
+        delta_lon = np.radians(end[:, 0] - start[:, 0])
+        outline = shape_vertices(pieces, rows) / earth.rectifying_m
+        leg_start = pieces.leg_start_us[rows]
+        variety = int(self.variety(pieces.take(rows)).max(initial=0))
+        lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn[rows]
+        return rhumb_shapes(
+            earth,
+            np.stack([earth.radius_m * lon, earth.radius_m * earth.isometric(mu)]) - origin,
+            mu,
+            delta_mu,
+            earth.radius_m * delta_lon / earth.stretch(mu, mu + delta_mu),
+            (zero_us - leg_start) / 1e6,
+            (pieces.leg_end_us[rows] - leg_start) / 1e6,
+            direction_of(pieces.bearing_deg[rows]),
+            outline,
+            SERIES[variety][0] if variety < len(SERIES) else 0,
+        )
+
+    def _scale(self, y_m: Floats) -> Floats:
+        psi = y_m / self.earth.radius_m
+        return np.asarray(np.cosh(psi) * self.earth.radius_m / self.earth.conformal_radius_m(psi))
+
+    def _tangent(self, scale: Floats) -> Floats:
+        """Return at least the tangent of the (conformal) latitude that has this scale."""
+        widest = max(self.earth.conformal_radius_m(np.array([0.0, 30.0]))) / self.earth.radius_m
+        return np.asarray(np.sqrt(np.maximum((scale * widest) ** 2 - 1.0, 0.0)))
+
+    def _from_vertices(self, points: Floats, polygon: Floats) -> Floats:
+        """Return (n,) the least distance of vertices from edges of another polygon, radians of longitude and psi.
+
+        On the sphere, between points of the Mercator plane, sin^2(d / 2) = (sin^2(dlon / 2) + sinh^2(dpsi / 2))
+        sech psi1 sech psi2, exactly. Along an edge it is least at the fixed point of a step from the plane's foot.
+        """
+        start = polygon[:, None, :, :]
+        edge = np.roll(polygon, -1, axis=1)[:, None, :, :] - start
+        length = np.hypot(edge[0], edge[1])
+        unit = edge / np.where(length > 0.0, length, 1.0)
+        way = points[:, :, None, :] - start
+        foot = way[0] * unit[0] + way[1] * unit[1]
+        off = way[0] * unit[1] - way[1] * unit[0]
+        along = np.clip(foot, 0.0, length)
+        for _ in range(NEAREST_STEPS):
+            square = off**2 + (along - foot) ** 2
+            along = np.clip(foot + 0.5 * square * unit[1] * np.tanh(start[1] + along * unit[1]), 0.0, length)
+        psi, psi_foot = np.broadcast_arrays(points[1][:, None, :], start[1] + along * unit[1])
+        lon_apart = way[0] - along * unit[0]
+        psi_apart = way[1] - along * unit[1]
+        half = np.sqrt(np.sin(0.5 * lon_apart) ** 2 + np.sinh(0.5 * psi_apart) ** 2)
+        half = np.minimum(half / np.sqrt(np.cosh(psi) * np.cosh(psi_foot)), 1.0)
+        radius = self.earth.conformal_radius_m
+        mean = (radius(psi) + 4.0 * radius(0.5 * (psi + psi_foot)) + radius(psi_foot)) / 6.0
+        angle = 2.0 * np.arcsin(half)
+        turn = angle * np.sinh(np.maximum(np.abs(psi), np.abs(psi_foot)))
+        unsure = np.where(turn > MAX_TURN, np.minimum(turn**2 / 4.0, 0.5), GEODESIC_SHARE + EDGE_SHARE * turn**4)
+        return np.asarray((mean * angle * (1.0 - unsure)).min(axis=(0, 1)))
+
+
+@dataclass(frozen=True, slots=True)
+class RhumbShapes:
+    """Havens on one rhumb leg each.
+
+    start : (2, n) plane metres of the leg's start from the row's origin, seam shift included
+    start_mu, delta_mu : (n,) rectifying latitude of the leg's start and its change over the leg, radians
+    rate_x : (n,) plane metres of x per unit of progress times stretch: x(t) = start_x + rate_x * progress * stretch
+    into_leg_s : (n,) seconds of the leg gone at t = 0
+    leg_s : (n,) seconds the leg takes
+    east, north : (n,) components of the heading
+    forward, starboard : (v, n) haven vertices, radians of rectifying latitude (metres over rectifying_m)
+    up, down : (n,) the latitude of the northernmost and southernmost vertex or step, less that of the reference point
+    step : (n,) the longest way that any vertex goes to the east or west by its two steps, radians
+    order : terms of the power series; 0 is the closed form
+    """
+
+    earth: Earth
+    start: Floats
+    start_mu: Floats
+    delta_mu: Floats
+    rate_x: Floats
+    into_leg_s: Floats
+    leg_s: Floats
+    east: Floats
+    north: Floats
+    forward: Floats
+    starboard: Floats
+    up: Floats
+    down: Floats
+    step: Floats
+    order: int
+
+    @property
+    def vertex_count(self) -> int:
+        return int(self.forward.shape[0])
+
+    @property
+    def is_convex(self) -> bool:
+        # The image of a straight side with a vertex on it may bend inwards by a trace.
+        return False
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        return type(self)(
+            self.earth,
+            self.start[:, rows],
+            self.start_mu[rows],
+            self.delta_mu[rows],
+            self.rate_x[rows],
+            self.into_leg_s[rows],
+            self.leg_s[rows],
+            self.east[rows],
+            self.north[rows],
+            self.forward[:, rows],
+            self.starboard[:, rows],
+            self.up[rows],
+            self.down[rows],
+            self.step[rows],
+            self.order,
+        )
+
+    def reference(self, t: Floats) -> Floats:
+        progress = (self.into_leg_s + t) / self.leg_s
+        return self._on_leg(progress, self.start_mu + progress * self.delta_mu)
+
+    def positions(self, t: Floats) -> Floats:
+        progress = (self.into_leg_s + t) / self.leg_s
+        mu = self.start_mu + progress * self.delta_mu
+        reference = self._on_leg(progress, mu)
+        first, second = self._stretches(mu)
+        first *= self.earth.radius_m * self.forward
+        second *= self.earth.radius_m * self.starboard
+        found = np.empty((2, *first.shape))
+        np.multiply(first, self.east, out=found[0])
+        np.multiply(first, self.north, out=found[1])
+        found[0] += second * self.north
+        found[1] -= second * self.east
+        found += reference[:, None, :]
+        return found
+
+    def velocities(self, t: Floats) -> Floats:
+        earth = self.earth
+        rate = self.delta_mu / self.leg_s
+        mu = self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu
+        mu0, mu1, mu2 = self._steps(mu)
+        ahead = self.forward * self.east * earth.slope_change(mu0, mu1)
+        across = self.starboard * self.north * earth.slope_change(mu1, mu2)
+        found = np.empty((2, *mu2.shape))
+        found[0] = self.rate_x / self.leg_s * earth.slope(mu) + earth.radius_m * rate * (ahead + across)
+        found[1] = earth.radius_m * rate * earth.slope(mu2)
+        return found
+
+    def bend(self, t0: Floats, t1: Floats) -> Floats:
+        """Return bounds on the second derivative of every vertex (see `Shapes`).
+
+        With mu linear in time at rate w, y = a psi(mu) has y'' = a w^2 sec tan, the reference point
+        x'' = rate_x w sec tan / leg_s, and a step's x'' = a w^2 step (sec)'' with (sec)'' = sec (1 + 2 tan^2): all
+        increase with latitude, so the highest one reached bounds them.
+        """
+        w = np.abs(self.delta_mu) / self.leg_s
+        secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
+        radius = self.earth.radius_m
+        y = radius * w**2 * secant * tangent
+        x = np.abs(self.rate_x) * w / self.leg_s * secant * tangent
+        x += radius * w**2 * self.step * secant * (1.0 + 2.0 * tangent**2)
+        return np.asarray(ELLIPSOID_SLACK * np.sqrt(x**2 + y**2))
+
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        """Return how far any vertex's velocity is from that of the reference point in the middle (see `Shapes`).
+
+        The offset of a vertex changes by at most a w step (sec)' in x and a w max(up, -down) (sec)' in y, where
+        (sec)' = sec tan; the velocity of the reference point by half of its bend times the time.
+        """
+        w = np.abs(self.delta_mu) / self.leg_s
+        secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
+        spread = (
+            self.earth.radius_m * w * secant * tangent * np.sqrt(self.step**2 + np.maximum(self.up, -self.down) ** 2)
+        )
+        return np.asarray(ELLIPSOID_SLACK * spread + 0.5 * self.bend(t0, t1) * (t1 - t0))
+
+    def highest_latitude(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) the highest absolute latitude (rectifying, radians) of any vertex or step during [t0, t1]."""
+        # Latitudes are linear in time, so that each is furthest from the equator at one end.
+        ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
+        north, south = np.maximum(*ends) + self.up, np.minimum(*ends) + self.down
+        return np.asarray(np.maximum(north, -south))
+
+    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
+        y_m = self.earth.radius_m * self.earth.isometric(self.highest_latitude(t0, t1))
+        return Mercator(self.earth).largest_scale(np.stack([y_m, y_m])[:, None, :])
+
+    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
+        """Return the fraction of the time from t0 to t1 gone at a fraction of the way in the plane.
+
+        Time is linear in rectifying latitude, the way in the plane in isometric latitude; their ratio is a divided
+        difference, so that an east-west leg needs no case of its own.
+        """
+        mu0, mu1 = (self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1))
+        stretch = self.earth.stretch(mu0, mu1)
+        psi = self.earth.isometric(mu0) + plane_fraction * stretch * (mu1 - mu0)
+        mu = self.earth.rectifying_of_isometric(psi)
+        return np.clip(plane_fraction * stretch / self.earth.stretch(mu0, mu), 0.0, 1.0)
+
+    def departure(self, t0: Floats, t1: Floats) -> Floats:
+        """Return how far a vertex may leave the hull of the two ends during [t0, t1] (see `Havens`).
+
+        The reference point runs straight. A vertex departs from the chord of its offset by at most bend * way^2 / 8,
+        way the difference of psi and bend a bound on the second derivative with respect to psi of the reference point:
+        with d/dpsi = cos(mu) d/dmu, c the largest cos(mu) and M the highest latitude reached by a vertex,
+        x offset = a step sec: second derivative at most a step (c^2 sec M (1 + 2 tan^2 M) + c sec M tan M);
+        y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
+        """
+        ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
+        way = self.earth.isometric(ends[1]) - self.earth.isometric(ends[0])
+        crosses = ends[0] * ends[1] <= 0.0
+        lowest = np.where(crosses, 0.0, np.minimum(np.abs(ends[0]), np.abs(ends[1])))
+        secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
+        cosine = np.cos(lowest)
+        x = self.step * (cosine**2 * secant * (1.0 + 2.0 * tangent**2) + cosine * secant * tangent)
+        y = cosine * np.sin(np.maximum(self.up, -self.down)) * secant**2
+        return np.asarray(ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y) * way**2 / 8.0)
+
+    def _on_leg(self, progress: Floats, mu: Floats) -> Floats:
+        """Return (2, n) the reference points, metres from the origin."""
+        way = progress * self.earth.stretch(self.start_mu, mu)
+        found = np.empty((2, len(mu)))
+        np.multiply(self.rate_x, way, out=found[0])
+        np.multiply(self.earth.radius_m * self.delta_mu, way, out=found[1])
+        found += self.start
+        return found
+
+    def _stretches(self, mu: Floats) -> tuple[Floats, Floats]:
+        """Return the divided differences of psi over the first and the second step of each vertex, (v, n)."""
+        if not self.order:
+            mu0, mu1, mu2 = self._steps(mu)
+            return self.earth.stretch(mu0, mu1), self.earth.stretch(mu1, mu2)
+        series = self.earth.isometric_series(mu, self.order)
+        d1 = self.forward * self.north
+        d2 = d1 - self.starboard * self.east
+        # Horner's rule for the series at 0 and d1, and with its steps again for the divided difference at 0, d1, d2.
+        first = np.empty_like(d1)
+        first[:] = series[-1]
+        second = first.copy()
+        for g in series[-2::-1]:
+            first *= d1
+            first += g
+            second *= d2
+            second += first
+        return first, second
+
+    def _steps(self, mu: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return rectifying latitudes (v, n) of the reference point, after the first and after the second step."""
+        mu0 = np.broadcast_to(mu, self.forward.shape)
+        mu1 = mu0 + self.forward * self.north
+        return mu0, mu1, mu1 - self.starboard * self.east
+
+
+def rhumb_shapes(
+    earth: Earth,
+    start: Floats,
+    start_mu: Floats,
+    delta_mu: Floats,
+    rate_x: Floats,
+    into_leg_s: Floats,
+    leg_s: Floats,
+    heading: tuple[Floats, Floats],
+    outline: Floats,
+    order: int,
+) -> RhumbShapes:
+    """Return havens on rhumb legs; heading : (east, north), outline : (2, v, n) starboard and forward, radians."""
+    east, north = heading
+    starboard, forward = outline
+    d1 = forward * north
+    offsets = np.concatenate([np.zeros_like(d1[:1]), d1, d1 - starboard * east])
+    step = (np.abs(forward * east) + np.abs(starboard * north)).max(axis=0)
+    return RhumbShapes(
+        earth,
+        start,
+        start_mu,
+        delta_mu,
+        rate_x,
+        into_leg_s,
+        leg_s,
+        east,
+        north,
+        forward,
+        starboard,
+        offsets.max(axis=0),
+        offsets.min(axis=0),
+        step,
+        order,
+    )
+
+
+def _secant_tangent(latitude: Floats) -> tuple[Floats, Floats]:
+    tangent = np.tan(latitude)
+    return np.sqrt(1.0 + tangent**2), tangent

@@ -1,0 +1,190 @@
+"""Proofs over intervals of time: that two polygons stay apart, and that they stay in contact; and where that changes.
+
+Apart: along a fixed direction n the gap min(n.b) - max(n.a) of polygons whose vertices move straight is concave in
+time, so its chord bounds it from below; a vertex departs from its chord by at most M h^2 / 8, M a bound on its second
+derivative. In contact: the signed separation of two polygons that move rigidly and uniformly is convex in time, so
+its chord bounds it from above; a vertex departs from such motion by at most K h, K how uneven velocities are.
+Intervals are split until one or the other holds. Nothing is decided by sampling.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.geodesy import Floats
+from conflictdb.separation import TOUCH_M, Encounters, gap_along, nearest
+
+# Intervals are not split below a microsecond, the resolution of a timestamp (seconds).
+SHORTEST_INTERVAL_S: Final = 1e-6
+# Halvings of a window; 64 reach a microsecond from a hundred thousand years.
+MAX_LEVELS: Final = 64
+# Ends are bracketed to this, seconds: a hundredth of what a timestamp can tell.
+BRACKET_S: Final = 1e-8
+# Intervals under way for one pair: beyond it the pair is left undecided rather than let one pair take all memory.
+MAX_INTERVALS_PER_PAIR: Final = 4096
+# Distances beyond what is wanted by more than this need not be known, metres.
+NEAR_M: Final = 100.0
+
+
+class Leaf(IntEnum):
+    """Why an interval is not clear."""
+
+    CONTACT = 0  # closer than wanted at the instant `at`
+    NEAR = 1  # within the margin of it at the instant `at`
+    BORDER = 2  # neither shown, down to the shortest interval
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """m intervals that are not proven clear: row (m,), start, end, at (m,) seconds, kind (m,) Leaf values."""
+
+    row: NDArray[np.int64]
+    start: Floats
+    end: Floats
+    at: Floats
+    kind: NDArray[np.int8]
+
+
+def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats, margin_m: float) -> Leaves:
+    """Return what remains of [start, end] of rows where the pairs are not proven further apart than wanted + margin.
+
+    With a negative margin: not proven to overlap by less than that. Everything outside the leaves is proven clear. An
+    interval becomes a leaf as soon as its middle is found closer than that, so a leaf may hold more than is needed,
+    never less.
+    """
+    found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
+    rows, start, end = rows.copy(), start.copy(), end.copy()
+
+    def keep(mask: NDArray[np.bool_], at: Floats, kind: NDArray[np.int8]) -> None:
+        found.append((rows[mask], start[mask], end[mask], at[mask], kind[mask]))
+
+    for level in range(MAX_LEVELS):
+        if not len(rows):
+            break
+        middle = 0.5 * (start + end)
+        u, v, excess = _window(pairs, rows, start, middle, end, margin_m)
+        open_ = u <= v
+        close = open_ & (excess <= margin_m)
+        keep(close, middle, np.where(excess <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
+        short = open_ & ~close & (end - start <= SHORTEST_INTERVAL_S)
+        crowded = np.zeros(len(rows), np.bool_)
+        if level > 8:  # fewer levels cannot make that many intervals
+            crowded = (np.bincount(rows)[rows] > MAX_INTERVALS_PER_PAIR) & open_ & ~close & ~short
+        keep(short | crowded, middle, np.full(len(rows), Leaf.BORDER, np.int8))
+        split = open_ & ~close & ~short & ~crowded
+        width = (end - start)[split]
+        a, b, row = start[split] + u[split] * width, start[split] + v[split] * width, rows[split]
+        c = 0.5 * (a + b)
+        rows = np.concatenate([row, row])
+        start, end = np.concatenate([a, c]), np.concatenate([c, b])
+    else:
+        keep(np.ones(len(rows), np.bool_), 0.5 * (start + end), np.full(len(rows), Leaf.BORDER, np.int8))
+    if not found:
+        none = np.empty(0)
+        return Leaves(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
+    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return Leaves(*(column[order] for column in columns))
+
+
+def crossing(
+    pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: float
+) -> tuple[Floats, Floats]:
+    """Return brackets (outer, inner) of where the excess crosses a level, by bisection to BRACKET_S.
+
+    outside, inside : (n,) seconds, with excess > level at outside and <= level at inside (either may be the later).
+    A pair that is not above the level at `outside` gets `outside` for both.
+    """
+    outer, inner = outside.copy(), inside.copy()
+    inner = np.where(pairs.excess(rows, outer) > level_m, inner, outer)
+    for _ in range(MAX_LEVELS):
+        middle = 0.5 * (outer + inner)
+        wide = (np.abs(outer - inner) > BRACKET_S) & (middle != outer) & (middle != inner)
+        active = np.flatnonzero(wide)
+        if not active.size:
+            break
+        above = pairs.excess(rows[active], middle[active]) > level_m
+        outer[active] = np.where(above, middle[active], outer[active])
+        inner[active] = np.where(above, inner[active], middle[active])
+    return outer, inner
+
+
+def deepest(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> tuple[Floats, Floats]:
+    """Return (instant, excess) at a local least separation within [start, end], by golden section; seconds, metres."""
+    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
+    low, high = start.copy(), end.copy()
+    left, right = high - ratio * (high - low), low + ratio * (high - low)
+    at_left, at_right = pairs.excess(rows, left), pairs.excess(rows, right)
+    # 60 steps shrink a day to less than a microsecond.
+    for _ in range(60):
+        active = high - low > SHORTEST_INTERVAL_S
+        if not active.any():
+            break
+        keep_left = at_left <= at_right
+        low, high = np.where(keep_left, low, left), np.where(keep_left, right, high)
+        new = np.where(keep_left, high - ratio * (high - low), low + ratio * (high - low))
+        at_new = pairs.excess(rows, new)
+        left, right = np.where(keep_left, new, right), np.where(keep_left, left, new)
+        at_left, at_right = np.where(keep_left, at_new, at_right), np.where(keep_left, at_left, at_new)
+    return np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right)
+
+
+def _window(
+    pairs: Encounters, rows: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, margin_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return (u, v, excess): fractions of [start, end] outside of which rows are proven clear, u > v if everywhere.
+
+    excess : (n,) at the middle, metres.
+    """
+    parts = [
+        _window_batch(pairs.take(rows[batch]), start[batch], middle[batch], end[batch], margin_m)
+        for batch in pairs.batches(len(rows))
+    ]
+    u, v, excess = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return u, v, excess
+
+
+def _window_batch(
+    pairs: Encounters, start: Floats, middle: Floats, end: Floats, margin_m: float
+) -> tuple[Floats, Floats, Floats]:
+    h = end - start
+    wanted_m = pairs.separation_m + margin_m
+    shapes = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
+    found = [nearest(pairs, *polygons, within_m=max(wanted_m, 0.0) + NEAR_M) for polygons in shapes]
+    largest, smallest = pairs.scale(*shapes[0], *shapes[1], *shapes[2])
+    # A depth is least in the plane where the scale is: it is nowhere below 1.
+    wanted = pairs.plane.span_m(wanted_m, largest) if wanted_m >= 0.0 else np.full(len(h), wanted_m)
+    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+    away = bend * h**2 / 8.0 + wanted + TOUCH_M * largest
+    u, v = np.zeros(len(h)), np.ones(len(h))
+    for nearest_then in found:
+        g0, g1 = (gap_along(nearest_then.axis.T, *shapes[k]) - away for k in (0, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zero = g0 / (g0 - g1)
+        u = np.maximum(u, np.where(g0 > 0.0, np.where(g1 > 0.0, 2.0, zero), 0.0))
+        v = np.minimum(v, np.where((g1 > 0.0) & (g0 <= 0.0), zero, 1.0))
+    excess = found[1].excess_m
+    if wanted_m > 0.0:
+        # The largest scale overstates what is wanted: the rate at which a distance in true metres can change decides
+        # short intervals. Of polygons that overlap it is not the depth that drifts.
+        distance = np.maximum(excess + pairs.separation_m, 0.0)
+        rate = _relative_speed(pairs, middle) + bend * h
+        rate += pairs.plane.drift(distance, largest, _speed(pairs, middle, bend * h))
+        u = np.where(excess > margin_m + 0.5 * rate * h / smallest + TOUCH_M, 2.0, u)
+    return u, v, excess
+
+
+def _relative_speed(pairs: Encounters, t: Floats) -> Floats:
+    """Return (n,) the greatest speed of a vertex of b relative to one of a, plane metres per second."""
+    a, b = pairs.a.velocities(t), pairs.b.velocities(t)
+    low = np.maximum(b.max(axis=1) - a.min(axis=1), a.max(axis=1) - b.min(axis=1))
+    return np.asarray(np.hypot(low[0], low[1]))
+
+
+def _speed(pairs: Encounters, t: Floats, more: Floats) -> Floats:
+    """Return (n,) the greatest speed of any vertex plus `more`, plane metres per second."""
+    fastest = [np.hypot(v[0], v[1]).max(axis=0) for v in (pairs.a.velocities(t), pairs.b.velocities(t))]
+    return np.asarray(np.maximum(*fastest) + more)
