@@ -24,7 +24,7 @@ from conflictdb.batches import Pieces
 from conflictdb.errors import ConflictDBError
 from conflictdb.model import Method, Scene
 from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.settle import Progress, settle
+from conflictdb.settle import Progress, needs_regions, settle
 
 __all__ = ["Progress", "Run", "detect"]
 
@@ -139,7 +139,7 @@ def _refresh_conflicts(
     store.begin_snapshot(conn)
     candidates = store.find_candidates(conn, scene_id)
     stage1_s = lap()
-    regions = settings.method != Method.SCREEN
+    regions = needs_regions(settings.method)
     intersecting = store.find_intersections(conn, scene_id, regions)
     pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
     stage2_s = lap()
@@ -150,7 +150,7 @@ def _refresh_conflicts(
     conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=jobs, progress=progress)
     record = replace(
         record,
-        settings={**record.settings, **asdict(funnel.effort)},
+        settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},
         candidate_pairs=candidates,
         intersecting_pairs=intersecting,
         window_pairs=funnel.window_pairs,

@@ -11,7 +11,7 @@ from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
 from conflictdb.pieces import area_pieces, check_plane, track_pieces
-from conflictdb.settle import settle
+from conflictdb.settle import needs_regions, settle
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,12 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     batch = AreaBatch.of(areas)
     pieces = Pieces.concatenate([area_pieces(scene, batch), track_pieces(scene, TrackBatch.of(tracks))])
-    found, _ = settle(scene, pieces, _pairs_in_memory(pieces), lambda numbers: batch.footprint[numbers])
+    found, _ = settle(
+        scene,
+        pieces,
+        _pairs_in_memory(pieces, regions=needs_regions(scene.method)),
+        lambda numbers: batch.footprint[numbers],
+    )
     objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
     answer = []
     for k in range(len(found)):
@@ -78,7 +83,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
 
 
-def _pairs_in_memory(pieces: Pieces) -> Pairs:
+def _pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
     hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
     a, b = shapely.STRtree(hulls).query(hulls)
@@ -100,7 +105,8 @@ def _pairs_in_memory(pieces: Pieces) -> Pairs:
     a, b = a[met], b[met]
     moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
     region = np.full(len(a), None, dtype=object)
-    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
+    if regions:
+        region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
     xy, owner = shapely.get_coordinates(region, return_index=True)
     return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
 

@@ -19,7 +19,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.batches import Pieces
+from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import Earth, Floats, direction_of
 from conflictdb.model import Kind
 from conflictdb.motion import shape_vertices
@@ -40,6 +40,8 @@ EDGE_SHARE: Final = 0.02
 NEAREST_STEPS: Final = 4
 # Where distance * tan(latitude) / radius is beyond this, the nearest place is only bounded.
 MAX_TURN: Final = 0.3
+# A corner counts as one in the plane if it turns by so many times what its sides bend.
+CORNER_SLACK: Final = 4.0
 # What numpy holds at once when distances between all vertices and edges are taken, numbers.
 BLOCK_NUMBERS: Final = 500_000
 
@@ -88,15 +90,18 @@ class Mercator:
         return found
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) which power series each piece's haven takes, by index in SERIES; areas take none."""
-        size = np.zeros(len(pieces))
-        tracks = pieces.kind == Kind.TRACK
-        radius = np.hypot(pieces.shape_xy[:, 0], pieces.shape_xy[:, 1])
-        if tracks.any():
-            reach = np.maximum.reduceat(radius, pieces.shape_offset[:-1])[tracks] / self.earth.rectifying_m
-            highest = np.maximum(np.abs(pieces.leg_start_deg[:, 1]), np.abs(pieces.leg_end_deg[:, 1]))[tracks]
-            size[tracks] = reach / (0.5 * np.pi - self.earth.rectifying(np.radians(highest)))
-        return np.searchsorted([limit for _, limit in SERIES], size)
+        """Return (n,) twice the number of the power series that a haven takes, plus 1 if it may not be convex."""
+        variety = np.zeros(len(pieces), np.int64)
+        rows = np.flatnonzero(pieces.kind == Kind.TRACK)
+        if rows.size:
+            ends = np.stack([pieces.leg_start_deg[rows, 1], pieces.leg_end_deg[rows, 1]])
+            highest = self.earth.rectifying(np.radians(np.abs(ends).max(axis=0)))
+            offset, index = ragged_rows(pieces.shape_offset, rows)
+            outline = pieces.shape_xy[index] / self.earth.rectifying_m
+            size = np.maximum.reduceat(np.hypot(outline[:, 0], outline[:, 1]), offset[:-1])
+            series = np.searchsorted([limit for _, limit in SERIES], size / (0.5 * np.pi - highest))
+            variety[rows] = 2 * series + _may_dent(outline, offset, np.tan(np.minimum(highest + size, 1.57)))
+        return variety
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
@@ -108,7 +113,8 @@ class Mercator:
         delta_lon = np.radians(end[:, 0] - start[:, 0])
         outline = shape_vertices(pieces, rows) / earth.rectifying_m
         leg_start = pieces.leg_start_us[rows]
-        variety = int(self.variety(pieces.take(rows)).max(initial=0))
+        varieties = self.variety(pieces.take(np.unique(rows)))
+        variety, convex = int(varieties.max(initial=0)), not (varieties % 2).any()
         lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn[rows]
         return rhumb_shapes(
             earth,
@@ -120,7 +126,8 @@ class Mercator:
             (pieces.leg_end_us[rows] - leg_start) / 1e6,
             direction_of(pieces.bearing_deg[rows]),
             outline,
-            SERIES[variety][0] if variety < len(SERIES) else 0,
+            SERIES[variety // 2][0] if variety // 2 < len(SERIES) else 0,
+            is_convex=bool(convex),
         )
 
     def _scale(self, y_m: Floats) -> Floats:
@@ -176,6 +183,7 @@ class RhumbShapes:
     up, down : (n,) the latitude of the northernmost and southernmost vertex or step, less that of the reference point
     step : (n,) the longest way that any vertex goes to the east or west by its two steps, radians
     order : terms of the power series; 0 is the closed form
+    is_convex : whether the vertices are known to be in convex position
     """
 
     earth: Earth
@@ -193,15 +201,11 @@ class RhumbShapes:
     down: Floats
     step: Floats
     order: int
+    is_convex: bool
 
     @property
     def vertex_count(self) -> int:
         return int(self.forward.shape[0])
-
-    @property
-    def is_convex(self) -> bool:
-        # The image of a straight side with a vertex on it may bend inwards by a trace.
-        return False
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         return type(self)(
@@ -220,6 +224,7 @@ class RhumbShapes:
             self.down[rows],
             self.step[rows],
             self.order,
+            self.is_convex,
         )
 
     def reference(self, t: Floats) -> Floats:
@@ -252,6 +257,10 @@ class RhumbShapes:
         found[0] = self.rate_x / self.leg_s * earth.slope(mu) + earth.radius_m * rate * (ahead + across)
         found[1] = earth.radius_m * rate * earth.slope(mu2)
         return found
+
+    def velocity(self, t: Floats) -> Floats:
+        mu = self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu
+        return self.earth.slope(mu) / self.leg_s * np.stack([self.rate_x, self.earth.radius_m * self.delta_mu])
 
     def bend(self, t0: Floats, t1: Floats) -> Floats:
         """Return bounds on the second derivative of every vertex (see `Shapes`).
@@ -369,6 +378,8 @@ def rhumb_shapes(
     heading: tuple[Floats, Floats],
     outline: Floats,
     order: int,
+    *,
+    is_convex: bool,
 ) -> RhumbShapes:
     """Return havens on rhumb legs; heading : (east, north), outline : (2, v, n) starboard and forward, radians."""
     east, north = heading
@@ -392,7 +403,25 @@ def rhumb_shapes(
         offsets.min(axis=0),
         step,
         order,
+        is_convex,
     )
+
+
+def _may_dent(outline: Floats, offset: NDArray[np.int64], tangent: Floats) -> NDArray[np.bool_]:
+    """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
+
+    On the way along a side of length d the plane's axes turn against the haven's, and its scale changes, by at most
+    d tan(latitude): a corner that is turned by more than its two sides are worth stays one.
+    """
+    after = np.arange(len(outline)) + 1
+    after[offset[1:] - 1] = offset[:-1]
+    side = outline[after] - outline
+    length = np.hypot(side[:, 0], side[:, 1])
+    # Towards the corner where the next side starts.
+    turn = side[:, 0] * side[after, 1] - side[:, 1] * side[after, 0]
+    allowed = CORNER_SLACK * (length + length[after]) * np.repeat(tangent, np.diff(offset)) + CORNER_SLACK * 1e-9
+    flat = np.abs(turn) <= allowed * length * length[after]
+    return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 3))
 
 
 def _secant_tangent(latitude: Floats) -> tuple[Floats, Floats]:

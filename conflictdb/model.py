@@ -50,7 +50,8 @@ class Method(StrEnum):
 
     SCREEN = "screen"  # stages 1-2: who might meet
     WINDOW = "window"  # stage 3: a time window that holds every contact
-    NLP = "nlp"  # stage 4: nonlinear program (SLSQP), certified
+    EXACT = "exact"  # stage 4: times to the last digits, with a certificate
+    NLP = "nlp"  # stage 4: the published nonlinear program (SLSQP), its answers certified
 
 
 class Verdict(StrEnum):
@@ -79,7 +80,7 @@ class Scene:
     name: str
     motion: Motion = Motion.RHUMB
     earth: EarthModel = EarthModel.WGS84
-    method: Method = Method.NLP
+    method: Method = Method.EXACT
     tolerance_m: float = 1.0
     separation_m: float = 0.0
 

@@ -44,8 +44,11 @@ class Shapes(Protocol):
     def bend(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2."""
 
+    def velocity(self, t: Floats) -> Floats:
+        """Return one velocity for each whole polygon at times t (n,), (2, n) plane metres per second."""
+
     def uneven(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on how far any vertex's velocity is from one constant one in [t0, t1], plane m/s."""
+        """Return (n,) bounds on how far any vertex's velocity in [t0, t1] is from `velocity` in the middle."""
 
 
 class Havens(Shapes, Protocol):
@@ -86,7 +89,7 @@ class Plane(Protocol):
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return how many plane metres a distance may take up where the scale at its ends is at most this."""
 
-    def drift(self, distance_m: Floats, scale: Floats, speed: Floats) -> Floats:
+    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
 
         speed : (n,) plane m/s of the points; scale : the largest they reach
@@ -131,6 +134,9 @@ class StaticShapes:
     def bend(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
 
+    def velocity(self, t: Floats) -> Floats:
+        return np.zeros((2, self.xy.shape[2]))
+
     def uneven(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
 
@@ -138,14 +144,14 @@ class StaticShapes:
 def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
 
-    Points, lines and polygons of up to eight vertices are held as they are, larger ones in the next power of two. So
-    what is computed of a piece does not depend on the company it is in.
+    Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
+    depend on the company it is in.
     """
     return _slots(np.diff(pieces.shape_offset))
 
 
 def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.where(count <= 8, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+    return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
 
 
 def likeness(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
@@ -178,9 +184,11 @@ def shapes_of(
 
 
 def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
-    """Return (2, n) a plane point near each piece: coordinates counted from there keep their digits."""
-    first = pieces.hull_xy[pieces.hull_offset[rows]]
-    return np.ascontiguousarray(first.T)
+    """Return (2, n) a plane point at or near each piece: coordinates counted from there keep their digits."""
+    x, y = pieces.shape_xy[pieces.shape_offset[rows]].T
+    leg_x, leg_y = plane.to_plane(pieces.leg_start_deg[rows, 0], pieces.leg_start_deg[rows, 1])
+    moves = pieces.kind[rows] == Kind.TRACK
+    return np.stack([np.where(moves, leg_x, x) + plane.turn_m * pieces.turn[rows], np.where(moves, leg_y, y)])
 
 
 def padding_m(plane: Plane, largest_scale: Floats, wanted_m: float) -> Floats:

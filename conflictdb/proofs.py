@@ -82,12 +82,53 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
         start, end = np.concatenate([a, c]), np.concatenate([c, b])
     else:
         keep(np.ones(len(rows), np.bool_), 0.5 * (start + end), np.full(len(rows), Leaf.BORDER, np.int8))
-    if not found:
-        none = np.empty(0)
-        return Leaves(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
-    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
-    order = np.lexsort((columns[1], columns[0]))
-    return Leaves(*(column[order] for column in columns))
+    return _leaves(found)
+
+
+def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> Leaves:
+    """Return what remains of [start, end] of rows where the pairs are not proven to be as close as wanted throughout.
+
+    Leaves of kind NEAR are apart at the instant `at`; those of kind BORDER may only touch, or were given up.
+    """
+    found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
+    for level in range(MAX_LEVELS):
+        if not len(rows):
+            break
+        middle, h = 0.5 * (start + end), end - start
+        sunk = _sunk(pairs, rows, middle, h)
+        held, apart = sunk < 0.0, sunk == np.inf
+        short = ~held & ~apart & (h <= SHORTEST_INTERVAL_S)
+        crowded = np.zeros(len(rows), np.bool_)
+        if level > 8:  # fewer levels cannot make that many intervals
+            crowded = (np.bincount(rows)[rows] > MAX_INTERVALS_PER_PAIR) & ~held & ~apart & ~short
+        leaf = apart | short | crowded
+        kind = np.where(apart, Leaf.NEAR, Leaf.BORDER).astype(np.int8)
+        found.append((rows[leaf], start[leaf], end[leaf], middle[leaf], kind[leaf]))
+        split = ~held & ~leaf
+        row, a, b, c = rows[split], start[split], end[split], middle[split]
+        rows = np.concatenate([row, row])
+        start, end = np.concatenate([a, c]), np.concatenate([c, b])
+    return _leaves(found)
+
+
+def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats) -> Floats:
+    """Return (n,) a bound on the excess during h seconds around instants, plane metres; inf where it is positive."""
+    parts = []
+    for batch in pairs.batches(len(rows)):
+        some, t, width = pairs.take(rows[batch]), middle[batch], h[batch]
+        a, b = some.a.positions(t), some.b.positions(t)
+        found = nearest(some, a, b)
+        bend = some.a.bend(t - 0.5 * width, t + 0.5 * width) + some.b.bend(t - 0.5 * width, t + 0.5 * width)
+        rate = _relative_speed(some, t) + bend * width
+        level = found.gap
+        if pairs.separation_m > 0.0:
+            largest = some.scale(a, b)[0]
+            rate += pairs.plane.drift(some.separation_m, largest, _speed(some, t, bend * width))
+            # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
+            level = found.excess_m
+        bound = level + 0.5 * rate * width
+        parts.append(np.where(found.excess_m > TOUCH_M, np.inf, bound))
+    return np.concatenate(parts)
 
 
 def crossing(
@@ -112,24 +153,13 @@ def crossing(
     return outer, inner
 
 
-def deepest(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Return (instant, excess) at a local least separation within [start, end], by golden section; seconds, metres."""
-    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
-    low, high = start.copy(), end.copy()
-    left, right = high - ratio * (high - low), low + ratio * (high - low)
-    at_left, at_right = pairs.excess(rows, left), pairs.excess(rows, right)
-    # 60 steps shrink a day to less than a microsecond.
-    for _ in range(60):
-        active = high - low > SHORTEST_INTERVAL_S
-        if not active.any():
-            break
-        keep_left = at_left <= at_right
-        low, high = np.where(keep_left, low, left), np.where(keep_left, right, high)
-        new = np.where(keep_left, high - ratio * (high - low), low + ratio * (high - low))
-        at_new = pairs.excess(rows, new)
-        left, right = np.where(keep_left, new, right), np.where(keep_left, left, new)
-        at_left, at_right = np.where(keep_left, at_new, at_right), np.where(keep_left, at_left, at_new)
-    return np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right)
+def _leaves(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]]) -> Leaves:
+    if not found:
+        none = np.empty(0)
+        return Leaves(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
+    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return Leaves(*(column[order] for column in columns))
 
 
 def _window(

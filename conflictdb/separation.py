@@ -159,8 +159,8 @@ def widest_gap(a: Floats, b: Floats, a_is_convex: bool, b_is_convex: bool) -> tu
     axis = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), np.array([[1.0], [0.0]]))
     gap = gap_along(axis, a, b)
     for mine, other, convex, sign in ((a, b, a_is_convex, 1.0), (b, a, b_is_convex, -1.0)):
-        for k in range(mine.shape[1] if mine.shape[1] > 1 else 0):
-            edge = mine[:, (k + 1) % mine.shape[1]] - mine[:, k]
+        for k, m in edges(mine.shape[1], convex=convex):
+            edge = mine[:, m] - mine[:, k]
             length = np.sqrt(edge[0] ** 2 + edge[1] ** 2)
             edge /= np.where(length > 0.0, length, 1.0)
             normals = [np.stack([edge[1], -edge[0]])]
@@ -177,6 +177,15 @@ def widest_gap(a: Floats, b: Floats, a_is_convex: bool, b_is_convex: bool) -> tu
                 gap = np.where(wider, found, gap)
                 axis = np.where(wider, sign * normal, axis)
     return gap, axis
+
+
+def edges(count: int, *, convex: bool) -> list[tuple[int, int]]:
+    """Return the vertices that edges of polygons run between: any two, where it is not known which are edges."""
+    if count == 1:
+        return []
+    if convex:
+        return [(k, (k + 1) % count) for k in range(count)]
+    return [(k, m) for k in range(count) for m in range(count) if k != m]
 
 
 def _nearest_points(a: Floats, b: Floats) -> tuple[Floats, Floats]:

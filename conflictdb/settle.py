@@ -29,18 +29,20 @@ Progress = Callable[[int, int], None]
 Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
 
 # Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
-PAIRS_PER_JOB: Final = 2_000
+PAIRS_PER_JOB: Final = {Method.EXACT: 200_000, Method.NLP: 2_000}
 
 
 @dataclass(slots=True)
 class Funnel:
     """How many pairs of pieces the stages left, the seconds they took, and what stage 4 did.
 
+    projected_pairs : that stage 3 was run on
     window_pairs : with a time when they could meet, areas included
     solved_pairs : given to stage 4
     met_pairs : reported
     """
 
+    projected_pairs: int = 0
     window_pairs: int = 0
     solved_pairs: int = 0
     met_pairs: int = 0
@@ -79,7 +81,7 @@ def settle(
         found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
     elif moving.size:
         some = pairs.take(moving)
-        first, last = windows(scene, pieces, some)
+        first, last = _windows(scene, pieces, some, funnel)
         possible = np.flatnonzero(first <= last)
         funnel.window_pairs += len(possible)
         funnel.stage3_s = time.perf_counter() - started
@@ -102,6 +104,20 @@ def settle(
     return conflicts, funnel
 
 
+def needs_regions(method: Method) -> bool:
+    """Return whether stage 3 projects the regions of stage 2: the certified windows of `exact` cost less than those."""
+    return method in (Method.WINDOW, Method.NLP)
+
+
+def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
+    """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
+    if needs_regions(scene.method):
+        funnel.projected_pairs = len(pairs)
+        return windows(scene, pieces, pairs)
+    start, end = shared_span(pieces, pairs)
+    return np.zeros(len(pairs)), (end - start) / 1e6
+
+
 def _contacts(
     scene: Scene, pieces: Pieces, pairs: Pairs, first: Floats, last: Floats, jobs: int, progress: Progress | None
 ) -> tuple[Contacts, Effort]:
@@ -115,11 +131,12 @@ def _contacts(
             progress(settled, len(pairs))
 
     advance(0)
-    jobs = min(jobs, -(-len(pairs) // PAIRS_PER_JOB))
+    size = PAIRS_PER_JOB[scene.method]
+    jobs = min(jobs, -(-len(pairs) // size))
     if jobs <= 1:
         return contacts(scene, pieces, pairs, first, last, advance)
     effort, found = Effort(), []
-    blocks = [np.arange(k, min(k + PAIRS_PER_JOB, len(pairs))) for k in range(0, len(pairs), PAIRS_PER_JOB)]
+    blocks = [np.arange(k, min(k + size, len(pairs))) for k in range(0, len(pairs), size)]
     before = multiprocessing.active_children()
     # A fresh interpreter for each: a forked one would share the database connection.
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:

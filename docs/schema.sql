@@ -124,7 +124,7 @@ TABLE scene (
     name text COLLATE C NOT NULL,
     motion text NOT NULL DEFAULT 'rhumb'::text,
     earth text NOT NULL DEFAULT 'wgs84'::text,
-    method text NOT NULL DEFAULT 'nlp'::text,
+    method text NOT NULL DEFAULT 'exact'::text,
     tolerance_m double precision NOT NULL DEFAULT 1.0,
     separation_m double precision NOT NULL DEFAULT 0.0
 );
@@ -195,7 +195,7 @@ CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
-CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'nlp'::text])));
+CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = 'rhumb'::text));
 CONSTRAINT scene_name_speakable ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);

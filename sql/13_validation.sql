@@ -139,9 +139,9 @@ BEGIN
         PERFORM _refuse('ZC009', v_who, 'earth', format('must be one of wgs84, sphere; got %L', NEW.earth),
                         'scene_earth_known');
     END IF;
-    IF (NEW.method IN ('screen', 'window', 'nlp')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'method', format('must be one of screen, window, nlp; got %L', NEW.method),
-                        'scene_method_known');
+    IF (NEW.method IN ('screen', 'window', 'exact', 'nlp')) IS NOT TRUE THEN
+        PERFORM _refuse('ZC009', v_who, 'method',
+                        format('must be one of screen, window, exact, nlp; got %L', NEW.method), 'scene_method_known');
     END IF;
     IF (NEW.tolerance_m >= 0 AND NEW.tolerance_m < 'infinity') IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'tolerance_m', 'must be a finite number of metres, 0 or more',

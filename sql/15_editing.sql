@@ -22,7 +22,7 @@ BEGIN
             RETURN v_scene_id;
         END IF;
         INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m)
-            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(p_earth, 'wgs84'), coalesce(p_method, 'nlp'),
+            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(p_earth, 'wgs84'), coalesce(p_method, 'exact'),
                     coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0))
             ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
         IF FOUND THEN
@@ -34,7 +34,7 @@ END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision) IS
 'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
-'Left out, a new scene gets rhumb, wgs84, nlp, tolerance 1 m, separation 0 m.';
+'Left out, a new scene gets rhumb, wgs84, exact, tolerance 1 m, separation 0 m.';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,

@@ -10,7 +10,7 @@ COMMENT ON COLUMN scene.name IS 'Name, by which everybody refers to it.';
 COMMENT ON COLUMN scene.motion IS 'How tracks and edges run between their points: rhumb.';
 COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
 COMMENT ON COLUMN scene.method IS
-'Where a detection stops: screen (who might meet), window (a safe time window), nlp (nonlinear program).';
+'Where a detection stops: screen (who might meet), window (a safe window), exact (certified times), nlp (published).';
 COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
 COMMENT ON COLUMN scene.separation_m IS
 'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final, NoReturn
 
 # Kept in step with conflictdb.model.Method by a test; the model itself would bring numpy and shapely with it.
-METHODS: Final = ("screen", "window", "nlp")
+METHODS: Final = ("screen", "window", "exact", "nlp")
 FORMATS: Final = ("table", "json", "csv", "geojson")
 
 EPILOG: Final = """\
