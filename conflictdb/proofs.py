@@ -134,22 +134,36 @@ def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats)
 def crossing(
     pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: float
 ) -> tuple[Floats, Floats]:
-    """Return brackets (outer, inner) of where the excess crosses a level, by bisection to BRACKET_S.
+    """Return brackets (outer, inner) of where the excess crosses a level, no wider than BRACKET_S.
 
     outside, inside : (n,) seconds, with excess > level at outside and <= level at inside (either may be the later).
     A pair that is not above the level at `outside` gets `outside` for both.
     """
-    outer, inner = outside.copy(), inside.copy()
-    inner = np.where(pairs.excess(rows, outer) > level_m, inner, outer)
-    for _ in range(MAX_LEVELS):
-        middle = 0.5 * (outer + inner)
-        wide = (np.abs(outer - inner) > BRACKET_S) & (middle != outer) & (middle != inner)
+    outer = outside.copy()
+    above, below = pairs.excess(rows, outer) - level_m, pairs.excess(rows, inside) - level_m
+    inner = np.where(above > 0.0, inside, outer)
+    side = np.zeros(len(rows), np.int8)
+    for step in range(2 * MAX_LEVELS):
+        wide = (np.abs(outer - inner) > BRACKET_S) & (np.nextafter(outer, inner) != inner)
         active = np.flatnonzero(wide)
         if not active.size:
             break
-        above = pairs.excess(rows[active], middle[active]) > level_m
-        outer[active] = np.where(above, middle[active], outer[active])
-        inner[active] = np.where(above, inner[active], middle[active])
+        first, last, f0, f1 = outer[active], inner[active], above[active], below[active]
+        # Regula falsi, stepping over by less than a bracket so that the other end follows; every third time bisection.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = f0 / (f0 - f1)
+        share = np.where(np.isfinite(share) & (step % 3 < 2), share, 0.5)
+        over = 0.4 * BRACKET_S / np.abs(last - first) * np.where(side[active] > 0, 1.0, -1.0)
+        at = first + np.clip(share + np.where(step % 3 < 2, over, 0.0), 0.0, 1.0) * (last - first)
+        at = np.where((at == first) | (at == last), 0.5 * (first + last), at)
+        found = pairs.excess(rows[active], at) - level_m
+        is_above = found > 0.0
+        again = side[active] == np.where(is_above, 1, -1)
+        outer[active] = np.where(is_above, at, first)
+        inner[active] = np.where(is_above, last, at)
+        above[active] = np.where(is_above, found, np.where(again, 0.5 * f0, f0))
+        below[active] = np.where(is_above, np.where(again, 0.5 * f1, f1), found)
+        side[active] = np.where(is_above, 1, -1)
     return outer, inner
 
 
@@ -218,3 +232,33 @@ def _speed(pairs: Encounters, t: Floats, more: Floats) -> Floats:
     """Return (n,) the greatest speed of any vertex plus `more`, plane metres per second."""
     fastest = [np.hypot(v[0], v[1]).max(axis=0) for v in (pairs.a.velocities(t), pairs.b.velocities(t))]
     return np.asarray(np.maximum(*fastest) + more)
+
+
+def clear_window(a0: Floats, b0: Floats, a1: Floats, b1: Floats, slack: Floats) -> tuple[Floats, Floats]:
+    """Return (u, v): shares of the time between two instants outside of which the pairs are apart, u > v if throughout.
+
+    a0, b0, a1, b1 : (2, v, n) vertices at both instants, plane metres
+    slack : (n,) what gaps between vertices on their chords must exceed
+    """
+    n = a0.shape[2]
+    u, v = np.zeros(n), np.ones(n)
+    for mine0, mine1, other0, other1 in ((a0, a1, b0, b1), (b0, b1, a0, a1)):
+        count = mine0.shape[1]
+        middle = mine0 + mine1
+        for k in range(count if count > 1 else 0):
+            m = (k + 1) % count
+            nx, ny = middle[1, m] - middle[1, k], middle[0, k] - middle[0, m]
+            wanted = slack * np.sqrt(nx * nx + ny * ny)
+            g0 = (nx * other0[0] + ny * other0[1]).min(axis=0)
+            g0 -= (nx * mine0[0] + ny * mine0[1]).max(axis=0)
+            g0 -= wanted
+            g1 = (nx * other1[0] + ny * other1[1]).min(axis=0)
+            g1 -= (nx * mine1[0] + ny * mine1[1]).max(axis=0)
+            g1 -= wanted
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zero = g0 / (g0 - g1)
+            before, after = g0 > 0.0, g1 > 0.0
+            np.maximum(u, zero, out=u, where=before & ~after)
+            np.minimum(v, zero, out=v, where=after & ~before)
+            u[before & after] = 2.0
+    return u, v

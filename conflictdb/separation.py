@@ -104,7 +104,21 @@ def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -
 
     within_m : pairs proven further apart than this on the earth are said to be this far apart, which is cheaper
     """
-    gap, axis = widest_gap(a, b, pairs.a.is_convex, pairs.b.is_convex)
+    gap, axis, point_a, point_b = _nearest_in_plane(pairs, a, b)
+    point_a += pairs.origin
+    point_b += pairs.origin
+    distance_m = _distance_m(pairs, a, b, gap, point_a, point_b, within_m)
+    return Nearest(gap, distance_m - pairs.separation_m, axis.T, point_a.T, point_b.T)
+
+
+def plane_distance(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) the signed separation in the plane, metres, and its axis (2, n) from a to b."""
+    return _nearest_in_plane(pairs, a, b)[:2]
+
+
+def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return (gap, axis, point_a, point_b) in the plane, points from the origin (see `Nearest`)."""
+    gap, axis = widest_gap(pairs, a, b)
     apart = np.flatnonzero(gap > 0.0)
     point_a, point_b = a.mean(axis=1), b.mean(axis=1)
     if apart.size:
@@ -116,10 +130,7 @@ def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -
         sound = distance > 0.0
         gap[apart] = np.where(sound, distance, gap[apart])
         axis[:, apart] = np.where(sound, between / np.where(sound, distance, 1.0), axis[:, apart])
-    point_a += pairs.origin
-    point_b += pairs.origin
-    distance_m = _distance_m(pairs, a, b, gap, point_a, point_b, within_m)
-    return Nearest(gap, distance_m - pairs.separation_m, axis.T, point_a.T, point_b.T)
+    return gap, axis, point_a, point_b
 
 
 def _distance_m(
@@ -148,7 +159,7 @@ def gap_along(axis: Floats, a: Floats, b: Floats) -> Floats:
     return np.asarray(ahead)
 
 
-def widest_gap(a: Floats, b: Floats, a_is_convex: bool, b_is_convex: bool) -> tuple[Floats, Floats]:
+def widest_gap(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return (n,) the widest gap over the separating axes (negative: they overlap) and (2, n) its axis from a to b.
 
     Axes are the normals of the edges, and the line between the middles. A polygon of two vertices is a line: its
@@ -158,25 +169,66 @@ def widest_gap(a: Floats, b: Floats, a_is_convex: bool, b_is_convex: bool) -> tu
     length = np.hypot(axis[0], axis[1])
     axis = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), np.array([[1.0], [0.0]]))
     gap = gap_along(axis, a, b)
-    for mine, other, convex, sign in ((a, b, a_is_convex, 1.0), (b, a, b_is_convex, -1.0)):
-        for k, m in edges(mine.shape[1], convex=convex):
-            edge = mine[:, m] - mine[:, k]
-            length = np.sqrt(edge[0] ** 2 + edge[1] ** 2)
-            edge /= np.where(length > 0.0, length, 1.0)
-            normals = [np.stack([edge[1], -edge[0]])]
-            if mine.shape[1] == 2:
-                normals.append(edge)
-            for normal in normals:
-                found = (normal[0] * other[0] + normal[1] * other[1]).min(axis=0)
-                if convex and mine.shape[1] > 2:
-                    # The edge itself is the furthest of a convex polygon along its own normal.
-                    found -= normal[0] * mine[0, k] + normal[1] * mine[1, k]
-                else:
-                    found -= (normal[0] * mine[0] + normal[1] * mine[1]).max(axis=0)
-                wider = (found > gap) & (length > 0.0)
-                gap = np.where(wider, found, gap)
-                axis = np.where(wider, sign * normal, axis)
+    for normal, found, real in edge_gaps(pairs, a, b):
+        axes = [(normal, found)]
+        if 2 in (a.shape[1], b.shape[1]):
+            along = np.stack([-normal[1], normal[0]])
+            axes.append((along, gap_along(along, a, b)))
+        for candidate, width in axes:
+            wider = real & (width > gap)
+            gap = np.where(wider, width, gap)
+            axis = np.where(wider, candidate, axis)
     return gap, axis
+
+
+def edge_gaps(pairs: Encounters, a: Floats, b: Floats) -> list[tuple[Floats, Floats, NDArray[np.bool_]]]:
+    """Return for each edge of both polygons its unit normal from a to b (2, n), the gap along it, and if it is real."""
+    found = []
+    for mine, other, convex, sign in ((a, b, pairs.a.is_convex, 1.0), (b, a, pairs.b.is_convex, -1.0)):
+        count = mine.shape[1]
+        for k, m in edges(count, convex=convex):
+            normal = np.empty((2, mine.shape[2]))
+            np.subtract(mine[1, m], mine[1, k], out=normal[0])
+            np.subtract(mine[0, k], mine[0, m], out=normal[1])
+            length = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
+            real = length > 0.0
+            normal /= np.where(real, length, 1.0)
+            gap = (normal[0] * other[0] + normal[1] * other[1]).min(axis=0)
+            if convex and count > 2:
+                gap -= normal[0] * mine[0, k] + normal[1] * mine[1, k]
+            else:
+                gap -= (normal[0] * mine[0] + normal[1] * mine[1]).max(axis=0)
+            found.append((sign * normal, gap, real))
+    return found
+
+
+def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
+    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation."""
+    widest = np.full(a.shape[2], -np.inf)
+    for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
+        count = mine.shape[1]
+        for k, m in edges(count, convex=convex):
+            nx, ny = mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]
+            gap = (nx * other[0] + ny * other[1]).min(axis=0)
+            if convex and count > 2:
+                gap -= nx * mine[0, k] + ny * mine[1, k]
+            else:
+                gap -= (nx * mine[0] + ny * mine[1]).max(axis=0)
+            length = nx * nx + ny * ny
+            # No edge between vertices that coincide.
+            gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
+            np.fmax(widest, gap, out=widest)
+    return widest
+
+
+def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return the widest gap along the normals of the edges, and its axis (2, n) from a to b."""
+    widest, axis = np.full(a.shape[2], -np.inf), np.zeros((2, a.shape[2]))
+    for normal, gap, real in edge_gaps(pairs, a, b):
+        wider = real & (gap > widest)
+        widest = np.where(wider, gap, widest)
+        axis = np.where(wider, normal, axis)
+    return widest, axis
 
 
 def edges(count: int, *, convex: bool) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from conflictdb.model import EarthModel, Scene
 from conflictdb.motion import StaticShapes
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.planes import plane_of
-from conflictdb.proofs import Leaf, crossing, deepest, not_clear
+from conflictdb.proofs import Leaf, crossing, not_clear
 from conflictdb.separation import TOUCH_M, Encounters, nearest
 
 SPHERE = plane_of(Scene("sphere", earth=EarthModel.SPHERE))
@@ -204,7 +204,7 @@ def test_what_is_not_a_leaf_is_clear(workload: object, earth: EarthModel, margin
     assert leaves_seen >= 5
 
 
-def test_crossing_and_deepest_of_a_passage() -> None:
+def test_crossing_of_a_passage() -> None:
     """On the equator, past a box with 300 m to spare, and through one."""
     scene = Scene("s", earth=EarthModel.SPHERE)
     degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
@@ -218,6 +218,3 @@ def test_crossing_and_deepest_of_a_passage() -> None:
     outer, inner = crossing(pair, ROW, np.zeros(1), np.array([begins + 5.0]), 0.0)
     assert outer[0] <= begins + 1e-7 <= inner[0] + 2e-7
     assert inner[0] - outer[0] < 1e-6
-    at, least = deepest(pair, ROW, np.zeros(1), np.array([begins]))
-    assert at[0] == pytest.approx(begins, abs=1e-5)
-    assert least[0] == pytest.approx(0.0, abs=1e-3)

@@ -1,0 +1,114 @@
+"""Stage 4, exact: when polygons are closer than a distance on the earth. See `stage4_exact`.
+
+The plane decides most: what is further apart than the distance at the largest scale reached is clear, what is nearer
+than at the smallest is in conflict. In the zone between, the distance on the earth is brought to what is wanted, and
+the zone holds no other change where the polygons close in beyond doubt: every two points that could be the nearest ones
+approach each other.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.geodesy import Floats
+from conflictdb.separation import TOUCH_M, Encounters, nearest, plane_distance
+from conflictdb.stage4_windows import Block, Window, roots
+
+# The zone is left where the polygons are nearer than at the smallest scale by this share of the distance wanted.
+_INTO_SHARE = 1e-3
+
+
+class Separated(Block):
+    """Pairs of polygons that conflict where they are closer than the separation."""
+
+    def settle(self) -> None:
+        """Settle what can be settled."""
+        rows = np.flatnonzero(self.high > self.low)
+        if rows.size:
+            pairs = self.pairs.take(rows)
+            low, high = self.low[rows], self.high[rows]
+            self._windows(rows, pairs.a.bend(low, high) + pairs.b.bend(low, high))
+
+    def _wanted_m(self, pairs: Encounters, largest: Floats) -> Floats:
+        return pairs.plane.span_m(pairs.separation_m + self.margin_m, largest) + TOUCH_M * largest
+
+    def _depth(self, pairs: Encounters, t: Floats, smallest: Floats) -> Floats:
+        self.work.evaluations += len(t)
+        distance, _ = plane_distance(pairs, pairs.a.positions(t), pairs.b.positions(t))
+        return distance - pairs.separation_m * smallest
+
+    def _excess_m(self, pairs: Encounters, t: Floats) -> Floats:
+        self.work.evaluations += len(t)
+        return nearest(pairs, pairs.a.positions(t), pairs.b.positions(t)).excess_m
+
+    def _solve(self, window: Window) -> None:
+        n = len(window.rows)
+        pairs, limit, inside, inward = window.sides()
+        depth = np.tile(window.depth, 2)
+        largest, smallest = np.tile(window.largest, 2), np.tile(window.smallest, 2)
+        touch = largest * TOUCH_M
+        at_limit = self._depth(pairs, limit, smallest)
+        whole = np.concatenate([window.start <= self.low[window.rows], window.end >= self.high[window.rows]])
+        whole &= at_limit < -touch
+        outer, inner, zone_end, sure = limit.copy(), limit.copy(), limit.copy(), whole.copy()
+        active = np.flatnonzero(~whole & (at_limit > touch))
+        if active.size:
+            some, low = pairs.take(active), smallest[active]
+            found, end = self._zone(some, limit[active], at_limit[active], inside[active], depth[active], low)
+            zone_end[active] = end
+            closing = self._closes_in(some, limit[active], end, inward[active], largest[active], low)
+            gap, within = self._excess_m(some, limit[active]), self._excess_m(some, end)
+            metre = np.full(len(active), TOUCH_M)
+            good = np.flatnonzero(found & closing & (gap > TOUCH_M) & (within < -TOUCH_M))
+
+            def measure(rows: NDArray[np.int64], t: Floats) -> Floats:
+                return self._excess_m(some.take(good[rows]), t)
+
+            if good.size:
+                root = roots(measure, limit[active][good], gap[good], zone_end[active][good], within[good], metre[good])
+                outer[active[good]], inner[active[good]] = root.outer, root.inner
+                sure[active[good]] = root.is_found
+        sure &= self._holds(pairs, zone_end, inside, depth, touch, smallest)
+        enough = window.depth < -(self.margin_m + TOUCH_M) * window.largest
+        error = np.maximum(np.abs(inner - outer)[:n], np.abs(inner - outer)[n:])
+        solved = sure[:n] & sure[n:] & enough
+        self._keep(window.rows, np.zeros(n, np.bool_), solved, outer[:n], outer[n:], error)
+
+    def _zone(
+        self, pairs: Encounters, limit: Floats, gap: Floats, inside: Floats, depth: Floats, smallest: Floats
+    ) -> tuple[NDArray[np.bool_], Floats]:
+        """Return whether, and an instant when, pairs are just nearer than the separation at the smallest scale."""
+        into = _INTO_SHARE * pairs.separation_m * smallest
+
+        def measure(rows: NDArray[np.int64], t: Floats) -> Floats:
+            return self._depth(pairs.take(rows), t, smallest[rows]) + into[rows]
+
+        found = roots(measure, limit, gap + into, inside, np.minimum(depth + into, -1e-9), 0.5 * into)
+        return found.is_found & (depth + into < 0.0), found.inner
+
+    def _closes_in(
+        self, pairs: Encounters, limit: Floats, end: Floats, inward: Floats, largest: Floats, smallest: Floats
+    ) -> NDArray[np.bool_]:
+        """Return whether the distance on the earth changes one way only between a limit and the end of the zone.
+
+        Let p and q be nearest on the earth at some instant of the zone. Their distance in the plane is at most `ratio`
+        times the least one at the end, so that their direction is within acos(1 / ratio) of its axis n: they close in
+        at |n.V| / ratio - |V across| sqrt(1 - 1 / ratio^2) or more, V the velocity that both polygons' vertices depart
+        from by at most K, less K for each and less what the scale changes on the way.
+        """
+        first, last = np.minimum(limit, end), np.maximum(limit, end)
+        length, middle = last - first, 0.5 * (first + last)
+        velocities = [shape.velocity(middle) for shape in (pairs.a, pairs.b)]
+        velocity = velocities[1] - velocities[0]
+        uneven = pairs.a.uneven(first, last) + pairs.b.uneven(first, last)
+        at_end, axis = plane_distance(pairs, pairs.a.positions(end), pairs.b.positions(end))
+        at_limit, _ = plane_distance(pairs, pairs.a.positions(limit), pairs.b.positions(limit))
+        closing = -inward * (axis[0] * velocity[0] + axis[1] * velocity[1])
+        across = np.abs(axis[0] * velocity[1] - axis[1] * velocity[0])
+        speed = np.maximum(*(np.hypot(v[0], v[1]) for v in velocities)) + uneven
+        with np.errstate(divide="ignore", invalid="ignore"):
+            span = pairs.plane.span_m(1.0, largest) / smallest
+            ratio = (np.maximum(at_limit, at_end) + 2.0 * uneven * length) / at_end * span
+            turned = np.hypot(velocity[0], velocity[1]) * uneven * length / at_end
+            least = closing / ratio - across * np.sqrt(np.maximum(1.0 - 1.0 / ratio**2, 0.0))
+        drift = 2.0 * pairs.plane.drift(pairs.separation_m, largest, speed)
+        return np.asarray((at_end > 0.0) & (least > uneven + drift + turned))

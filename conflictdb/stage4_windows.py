@@ -1,0 +1,264 @@
+"""Stage 4, exact: what touching polygons and separated ones have in common.
+
+Certified windows, an instant of conflict in each, its two ends brought to zero on the true motion, and a proof that the
+conflict holds in between. See `stage4_exact`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.geodesy import Floats
+from conflictdb.proofs import clear_window
+from conflictdb.separation import TOUCH_M, Encounters
+
+# Rounds of window and witness; each shrinks the slack by the square of how much the window shrank.
+MAX_WINDOWS: Final = 6
+# Steps of regula falsi, and of widening the bracket around the answer by BRACKET_GROWTH each.
+MAX_STEPS: Final = 12
+MAX_BRACKETS: Final = 4
+BRACKET_GROWTH: Final = 8.0
+# Half width of the first bracket: so many times what the rounding of positions is worth.
+BRACKET_TOUCHES: Final = 3.0
+# Halvings that prove a conflict to hold.
+MAX_HALVINGS: Final = 12
+
+# Of rows (numbers) at instants, how much further apart than wanted they are.
+Measure = Callable[[NDArray[np.int64], Floats], Floats]
+
+
+@dataclass(slots=True)
+class Work:
+    """What was done: pairs by closed form, windows of pairs, and evaluations of the separation."""
+
+    closed_forms: int = 0
+    windows: int = 0
+    evaluations: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What is known of n pairs.
+
+    is_clear : (n,) bool   proven apart by more than the margin
+    is_solved : (n,) bool  proven to overlap from start_s to end_s, up to error_s, by more than the margin, and to be
+        apart else; what is neither is not settled
+    start_s, end_s, error_s : (n,) seconds; the true interval lies within, and is shorter by error_s at most at either
+        end
+    """
+
+    is_clear: NDArray[np.bool_]
+    is_solved: NDArray[np.bool_]
+    start_s: Floats
+    end_s: Floats
+    error_s: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """n pairs that are apart outside of [start, end], and in conflict in the middle; seconds.
+
+    rows : (n,) their numbers in the block
+    depth : (n,) how much too close they are in the middle, plane metres, < 0
+    largest, smallest : (n,) scales that are reached
+    """
+
+    pairs: Encounters
+    rows: NDArray[np.int64]
+    start: Floats
+    middle: Floats
+    end: Floats
+    depth: Floats
+    largest: Floats
+    smallest: Floats
+
+    def sides(self) -> tuple[Encounters, Floats, Floats, Floats]:
+        """Return (pairs, limits, insides, inward): first all starts, then all ends, each with the middle inside."""
+        n = len(self.rows)
+        both = np.concatenate([np.arange(n), np.arange(n)])
+        limit = np.concatenate([self.start, self.end])
+        inward = np.where(np.arange(2 * n) < n, 1.0, -1.0)
+        return self.pairs.take(both), limit, np.concatenate([self.middle, self.middle]), inward
+
+
+class Block(ABC):
+    """Pairs settled together; rows number them."""
+
+    def __init__(self, pairs: Encounters, low: Floats, high: Floats, margin_m: float, work: Work) -> None:
+        n = len(pairs)
+        self.pairs, self.low, self.high, self.work = pairs, low, high, work
+        self.margin_m = margin_m
+        self.is_clear, self.is_solved = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.start, self.end, self.error = low.copy(), high.copy(), np.zeros(n)
+
+    @abstractmethod
+    def settle(self) -> None:
+        """Settle what can be settled."""
+
+    @abstractmethod
+    def _wanted_m(self, pairs: Encounters, largest: Floats) -> Floats:
+        """Return (n,) how far apart in the plane pairs are beyond doubt further apart than the margin."""
+
+    @abstractmethod
+    def _depth(self, pairs: Encounters, t: Floats, smallest: Floats) -> Floats:
+        """Return (n,) a bound from above on how much further apart than wanted pairs are, plane metres."""
+
+    @abstractmethod
+    def _solve(self, window: Window) -> None:
+        """Settle pairs that are in conflict in the middle of a window, and apart outside of it."""
+
+    def _keep(
+        self,
+        rows: NDArray[np.int64],
+        clear: NDArray[np.bool_],
+        solved: NDArray[np.bool_],
+        start: Floats,
+        end: Floats,
+        error: Floats,
+    ) -> None:
+        self.is_clear[rows] = clear
+        self.is_solved[rows] = solved
+        some = rows[solved]
+        self.start[some], self.end[some], self.error[some] = start[solved], end[solved], error[solved]
+
+    def _windows(self, rows: NDArray[np.int64], bend: Floats) -> None:
+        """Settle pairs by certified windows, an instant of conflict in them, and their ends."""
+        pairs = self.pairs if len(rows) == len(self.low) else self.pairs.take(rows)
+        start, end = self.low[rows], self.high[rows]
+        for _ in range(MAX_WINDOWS):
+            a0, b0, a1, b1 = (
+                pairs.a.positions(start),
+                pairs.b.positions(start),
+                pairs.a.positions(end),
+                pairs.b.positions(end),
+            )
+            h = end - start
+            largest, smallest = pairs.scale(a0, b0, a1, b1)
+            u, v = clear_window(a0, b0, a1, b1, bend * h**2 / 8.0 + self._wanted_m(pairs, largest))
+            self.work.windows += len(rows)
+            possible = u <= v
+            self.is_clear[rows[~possible]] = True
+            keep = np.flatnonzero(possible)
+            if not keep.size:
+                return
+            pairs, rows, bend, largest, smallest = (
+                pairs.take(keep),
+                rows[keep],
+                bend[keep],
+                largest[keep],
+                smallest[keep],
+            )
+            start, end = (start + u * h)[keep], (start + v * h)[keep]
+            middle = 0.5 * (start + end)
+            depth = self._depth(pairs, middle, smallest)
+            meets = depth < -2.0 * TOUCH_M * largest
+            deep = np.flatnonzero(meets)
+            if deep.size:
+                window = Window(
+                    pairs.take(deep),
+                    rows[deep],
+                    start[deep],
+                    middle[deep],
+                    end[deep],
+                    depth[deep],
+                    largest[deep],
+                    smallest[deep],
+                )
+                self._solve(window)
+            keep = np.flatnonzero(~meets)
+            if not keep.size:
+                return
+            pairs, rows, bend = pairs.take(keep), rows[keep], bend[keep]
+            start, end = start[keep], end[keep]
+
+    def _holds(
+        self, pairs: Encounters, p: Floats, q: Floats, depth: Floats, touch: Floats, smallest: Floats
+    ) -> NDArray[np.bool_]:
+        """Return whether pairs are in conflict all the way from p, by `touch` or more, to q, by `depth` (< 0).
+
+        With K the unevenness and L the time between, the separation at a share s of it is at most
+        (1 - s) f(p) + s (f(q) + 2 K L): no more than -touch where f(p) <= -touch and f(q) <= -touch - 2 K L.
+        """
+        n = len(p)
+        proven = np.ones(n, np.bool_)
+        row, some, fp, fq = np.arange(n), pairs, -touch, depth
+        for _ in range(MAX_HALVINGS):
+            first, last = np.minimum(p, q), np.maximum(p, q)
+            most = 2.0 * (some.a.uneven(first, last) + some.b.uneven(first, last)) * (last - first)
+            limit = -touch[row] - most
+            held = (fp <= limit) | (fq <= limit) | (np.maximum(fp, fq) <= -touch[row] - 0.5 * most)
+            open_ = np.flatnonzero(~held & proven[row])
+            if not open_.size:
+                return proven
+            row, p, q, fp, fq = row[open_], p[open_], q[open_], fp[open_], fq[open_]
+            middle = 0.5 * (p + q)
+            some = pairs.take(row)
+            f = self._depth(some, middle, smallest[row])
+            np.logical_and.at(proven, row, f <= -touch[row])
+            row = np.concatenate([row, row])
+            some = pairs.take(row)
+            p, q, fp, fq = (np.concatenate(ends) for ends in ((p, middle), (middle, q), (fp, f), (f, fq)))
+        proven[row] = False
+        return proven
+
+
+@dataclass(frozen=True, slots=True)
+class Roots:
+    """Instants (n,) beyond doubt on either side of a change of sign, and whether they were found."""
+
+    outer: Floats
+    inner: Floats
+    is_found: NDArray[np.bool_]
+
+
+def roots(measure: Measure, outside: Floats, gap: Floats, inside: Floats, depth: Floats, touch: Floats) -> Roots:
+    """Return where a measure falls from `gap` > touch at `outside` to `depth` < -touch at `inside`.
+
+    Regula falsi (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), then
+    an evaluation on both sides of the answer, as far from it as rounding could matter.
+    """
+    n = len(gap)
+    a, fa, b, fb = outside.copy(), gap.copy(), inside.copy(), depth.copy()
+    at, slope = 0.5 * (a + b), np.abs(gap - depth) / np.abs(inside - outside)
+    side = np.zeros(n, np.int8)
+    active = np.arange(n)
+    for _ in range(MAX_STEPS):
+        x0, f0, x1, f1 = a[active], fa[active], b[active], fb[active]
+        x = x0 + (x1 - x0) * (f0 / (f0 - f1))
+        f = measure(active, x)
+        at[active] = x
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = np.abs((f - f0) / (x - x0)), np.abs((f - f1) / (x - x1))
+        near = np.where(np.abs(x - x0) < np.abs(x - x1), first, second)
+        slope[active] = np.where(np.isfinite(near) & (near > 0.0), near, slope[active])
+        is_outside = f > 0.0
+        # An end that stays twice counts half, so that the other comes over.
+        again = side[active] == np.where(is_outside, 1, -1)
+        a[active], b[active] = np.where(is_outside, x, x0), np.where(is_outside, x1, x)
+        fa[active] = np.where(is_outside, f, np.where(again, 0.5 * f0, f0))
+        fb[active] = np.where(is_outside, np.where(again, 0.5 * f1, f1), f)
+        side[active] = np.where(is_outside, 1, -1)
+        active = active[(np.abs(f) > touch[active]) & (np.abs(b - a)[active] > 4.0 * np.spacing(np.abs(x)))]
+        if not active.size:
+            break
+    outward = np.sign(outside - inside)
+    found = Roots(outside.copy(), inside.copy(), np.zeros(n, np.bool_))
+    half = BRACKET_TOUCHES * touch / slope + 4.0 * np.spacing(np.abs(at))
+    active = np.arange(n)
+    for _ in range(MAX_BRACKETS):
+        away = half[active]
+        # Not beyond the limits, where it is known to be apart, or in conflict.
+        outer = at[active] + outward[active] * np.minimum(away, np.abs(outside - at)[active])
+        inner = at[active] - outward[active] * np.minimum(away, np.abs(inside - at)[active])
+        good = (measure(active, outer) > touch[active]) & (measure(active, inner) < -touch[active])
+        done = active[good]
+        found.outer[done], found.inner[done], found.is_found[done] = outer[good], inner[good], True
+        active = active[~good]
+        if not active.size:
+            break
+        half[active] *= BRACKET_GROWTH
+    return found
