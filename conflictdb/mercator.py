@@ -161,9 +161,11 @@ class Mercator:
         psi_apart = way[1] - along * unit[1]
         half = np.sqrt(np.sin(0.5 * lon_apart) ** 2 + np.sinh(0.5 * psi_apart) ** 2)
         half = np.minimum(half / np.sqrt(np.cosh(psi) * np.cosh(psi_foot)), 1.0)
-        radius = self.earth.conformal_radius_m
-        mean = (radius(psi) + 4.0 * radius(0.5 * (psi + psi_foot)) + radius(psi_foot)) / 6.0
         angle = 2.0 * np.arcsin(half)
+        # Simpson's rule for the radius along the great circle, whose middle has this latitude.
+        middle = np.arctanh(0.5 * (np.tanh(psi) + np.tanh(psi_foot)) / np.sqrt(1.0 - half**2))
+        radius = self.earth.conformal_radius_m
+        mean = (radius(psi) + 4.0 * radius(middle) + radius(psi_foot)) / 6.0
         turn = angle * np.sinh(np.maximum(np.abs(psi), np.abs(psi_foot)))
         unsure = np.where(turn > MAX_TURN, np.minimum(turn**2 / 4.0, 0.5), GEODESIC_SHARE + EDGE_SHARE * turn**4)
         return np.asarray((mean * angle * (1.0 - unsure)).min(axis=(0, 1)))

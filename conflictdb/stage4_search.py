@@ -136,8 +136,8 @@ class _Search:
     ) -> None:
         """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
         pairs = self.pairs.take(rows)
-        start, start_error = self._end(pairs, low, first, latest=False)
-        end, end_error = self._end(pairs, high, last, latest=True)
+        start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
+        start_error, end_error = _doubts(pairs, start, end, first, last)
         grazes = pairs.excess(np.arange(len(rows)), 0.5 * (start + end)) >= -self.margin_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
@@ -186,63 +186,52 @@ class _Search:
             leaves = not_held(some, np.arange(len(slot)), first, last)
             at = np.full(len(slot), np.nan)
             at[leaves.row[leaves.kind == Leaf.NEAR]] = leaves.at[leaves.kind == Leaf.NEAR]
-            whole = np.isnan(at)
+            whole = np.isnan(at) | (last - first <= SHORTEST_INTERVAL_S)
             done.append((slot[whole], start[whole], end[whole], np.maximum(start_error, end_error)[whole]))
             cut = np.flatnonzero(~whole)
             slot, start, end = slot[cut], start[cut], end[cut]
             if not cut.size:
                 break
             some, at = some.take(cut), at[cut]
-            before, before_error = self._end(some, at, first[cut], latest=True)
-            after, after_error = self._end(some, at, last[cut], latest=False)
+            before = self._end(some, at, first[cut], latest=True)
+            after = self._end(some, at, last[cut], latest=False)
+            earlier = _doubts(some, start, before, first[cut], before)
+            later = _doubts(some, after, end, after, last[cut])
             slot = np.concatenate([slot, slot])
             start, end = np.concatenate([start, after]), np.concatenate([before, end])
-            start_error = np.concatenate([start_error[cut], after_error])
-            end_error = np.concatenate([before_error, end_error[cut]])
+            start_error, end_error = (np.concatenate(both) for both in zip(earlier, later, strict=True))
         else:
             done.append((slot, start, end, end - start))
         slot, start, end, error = (np.concatenate(column) for column in zip(*done, strict=True))
         order = np.lexsort((start, slot))
         return slot[order], start[order], end[order], error[order]
 
-    def _end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> tuple[Floats, Floats]:
-        """Return the first (or last) instant of contact on the outer side, and the bound on its error, seconds.
+    def _end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> Floats:
+        """Return the first (or last) instant of contact on the outer side, seconds.
 
         limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
         """
-        n = len(limit)
-        every = np.arange(n)
-        outer, error, witness = limit.copy(), np.zeros(n), witness.copy()
-        at_limit = pairs.excess(every, limit)
-        touching = np.flatnonzero(np.abs(at_limit) <= TOUCH_M)
-        error[touching] = _until_deep(pairs, touching, limit[touching], witness[touching])
-        active = np.flatnonzero(at_limit > TOUCH_M)
+        outer, witness = limit.copy(), witness.copy()
+        active = np.flatnonzero(pairs.excess(np.arange(len(limit)), limit) > TOUCH_M)
         for _ in range(MAX_ROUNDS):
             if not active.size:
                 break
             outside, inside = self._bracket(pairs, active, limit[active], witness[active], latest=latest)
             outer[active] = crossing(pairs, active, outside, inside, TOUCH_M)[0]
-            error[active] = _until_deep(pairs, active, outer[active], witness[active])
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
             rest = not_clear(pairs, active, *ends, 0.0)
             # Within rounding of a touch, next to the contact: it belongs to it.
             border = rest.kind != Leaf.CONTACT
-            edge = outer.copy()
             if latest:
-                np.maximum.at(edge, rest.row[border], rest.end[border])
-            else:
-                np.minimum.at(edge, rest.row[border], rest.start[border])
-            error += np.abs(edge - outer)
-            outer = edge
-            if latest:
+                np.maximum.at(outer, rest.row[border], rest.end[border])
                 np.maximum.at(witness, rest.row[~border], rest.at[~border])
             else:
+                np.minimum.at(outer, rest.row[border], rest.start[border])
                 np.minimum.at(witness, rest.row[~border], rest.at[~border])
             active = np.unique(rest.row[~border])
         # Rounds used up with contacts still turning up further out: everything out to the limit counts.
-        error[active] = np.abs(limit[active] - outer[active]) + error[active]
         outer[active] = limit[active]
-        return outer, error
+        return outer
 
     def _bracket(
         self, pairs: Encounters, rows: NDArray[np.int64], limit: Floats, witness: Floats, *, latest: bool
@@ -284,11 +273,24 @@ def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *
     return answer
 
 
-def _until_deep(pairs: Encounters, rows: NDArray[np.int64], outer: Floats, witness: Floats) -> Floats:
-    """Return how far from `outer` the contact is beyond doubt: the plane is rounded by less than TOUCH_M."""
-    settled = crossing(pairs, rows, outer, witness, -TOUCH_M)[1]
-    sunk = pairs.excess(rows, witness) <= -TOUCH_M
-    return np.asarray(np.abs(np.where(sunk, settled, witness) - outer))
+def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) how far from the start, and from the end, of a contact it is beyond doubt, seconds.
+
+    The plane is rounded by less than TOUCH_M: a contact is beyond doubt where it is deeper. If it is nowhere found to
+    be, it is in doubt altogether.
+
+    first, last : (n,) instants of contact, other than the middle, where it might be deep
+    """
+    every = np.arange(len(start))
+    doubts = []
+    for outer, witness in ((start, first), (end, last)):
+        doubt = end - start
+        for deep in (0.5 * (start + end), witness):
+            sunk = np.flatnonzero((pairs.excess(every, deep) <= -TOUCH_M) & (doubt >= end - start))
+            settled = crossing(pairs, sunk, outer[sunk], deep[sunk], -TOUCH_M)[1]
+            doubt[sunk] = np.abs(settled - outer[sunk])
+        doubts.append(doubt)
+    return doubts[0], doubts[1]
 
 
 def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:

@@ -20,6 +20,9 @@ _INTO_SHARE = 1e-3
 class Separated(Block):
     """Pairs of polygons that conflict where they are closer than the separation."""
 
+    # The scale varies less in a short window, so that the zone in doubt is narrower.
+    least_windows = 3
+
     def settle(self) -> None:
         """Settle what can be settled."""
         rows = np.flatnonzero(self.high > self.low)

@@ -7,7 +7,7 @@ conflict holds in between. See `stage4_exact`.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,12 @@ class Window:
 
 
 class Block(ABC):
-    """Pairs settled together; rows number them."""
+    """Pairs settled together; rows number them.
+
+    least_windows : how often windows are shrunk, also where the pair is known to be in conflict
+    """
+
+    least_windows: ClassVar[int] = 1
 
     def __init__(self, pairs: Encounters, low: Floats, high: Floats, margin_m: float, work: Work) -> None:
         n = len(pairs)
@@ -129,7 +134,7 @@ class Block(ABC):
         """Settle pairs by certified windows, an instant of conflict in them, and their ends."""
         pairs = self.pairs if len(rows) == len(self.low) else self.pairs.take(rows)
         start, end = self.low[rows], self.high[rows]
-        for _ in range(MAX_WINDOWS):
+        for turn in range(MAX_WINDOWS):
             a0, b0, a1, b1 = (
                 pairs.a.positions(start),
                 pairs.b.positions(start),
@@ -155,7 +160,7 @@ class Block(ABC):
             start, end = (start + u * h)[keep], (start + v * h)[keep]
             middle = 0.5 * (start + end)
             depth = self._depth(pairs, middle, smallest)
-            meets = depth < -2.0 * TOUCH_M * largest
+            meets = (depth < -2.0 * TOUCH_M * largest) & (turn + 1 >= self.least_windows)
             deep = np.flatnonzero(meets)
             if deep.size:
                 window = Window(
