@@ -1,0 +1,392 @@
+"""Great circles on the sphere, in the gnomonic plane about a centre, where they are straight.
+
+A haven rides a great circle at constant speed. Each of its vertices is found from the reference point by two great
+circle steps: forward along the leg, then to starboard across it. In space such a vertex runs on a small circle,
+
+    V(theta) = cos(theta) P + sin(theta) Q + S,     theta linear in time, P, Q and S constant,
+
+and its image is (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north: two trigonometric
+functions per haven, and one division per vertex. All vectors are held in the frame (E, N, C).
+
+The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across; it is convex
+along every great circle, which is why what bounds it at the ends of a way bounds it in between.
+
+Reference: J. P. Snyder, "Map Projections: A Working Manual", USGS Professional Paper 1395 (1987), section 22.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from conflictdb.batches import Pieces
+from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, shorter_way_deg
+from conflictdb.motion import shape_vertices
+
+# A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
+_DISTANCE_ROUNDING_M: Final = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class Gnomonic:
+    """The plane that touches the sphere of mean radius at a centre, degrees (see `motion.Plane`)."""
+
+    centre_lon_deg: float
+    centre_lat_deg: float
+
+    @property
+    def turn_m(self) -> float:
+        """There is no seam."""
+        return 0.0
+
+    def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        """Return plane x and y in metres; NaN for points that are not within 90 degrees of the centre."""
+        east, north, up = self.vectors(lon_deg, lat_deg)
+        height = np.where(up > 0.0, up, np.nan)
+        return MEAN_RADIUS_M * east / height, MEAN_RADIUS_M * north / height
+
+    def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Return longitudes within half a turn of the centre's and latitudes, degrees."""
+        x = np.asarray(x_m, dtype=np.float64) / MEAN_RADIUS_M
+        y = np.asarray(y_m, dtype=np.float64) / MEAN_RADIUS_M
+        sine, cosine = direction_of(self.centre_lat_deg)
+        out, axis = cosine - y * sine, sine + y * cosine
+        return self.centre_lon_deg + np.degrees(np.arctan2(x, out)), np.degrees(np.arctan2(axis, np.hypot(x, out)))
+
+    def largest_scale(self, x_m: Floats, y_m: Floats) -> Floats:
+        """Return the scale outward from the centre, sec(c)^2."""
+        return np.asarray(1.0 + (x_m / MEAN_RADIUS_M) ** 2 + (y_m / MEAN_RADIUS_M) ** 2)
+
+    def smallest_scale(self, x_m: Floats, y_m: Floats) -> Floats:
+        """Return the scale across the way from the centre, sec(c)."""
+        return np.sqrt(self.largest_scale(x_m, y_m))
+
+    def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
+        return np.asarray(distance_m * scale)
+
+    def drift(self, distance_m: Floats, scale: Floats, speed: Floats) -> Floats:
+        """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
+
+        With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by at
+        most 2 |x| v / R^2; in metres of the plane at the smallest scale, sqrt(A).
+        """
+        return np.asarray(distance_m * 2.0 * np.sqrt((scale - 1.0) * scale) / MEAN_RADIUS_M * speed)
+
+    def distance_m(self, a: Floats, b: Floats) -> Floats:
+        """Return (n,) the least distance on the sphere of disjoint polygons (2, va, n) and (2, vb, n), plane metres.
+
+        Of two arcs of great circles that do not cross, one has an end that is nearest to the other.
+        """
+        sine = np.minimum(_vertex_to_edges(a, b), _vertex_to_edges(b, a))
+        distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * sine, 1.0))
+        return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
+
+    def shapes(
+        self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
+    ) -> "GreatCircleShapes":
+        """Return the havens of some track pieces; row i counts its time from zero_us[i], its metres from origin[:, i]."""
+        leg_start = pieces.leg_start_us[rows]
+        legs = GreatCircles.between(self, pieces.leg_start_deg[rows], pieces.leg_end_deg[rows])
+        return great_circle_shapes(
+            legs.headed(self, pieces.leg_start_deg[rows], pieces.bearing_deg[rows]),
+            shape_vertices(pieces, rows),
+            (zero_us - leg_start) / 1e6,
+            (pieces.leg_end_us[rows] - leg_start) / 1e6,
+            origin,
+        )
+
+    def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
+        """Return unit vectors (3, ...) towards points, in the frame (E, N, C) of the centre.
+
+        Written with differences from the centre, so that a small scene has small coordinates with all their digits.
+        """
+        lat = np.asarray(lat_deg, dtype=np.float64)
+        turn = self._turn_deg(lon_deg)
+        (sine, cosine), (sine0, cosine0), (sine_turn, cosine_turn) = (
+            direction_of(angle) for angle in (lat, self.centre_lat_deg, turn)
+        )
+        versine = 2.0 * np.sin(np.radians(0.5 * turn)) ** 2
+        east = cosine * sine_turn
+        north = np.sin(np.radians(lat - self.centre_lat_deg)) + sine0 * cosine * versine
+        return np.stack(np.broadcast_arrays(east, north, sine0 * sine + cosine0 * cosine * cosine_turn))
+
+    def compass(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the unit vectors (3, ...) that point east and north at points (at a pole: on their meridian)."""
+        (sine, cosine), (sine0, cosine0), (sine_turn, cosine_turn) = (
+            direction_of(angle) for angle in (lat_deg, self.centre_lat_deg, self._turn_deg(lon_deg))
+        )
+        east = np.stack(np.broadcast_arrays(cosine_turn, sine0 * sine_turn, -cosine0 * sine_turn))
+        north = np.stack(
+            np.broadcast_arrays(
+                -sine * sine_turn,
+                sine0 * sine * cosine_turn + cosine0 * cosine,
+                sine0 * cosine - cosine0 * sine * cosine_turn,
+            )
+        )
+        return east, north
+
+    def _turn_deg(self, lon_deg: ArrayLike) -> Floats:
+        """Return longitudes east of the centre's; one meridian is one number, however it is written."""
+        lon = np.asarray(lon_deg, dtype=np.float64)
+        home = lon - 360.0 * np.round(lon / 360.0)  # exact
+        return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
+
+
+@dataclass(frozen=True, slots=True)
+class GreatCircles:
+    """n legs of great circles, the shorter way from start to end.
+
+    start, heading : (3, n) unit vectors towards the start, and along the leg there (0 where it does not move)
+    angle : (n,) length, radians
+    """
+
+    start: Floats
+    heading: Floats
+    angle: Floats
+
+    @classmethod
+    def between(cls, plane: Gnomonic, start_deg: Floats, end_deg: Floats) -> Self:
+        """Return the legs between points, (n, 2) degrees each.
+
+        Start and heading are orthogonal to the last digit: the heading comes from differences, not from the ends.
+        """
+        (sine1, cosine1), (sine2, cosine2) = (direction_of(ends[:, 1]) for ends in (start_deg, end_deg))
+        turn = shorter_way_deg(end_deg[:, 0] - start_deg[:, 0])
+        sine_turn, cosine_turn = direction_of(turn)
+        versine = 2.0 * np.sin(np.radians(0.5 * turn)) ** 2
+        to_east = cosine2 * sine_turn
+        to_north = np.sin(np.radians(end_deg[:, 1] - start_deg[:, 1])) + sine1 * cosine2 * versine
+        sine = np.hypot(to_east, to_north)
+        east, north = plane.compass(start_deg[:, 0], start_deg[:, 1])
+        moves = sine > 0.0
+        heading = (to_east * east + to_north * north) / np.where(moves, sine, 1.0)
+        angle = np.arctan2(sine, sine1 * sine2 + cosine1 * cosine2 * cosine_turn)
+        return cls(plane.vectors(start_deg[:, 0], start_deg[:, 1]), heading, angle)
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Which legs (n,) move; the ends of the others are one place, or opposite ones."""
+        return np.asarray((self.heading != 0.0).any(axis=0))
+
+    def headed(self, plane: Gnomonic, start_deg: Floats, bearing_deg: Floats) -> Self:
+        """Return the legs with these headings (n,), degrees, where they do not move."""
+        east, north = plane.compass(start_deg[:, 0], start_deg[:, 1])
+        to_east, to_north = direction_of(bearing_deg)
+        still = ~self.moves
+        return type(self)(
+            self.start,
+            np.where(still, to_east * east + to_north * north, self.heading),
+            np.where(still, 0.0, self.angle),
+        )
+
+    def heading_after(self) -> Floats:
+        """Return the unit vectors (3, n) along the legs at their ends."""
+        return np.asarray(np.cos(self.angle) * self.heading - np.sin(self.angle) * self.start)
+
+
+@dataclass(frozen=True, slots=True)
+class GreatCircleShapes:
+    """Havens on one great circle leg each (see `motion.Shapes`).
+
+    p, q, s : (3, v, n) each vertex is at cos(theta) p + sin(theta) q + s; rows: east and north from the origin, and up
+    centre : (3, n) up of the leg's start and of its heading, and up of starboard
+    ahead, across : (v, n) haven vertices, radians
+    rate : (n,) theta per second; gone : (n,) theta at t = 0
+    """
+
+    p: Floats
+    q: Floats
+    s: Floats
+    centre: Floats
+    ahead: Floats
+    across: Floats
+    rate: Floats
+    gone: Floats
+    reference_p: Floats
+    reference_q: Floats
+
+    @property
+    def vertex_count(self) -> int:
+        """Vertices per polygon."""
+        return int(self.p.shape[1])
+
+    @property
+    def is_convex(self) -> bool:
+        """The image of a straight side with a vertex on it may bend inwards by a trace."""
+        return False
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the shapes of some rows."""
+        columns: dict[str, Any] = {column.name: getattr(self, column.name)[..., rows] for column in fields(self)}
+        return type(self)(**columns)
+
+    def positions(self, t: Floats) -> Floats:
+        """Return the vertices at times t (n,), (2, v, n) plane metres from the rows' origins."""
+        theta = self.gone + self.rate * t
+        v = np.cos(theta) * self.p + np.sin(theta) * self.q + self.s
+        return np.asarray(MEAN_RADIUS_M * v[:2] / v[2])
+
+    def velocities(self, t: Floats) -> Floats:
+        """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
+        theta = self.gone + self.rate * t
+        cosine, sine = np.cos(theta), np.sin(theta)
+        v = cosine * self.p + sine * self.q + self.s
+        w = cosine * self.q - sine * self.p
+        return np.asarray(MEAN_RADIUS_M * self.rate * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
+
+    def bend(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2.
+
+        A vertex at the angle s from the leg has the velocity v, |v| = w cos s, and the acceleration
+        w^2 (sin s S - V). With J the derivative of the projection, of norm R sec(c)^2 at the angle c from the centre,
+        x'' = w^2 sin s J(S) - 2 (C.v) / (C.V) x', and |C.v| <= |v| sin c: so |x''| is at most
+        R w^2 sec(c)^2 cos s (|sin s| + 2 cos s tan c), which increases with c.
+        """
+        up = self._least_up(t0, t1)
+        secant = 1.0 / up
+        tangent = np.sqrt(np.maximum(secant**2 - 1.0, 0.0))
+        cosine = np.cos(self.across)
+        most = secant**2 * cosine * (np.abs(np.sin(self.across)) + 2.0 * cosine * tangent)
+        return np.asarray(MEAN_RADIUS_M * self.rate**2 * most.max(axis=0))
+
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on how far any vertex's velocity is from one constant one in [t0, t1], plane m/s."""
+        v = self.velocities(0.5 * (t0 + t1))
+        away = v - 0.5 * (v.min(axis=1, keepdims=True) + v.max(axis=1, keepdims=True))
+        return np.asarray(np.hypot(away[0], away[1]).max(axis=0) + 0.5 * (t1 - t0) * self.bend(t0, t1))
+
+    def reference(self, t: Floats) -> Floats:
+        """Return the reference points at times t (n,), (2, n) plane metres from the rows' origins."""
+        theta = self.gone + self.rate * t
+        v = np.cos(theta) * self.reference_p + np.sin(theta) * self.reference_q
+        return np.asarray(MEAN_RADIUS_M * v[:2] / v[2])
+
+    def departure(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) how far a vertex may leave the segment between its places at t0 and t1, plane metres.
+
+        And how far its offset from the reference point may leave the segment between its offsets.
+
+        With phi the angle from the leg's point K nearest to the centre, the reference point is linear in u = tan(phi):
+        K = cos of that point's angle from the centre, sigma = C.S. A vertex f ahead and s across has
+        x_uu = cos(phi)^4 (sin s J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi).
+        """
+        up = self._least_up(t0, t1)
+        along, across = self.centre[:2], self.centre[2]
+        nearest = np.hypot(along[0], along[1])
+        at_nearest = np.arctan2(along[1], along[0])
+        phi0, phi1 = (self.gone + self.rate * t - at_nearest for t in (t0, t1))
+        # One of the legs' turns: phi lies within a quarter turn, as the legs lie within 60 degrees of the centre.
+        whole = 2.0 * np.pi * np.round(phi0 / (2.0 * np.pi))
+        phi0, phi1 = phi0 - whole, phi1 - whole
+        least = np.where(phi0 * phi1 <= 0.0, 0.0, np.minimum(np.abs(phi0), np.abs(phi1)))
+        cosine, sine = np.cos(least), np.sin(np.maximum(np.abs(phi0), np.abs(phi1)))
+        sine_across = np.abs(np.sin(self.across))
+        turning = nearest * np.abs(np.sin(self.ahead)) + np.abs(across) * sine_across * sine
+        most = (sine_across * cosine**4 + 2.0 * turning * cosine**3 / up) * np.cos(self.across) / up**2
+        way = np.sin(phi1 - phi0) / (np.cos(phi0) * np.cos(phi1))
+        return np.asarray(MEAN_RADIUS_M * most.max(axis=0) * way**2 / 8.0)
+
+    def highest_scale(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) the largest scale that any vertex reaches during [t0, t1]."""
+        return np.asarray(1.0 / self._least_up(t0, t1).min(axis=0) ** 2)
+
+    def time_fraction(self, t0: Floats, t1: Floats, way_fraction: Floats) -> Floats:
+        """Return the fraction of [t0, t1] gone at a fraction of the reference point's straight way in the plane."""
+        theta0, theta1 = self.gone + self.rate * t0, self.gone + self.rate * t1
+        up0, up1 = (np.cos(theta) * self.centre[0] + np.sin(theta) * self.centre[1] for theta in (theta0, theta1))
+        turn = theta1 - theta0
+        gone = np.arctan2(
+            way_fraction * up0 * np.sin(turn), (1.0 - way_fraction) * up1 + way_fraction * up0 * np.cos(turn)
+        )
+        return np.asarray(np.where(turn > 0.0, gone / np.where(turn > 0.0, turn, 1.0), way_fraction))
+
+    def _least_up(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (v, n) the least C.V of each vertex during [t0, t1]: a cosine, least at one of the ends."""
+        ends = []
+        for t in (t0, t1):
+            theta = self.gone + self.rate * t
+            ends.append(np.cos(theta) * self.p[2] + np.sin(theta) * self.q[2] + self.s[2])
+        return np.asarray(np.minimum(*ends))
+
+
+def great_circle_shapes(
+    legs: GreatCircles, outline_m: Floats, into_leg_s: Floats, leg_s: Floats, origin: Floats
+) -> GreatCircleShapes:
+    """Return havens on legs.
+
+    outline_m : (2, v, n) starboard and forward metres
+    into_leg_s, leg_s : (n,) seconds of the leg gone at t = 0, and that it takes
+    origin : (2, n) plane metres that positions count from
+    """
+    start, heading = _from_origin(legs.start, origin), _from_origin(legs.heading, origin)
+    starboard = np.cross(legs.heading, legs.start, axis=0)
+    across, ahead = outline_m / MEAN_RADIUS_M
+    cosine = np.cos(across)
+    forward, upward = (cosine * np.sin(ahead))[None], (cosine * np.cos(ahead))[None]
+    rate = legs.angle / leg_s
+    return GreatCircleShapes(
+        p=upward * start[:, None] + forward * heading[:, None],
+        q=upward * heading[:, None] - forward * start[:, None],
+        s=np.sin(across) * _from_origin(starboard, origin)[:, None],
+        centre=np.stack([legs.start[2], legs.heading[2], starboard[2]]),
+        ahead=ahead,
+        across=across,
+        rate=rate,
+        gone=rate * into_leg_s,
+        reference_p=start,
+        reference_q=heading,
+    )
+
+
+def _from_origin(vector: Floats, origin: Floats) -> Floats:
+    """Return vectors (3, n) with east and north counted from an origin (2, n) of the plane, metres."""
+    return np.concatenate([vector[:2] - origin / MEAN_RADIUS_M * vector[2], vector[2:]])
+
+
+def _vertex_to_edges(points: Floats, polygon: Floats) -> Floats:
+    """Return (n,) the least chord, in radii, from vertices (2, p, n) to the edges of polygons (2, e, n), plane metres.
+
+    In differences of plane coordinates, so that nothing cancels: with vectors b = (x, y, R) the cross product of two is
+    (R dy, -R dx, x dy - y dx), the triple product of three R times twice the area between them.
+    """
+    points, polygon = points / MEAN_RADIUS_M, polygon / MEAN_RADIUS_M
+    edge = np.roll(polygon, -1, axis=1) - polygon
+    to_point = points[:, :, None, :] - polygon[:, None, :, :]  # (2, p, e, n)
+    to_next = to_point - edge[:, None]
+    square = 1.0 + (polygon**2).sum(axis=0)  # (e, n)
+    point_square = (1.0 + (points**2).sum(axis=0))[:, None]  # (p, 1, n)
+    from_vertex = _sine2(polygon[:, None], to_point) / (square * point_square)
+    # Within the edge: in front of either end, by the metric there.
+    inside = (_metric(polygon[:, None], square, to_point, edge[:, None]) > 0.0) & (
+        _metric(np.roll(polygon, -1, axis=1)[:, None], np.roll(square, -1, axis=0), to_next, -edge[:, None]) > 0.0
+    )
+    area = edge[0] * to_point[1] - edge[1] * to_point[0]
+    normal = _sine2(polygon, edge)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_edge = area**2 / (normal * point_square)
+    # Of the squared sine to the squared chord, 2 - 2 cos; polygons lie within 60 degrees of the centre, so that two
+    # points may be more than a quarter turn apart: their cosine tells.
+    dot = 1.0 + polygon[0] * points[0][:, None] + polygon[1] * points[1][:, None]
+    chord = _chord2(from_vertex, dot < 0.0)
+    return np.sqrt(np.where(inside, np.minimum(_chord2(to_edge, np.zeros(1, np.bool_)), chord), chord).min(axis=(0, 1)))
+
+
+def _sine2(base: Floats, step: Floats) -> Floats:
+    """Return the squared length of (base, 1) x (base + step, 1)."""
+    return np.asarray(step[0] ** 2 + step[1] ** 2 + (base[0] * step[1] - base[1] * step[0]) ** 2)
+
+
+def _metric(base: Floats, square: Floats, one: Floats, other: Floats) -> Floats:
+    """Return the scalar product of two steps in the plane, as the sphere has it at their base."""
+    return np.asarray(
+        square * (one[0] * other[0] + one[1] * other[1])
+        - (base[0] * one[0] + base[1] * one[1]) * (base[0] * other[0] + base[1] * other[1])
+    )
+
+
+def _chord2(sine2: Floats, obtuse: NDArray[np.bool_]) -> Floats:
+    """Return the squared chord of angles whose squared sine is given: 2 - 2 cos, without cancellation."""
+    cosine = np.sqrt(np.maximum(1.0 - sine2, 0.0))
+    return np.where(obtuse, 2.0 + 2.0 * cosine, 2.0 * sine2 / (1.0 + cosine))

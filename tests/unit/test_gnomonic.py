@@ -1,0 +1,239 @@
+"""Great circles against 50 digits, their derivatives against differences, their bounds against what they bound."""
+
+from dataclasses import dataclass
+
+import mpmath
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.gnomonic import GreatCircles, GreatCircleShapes, Gnomonic, great_circle_shapes
+
+CLOSE_M = 1e-8
+LEG_S = 1000.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One leg with a haven of four vertices; all that a comparison needs."""
+
+    centre: tuple[float, float]
+    start: tuple[float, float]
+    end: tuple[float, float]
+    outline_m: np.ndarray
+    origin: np.ndarray
+
+    @property
+    def plane(self) -> Gnomonic:
+        return Gnomonic(*self.centre)
+
+    @property
+    def shapes(self) -> GreatCircleShapes:
+        legs = GreatCircles.between(self.plane, np.array([self.start]), np.array([self.end]))
+        return great_circle_shapes(legs, self.outline_m, np.zeros(1), np.array([LEG_S]), self.origin)
+
+
+def away(rng: np.random.Generator, place: tuple[float, float], degrees: float) -> tuple[float, float]:
+    """A place some degrees from another, in any direction."""
+    d, b = np.radians(degrees), rng.uniform(0, 2 * np.pi)
+    lon, lat = np.radians(place)
+    lat2 = np.arcsin(np.clip(np.sin(lat) * np.cos(d) + np.cos(lat) * np.sin(d) * np.cos(b), -1, 1))
+    lon2 = lon + np.arctan2(np.sin(b) * np.sin(d) * np.cos(lat), np.cos(d) - np.sin(lat) * np.sin(lat2))
+    return float(np.degrees(lon2)), float(np.degrees(lat2))
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Legs of 1 m to 50 degrees, havens of 1 m to 300 km, up to 50 degrees from centres anywhere."""
+    rng = np.random.default_rng(seed)
+    found: list[Case] = []
+    while len(found) < count:
+        centre = (float(rng.uniform(-180, 180)), float(rng.choice([rng.uniform(-90, 90), 90.0, -90.0, 0.0])))
+        start = away(rng, centre, 50 * np.sqrt(rng.random()))
+        end = away(rng, start, 10 ** rng.uniform(-5, np.log10(50)))
+        plane = Gnomonic(*centre)
+        x, y = plane.to_plane(*end)
+        if not np.hypot(x, y) < RADIUS_M * np.tan(np.radians(55)):
+            continue
+        outline = rng.uniform(-1, 1, (2, 4, 1)) * 10 ** rng.uniform(0, 5.5)
+        origin = np.array(plane.to_plane(*start)).reshape(2, 1) * rng.integers(2)
+        found.append(Case(centre, start, end, outline, origin))
+    return found
+
+
+def unit(lon: float, lat: float) -> mpmath.matrix:
+    lon, lat = mpmath.radians(mpf(lon)), mpmath.radians(mpf(lat))
+    return mpmath.matrix([mpmath.cos(lat) * mpmath.cos(lon), mpmath.cos(lat) * mpmath.sin(lon), mpmath.sin(lat)])
+
+
+def dot(a: mpmath.matrix, b: mpmath.matrix) -> mpf:
+    return mpmath.fsum(x * y for x, y in zip(a, b, strict=True))
+
+
+def cross(a: mpmath.matrix, b: mpmath.matrix) -> mpmath.matrix:
+    return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def precise_vertex(case: Case, fraction: float, vertex: int) -> tuple[mpf, mpf]:
+    """A vertex in the plane, metres from its own zero, in 50 digits."""
+    a, b = unit(*case.start), unit(*case.end)
+    pole = cross(a, b)
+    heading = cross(pole, a) / mpmath.norm(pole)
+    starboard = cross(heading, a)
+    across, ahead = (mpf(float(size)) / mpf(RADIUS_M) for size in case.outline_m[:, vertex, 0])
+    angle = mpmath.atan2(mpmath.norm(pole), dot(a, b)) * mpf(fraction) + ahead
+    place = mpmath.cos(across) * (mpmath.cos(angle) * a + mpmath.sin(angle) * heading) + mpmath.sin(across) * starboard
+    up, lon = unit(*case.centre), mpmath.radians(mpf(case.centre[0]))
+    east = mpmath.matrix([-mpmath.sin(lon), mpmath.cos(lon), 0])
+    height = dot(up, place)
+    return mpf(RADIUS_M) * dot(east, place) / height, mpf(RADIUS_M) * dot(cross(up, east), place) / height
+
+
+def test_vertices_agree_with_fifty_digits() -> None:
+    with mp.workdps(50):
+        for case in cases(60, 1):
+            for fraction in (0.0, 0.375, 1.0):
+                found = case.shapes.positions(np.array([fraction * LEG_S]))
+                for vertex in range(4):
+                    for axis, true in enumerate(precise_vertex(case, fraction, vertex)):
+                        error = true - mpf(float(case.origin[axis, 0])) - mpf(float(found[axis, vertex, 0]))
+                        assert abs(error) < CLOSE_M, case
+
+
+def test_plane_and_back() -> None:
+    rng = np.random.default_rng(2)
+    for centre in ((0.0, 0.0), (179.9, -33.0), (10.0, 90.0), (-60.0, -90.0)):
+        plane = Gnomonic(*centre)
+        places = np.array([away(rng, centre, degrees) for degrees in rng.uniform(0, 60, 200)])
+        lon, lat = plane.from_plane(*plane.to_plane(places[:, 0], places[:, 1]))
+        turn = (lon - places[:, 0] + 180.0) % 360.0 - 180.0
+        assert np.abs(turn * np.cos(np.radians(lat))).max() < 3e-14 * 60
+        assert np.abs(lat - places[:, 1]).max() < 3e-14 * 60
+    assert np.isnan(Gnomonic(0.0, 0.0).to_plane(90.1, 0.0)).all()
+
+
+def test_the_antimeridian_is_one_line_however_it_is_written() -> None:
+    plane = Gnomonic(171.3, 40.1)
+    lat = np.linspace(-40, 89, 50)
+    ways = [np.stack(plane.to_plane(np.full(50, lon), lat)) for lon in (180.0, -180.0, -540.0)]
+    assert np.array_equal(ways[0], ways[1])
+    assert np.array_equal(ways[0], ways[2])
+    assert np.array_equal(*(np.stack(plane.to_plane(lon, 90.0)) for lon in (-180.0, 55.0)))
+
+
+def test_bounds_hold_and_are_of_use() -> None:
+    """Velocity, second derivative, unevenness, departure from chords and scale, on random parts of legs."""
+    rng = np.random.default_rng(3)
+    slack = []
+    for case in cases(150, 4):
+        t0, t1 = np.sort(rng.uniform(0, LEG_S, 2))
+        seconds = np.linspace(t0, t1, 401)
+        one = case.shapes
+        row = one.take(np.zeros(401, np.int64))
+        at, velocity = row.positions(seconds), row.velocities(seconds)
+        h, noise = seconds[1] - seconds[0], 4 * CLOSE_M
+        ends = np.array([t0]), np.array([t1])
+        bend = float(one.bend(*ends)[0])
+        numeric = (at[..., 2:] - at[..., :-2]) / (2 * h)
+        assert np.abs(numeric - velocity[..., 1:-1]).max() <= bend * h + noise / h
+        second = np.hypot(*(velocity[..., 2:] - velocity[..., :-2])) / (2 * h)
+        speed = np.hypot(*velocity).max()
+        assert second.max() <= bend + 1e-12 * speed / h
+        slack.append(bend / (second.max() + 1e-12 * speed / h))
+        uneven = float(one.uneven(*ends)[0])
+        centre = 0.5 * (velocity.min(axis=(1, 2)) + velocity.max(axis=(1, 2)))
+        radius = np.hypot(*(velocity - centre[:, None, None])).max()
+        assert radius <= np.sqrt(2.0) * uneven + 1e-9 * speed  # the constant one is not known: a box about it is
+        reference = row.reference(seconds)
+        fraction = row.time_fraction(np.full(401, t0), np.full(401, t1), np.linspace(0, 1, 401))
+        on_way = row.reference(t0 + fraction * (t1 - t0))
+        straight = reference[:, :1] + (reference[:, -1:] - reference[:, :1]) * np.linspace(0, 1, 401)
+        assert np.abs(on_way - straight).max() < 1e-7
+        departure = float(one.departure(*ends)[0])
+        way = np.linspace(0, 1, 401)
+        paths = row.positions(t0 + fraction * (t1 - t0))
+        chord = paths[..., :1] + (paths[..., -1:] - paths[..., :1]) * way
+        left = np.hypot(*(paths - chord)).max()
+        assert left <= departure + 1e-7
+        if left > 1e-3:
+            slack.append(departure / left)
+        scale = float(one.highest_scale(*ends)[0])
+        place = at + case.origin[:, :, None]
+        assert case.plane.largest_scale(*place).max() <= scale * (1 + 1e-12)
+    assert np.median(slack) < 20.0
+
+
+def test_a_leg_that_does_not_move_keeps_the_heading_it_is_given() -> None:
+    plane = Gnomonic(5.0, 50.0)
+    here = np.array([[7.0, 52.0]])
+    legs = GreatCircles.between(plane, here, here + np.array([[360.0, 0.0]]))
+    assert not legs.moves[0]
+    north = np.array([[[0.0]], [[1000.0]]])
+    shapes = great_circle_shapes(legs.headed(plane, here, np.zeros(1)), north, np.zeros(1), np.ones(1), np.zeros((2, 1)))
+    lon, lat = plane.from_plane(*shapes.positions(np.array([0.5])))
+    assert lon[0, 0] == pytest.approx(7.0, abs=1e-12)
+    assert (lat[0, 0] - 52.0) * np.radians(1) * RADIUS_M == pytest.approx(1000.0, abs=1e-7)
+    assert not shapes.velocities(np.zeros(1)).any()
+    assert not shapes.bend(np.zeros(1), np.ones(1)).any()
+
+
+def _arc(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
+    """Unit vectors along the great circle between two."""
+    w = np.linspace(0.0, 1.0, count)[:, None]
+    chord = a * (1 - w) + b * w
+    return chord / np.linalg.norm(chord, axis=1, keepdims=True)
+
+
+def _in_space(xy: np.ndarray) -> np.ndarray:
+    v = np.append(xy / RADIUS_M, np.ones((1, *xy.shape[1:])), axis=0)
+    return np.moveaxis(v / np.linalg.norm(v, axis=0), 0, -1)
+
+
+@pytest.mark.parametrize("gap_m", [1e-3, 1.0, 1e3, 1e5, 5e6])
+@pytest.mark.parametrize("size_m", [1.0, 1e4, 1e6])
+def test_distance_is_the_shortest_way_on_the_sphere(gap_m: float, size_m: float) -> None:
+    """Against polygons sampled densely: never overstated, and understated by next to nothing."""
+    rng = np.random.default_rng(5)
+    for _ in range(12):
+        turn = rng.uniform(0, 2 * np.pi, (2, 5))
+        ring = np.stack([np.cos(np.sort(turn)), np.sin(np.sort(turn))])  # (2, 2, 5)
+        middle = rng.uniform(-6e6, 6e6, 2) * rng.integers(2)
+        a = middle[:, None] + size_m * ring[:, 0]
+        b = middle[:, None] + size_m * ring[:, 1] + np.array([[2.2 * size_m + gap_m], [0.0]])
+        found = float(Gnomonic(0.0, 0.0).distance_m(a[..., None], b[..., None])[0])
+        sampled = np.inf
+        for one, other in ((a, b), (b, a)):
+            edges = [_arc(*_in_space(one[:, [i, (i + 1) % 5]]), 4001) for i in range(5)]
+            corners = _in_space(other)
+            for edge in edges:
+                chord = np.linalg.norm(edge[:, None] - corners[None], axis=-1).min()
+                sampled = min(sampled, 2 * RADIUS_M * np.arcsin(chord / 2))
+        assert found <= sampled + 1e-8
+        assert found >= sampled - 1e-3 * min(1.0, size_m / 1e5) - 3e-9 - 1e-7 * sampled
+
+
+def test_distance_between_points_is_known() -> None:
+    plane = Gnomonic(0.0, 0.0)
+    east, west = np.array(plane.to_plane(50.0, 0.0)), np.array(plane.to_plane(-50.0, 0.0))
+    found = plane.distance_m(east.reshape(2, 1, 1), west.reshape(2, 1, 1))
+    assert found[0] == pytest.approx(np.radians(100.0) * RADIUS_M, abs=1e-7)
+    edge = np.stack([plane.to_plane(np.array([-20.0, 40.0]), np.array([0.0, 0.0]))]).reshape(2, 2, 1)
+    off = np.array(plane.to_plane(7.0, 3.0)).reshape(2, 1, 1)
+    assert plane.distance_m(off, edge)[0] == pytest.approx(np.radians(3.0) * RADIUS_M, abs=1e-7)
+
+
+def test_drift_bounds_how_distances_change() -> None:
+    """Two points that move alike in the plane: their distance on the earth changes no faster."""
+    rng = np.random.default_rng(6)
+    plane = Gnomonic(0.0, 0.0)
+    for _ in range(300):
+        a = rng.uniform(-8e6, 8e6, (2, 1, 1))
+        b = a + rng.uniform(-1, 1, (2, 1, 1)) * 10 ** rng.uniform(1, 6)
+        v = rng.uniform(-1, 1, (2, 1, 1))
+        step = 100.0
+        before, after = plane.distance_m(a - v * step, b - v * step)[0], plane.distance_m(a + v * step, b + v * step)[0]
+        points = np.concatenate([a, b], axis=1)
+        scale = plane.largest_scale(*points).max()
+        drift = plane.drift(np.array([max(before, after)]), np.array([scale * 1.0001]), np.array([np.hypot(*v)[0, 0]]))
+        least = plane.smallest_scale(*points).min()
+        assert abs(after - before) / (2 * step) <= drift[0] / least + 1e-9
