@@ -373,6 +373,29 @@ def rhumb_direct(
     return lon, np.degrees(earth.latitude(earth.isometric(mu2)))
 
 
+def great_circle_step(
+    lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    """Return sin(d) sin(b), sin(d) cos(b) and cos(d) of great circles of length d radians and initial bearing b.
+
+    The shorter way is taken. Arrays broadcast. Written with differences, so that short ones keep their digits.
+    """
+    lat1, lat2 = np.asarray(lat1_deg, dtype=np.float64), np.asarray(lat2_deg, dtype=np.float64)
+    turn = shorter_way_deg(np.asarray(lon2_deg, dtype=np.float64) - np.asarray(lon1_deg, dtype=np.float64))
+    (sine1, cosine1), (sine2, cosine2), (sine, cosine) = (direction_of(angle) for angle in (lat1, lat2, turn))
+    versine = 2.0 * np.sin(np.radians(0.5 * turn)) ** 2
+    north = np.sin(np.radians(lat2 - lat1)) + sine1 * cosine2 * versine
+    return cosine2 * sine, north, sine1 * sine2 + cosine1 * cosine2 * cosine
+
+
+def great_circle_distance(
+    lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike
+) -> Floats:
+    """Return the length of great circles on the sphere of mean radius in metres; arrays broadcast."""
+    east, north, cosine = great_circle_step(lon1_deg, lat1_deg, lon2_deg, lat2_deg)
+    return np.asarray(MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine))
+
+
 def _sinc(x: Floats) -> Floats:
     """Return sin(x) / x, 1 at 0."""
     safe = np.where(x == 0.0, 1.0, x)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.batches import Pieces
-from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, shorter_way_deg
+from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.motion import shape_vertices
 
 # A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
@@ -152,18 +152,12 @@ class GreatCircles:
 
         Start and heading are orthogonal to the last digit: the heading comes from differences, not from the ends.
         """
-        (sine1, cosine1), (sine2, cosine2) = (direction_of(ends[:, 1]) for ends in (start_deg, end_deg))
-        turn = shorter_way_deg(end_deg[:, 0] - start_deg[:, 0])
-        sine_turn, cosine_turn = direction_of(turn)
-        versine = 2.0 * np.sin(np.radians(0.5 * turn)) ** 2
-        to_east = cosine2 * sine_turn
-        to_north = np.sin(np.radians(end_deg[:, 1] - start_deg[:, 1])) + sine1 * cosine2 * versine
+        to_east, to_north, cosine = great_circle_step(*start_deg.T, *end_deg.T)
         sine = np.hypot(to_east, to_north)
         east, north = plane.compass(start_deg[:, 0], start_deg[:, 1])
         moves = sine > 0.0
         heading = (to_east * east + to_north * north) / np.where(moves, sine, 1.0)
-        angle = np.arctan2(sine, sine1 * sine2 + cosine1 * cosine2 * cosine_turn)
-        return cls(plane.vectors(start_deg[:, 0], start_deg[:, 1]), heading, angle)
+        return cls(plane.vectors(start_deg[:, 0], start_deg[:, 1]), heading, np.arctan2(sine, cosine))
 
     @property
     def moves(self) -> NDArray[np.bool_]:

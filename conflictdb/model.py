@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import shapely
@@ -23,6 +23,7 @@ MPS_PER_KNOT: Final = METRES_PER_NMI / 3600.0
 MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
 MAX_LATITUDE_DEG: Final = 90.0
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
+MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
 # Instants are kept within these (years 0001 and 9999): what a timestamp, ISO 8601 and Python can all express.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
@@ -35,7 +36,8 @@ FOR_EVER_US: Final = 2**63 - 1
 class Motion(StrEnum):
     """How tracks and edges run between their points."""
 
-    RHUMB = "rhumb"
+    RHUMB = "rhumb"  # at constant bearing
+    GREAT_CIRCLE = "great_circle"  # the shortest way, on the sphere
 
 
 class EarthModel(StrEnum):
@@ -43,6 +45,10 @@ class EarthModel(StrEnum):
 
     WGS84 = "wgs84"
     SPHERE = "sphere"
+
+
+# A scene that does not say gets the earth of its motion.
+_BY_MOTION: Final = cast(EarthModel, None)
 
 
 class Method(StrEnum):
@@ -75,19 +81,26 @@ class Scene:
 
     tolerance_m : closeness that is too close to call, metres, >= 0
     separation_m : minimum distance wanted between polygons, metres, >= 0 (0: they must touch to conflict)
+    earth : by default wgs84, or for great circles sphere, the only one they are on
+    centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until the
+        first objects settle it
     """
 
     name: str
     motion: Motion = Motion.RHUMB
-    earth: EarthModel = EarthModel.WGS84
+    earth: EarthModel = _BY_MOTION
     method: Method = Method.EXACT
     tolerance_m: float = 1.0
     separation_m: float = 0.0
+    centre: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
         if not isinstance(self.name, str) or not self.name.strip():
             raise InvalidInput("scene", "name", "must be a non-empty string")
+        if self.earth is _BY_MOTION:
+            is_round = self.motion == Motion.GREAT_CIRCLE
+            object.__setattr__(self, "earth", EarthModel.SPHERE if is_round else EarthModel.WGS84)
         for name, choices in (("motion", Motion), ("earth", EarthModel), ("method", Method)):
             try:
                 object.__setattr__(self, name, choices(getattr(self, name)))
@@ -99,6 +112,22 @@ class Scene:
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
                 raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
             object.__setattr__(self, name, float(value))
+        if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
+            raise InvalidInput(
+                who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
+            )
+        if self.centre is not None:
+            object.__setattr__(self, "centre", self._checked_centre(who))
+
+    def _checked_centre(self, who: str) -> tuple[float, float]:
+        if self.motion != Motion.GREAT_CIRCLE:
+            raise InvalidInput(who, "centre", f"has a meaning with motion 'great_circle' only, not {self.motion.value!r}")
+        numbers = self.centre if isinstance(self.centre, list | tuple) else ()
+        sound = len(numbers) == 2 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+        if not (sound and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= MAX_LATITUDE_DEG):
+            rule = "must be [longitude, latitude] in degrees, within +-180 and +-90"
+            raise InvalidInput(who, "centre", f"{rule}; got {self.centre!r:.60}")
+        return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,9 @@ BEGIN
         PERFORM _refuse('ZC005', p_who, p_field,
                         format('latitude beyond 89 degrees has no place in a scene with motion ''rhumb''; got %s',
                                v_latitude),
-                        'latitude_in_plane', 'The Mercator plane stretches without limit towards the poles.');
+                        'latitude_in_plane',
+                        'The Mercator plane stretches without limit towards the poles; that of motion '
+                        '''great_circle'' does not.');
     END IF;
 END
 $$;
@@ -75,20 +77,91 @@ COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_planar geometry := _to_plane(p_footprint, p_earth);
-    v_reason text := ST_IsValidReason(v_planar);
+    v_planar geometry;
+    v_reason text;
 BEGIN
+    IF p_earth LIKE '+proj=gnom%' AND (ST_XMax(p_footprint) >= 180 OR ST_XMin(p_footprint) <= -180
+                                       OR greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)) >= 90) THEN
+        -- What is cut at the seam, or runs along a pole, is whole in this plane: its cuts are no fault.
+        RETURN;
+    END IF;
+    v_planar := _to_plane(p_footprint, p_earth);
+    v_reason := ST_IsValidReason(v_planar);
     -- A polygon narrower than the plane's rounding (metres) may look invalid without being so.
     IF v_reason <> 'Valid Geometry'
        AND ST_Area(ST_OrientedEnvelope(v_planar)) > 1e-6 * greatest(ST_Perimeter(v_planar), 1) THEN
         PERFORM _refuse('ZC001', p_who, 'footprint',
-                        format('crosses itself when its edges are rhumb lines (%s)', split_part(v_reason, '[', 1)),
+                        format('crosses itself when its edges are %s (%s)',
+                               CASE WHEN p_earth LIKE '+proj=gnom%' THEN 'great circles' ELSE 'rhumb lines' END,
+                               split_part(v_reason, '[', 1)),
                         'footprint_valid_in_plane', 'Points on the long edges make them what is meant.');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_planar(text, geometry, text) IS
-'Refuses a footprint that is valid on a map of degrees but not in the Mercator plane, where its edges are straight.';
+'Refuses a footprint that is valid on a map of degrees but not in the scene''s plane, where its edges are straight.';
+
+CREATE OR REPLACE FUNCTION _middle_of(p_geometry geometry) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- The mean in space; of places all around the earth it has no direction, then the first one will do.
+    WITH mean AS (
+        SELECT avg(cosd(ST_Y(d.geom)) * cosd(ST_X(d.geom))) AS x, avg(cosd(ST_Y(d.geom)) * sind(ST_X(d.geom))) AS y,
+               avg(sind(ST_Y(d.geom))) AS z
+        FROM ST_DumpPoints(p_geometry) d
+    ), place AS (
+        SELECT CASE WHEN m.x ^ 2 + m.y ^ 2 + m.z ^ 2 < 1e-12 THEN _wrapped(ST_GeometryN(ST_Points(p_geometry), 1))
+                    ELSE ST_MakePoint(atan2d(m.y, m.x), atan2d(m.z, sqrt(m.x ^ 2 + m.y ^ 2))) END AS place
+        FROM mean m
+    )
+    SELECT ST_SetSRID(ST_SnapToGrid(ST_Force2D(p.place), 1e-6), 4326) FROM place p;
+END;
+COMMENT ON FUNCTION _middle_of(geometry) IS
+'The middle of the points of a geometry (longitude and latitude) on the sphere, to a millionth of a degree.';
+
+CREATE OR REPLACE FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
+RETURNS double precision
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT degrees(2 * asin(least(1.0, sqrt(max(
+               sin(radians(ST_Y(d.geom) - p_lat) / 2) ^ 2
+               + cosd(p_lat) * cosd(ST_Y(d.geom)) * sin(radians(ST_X(d.geom) - p_lon) / 2) ^ 2)))))
+    FROM ST_DumpPoints(p_geometry) d;
+END;
+COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
+'How far the points of a geometry (longitude and latitude) lie from a place at most: degrees of a great circle.';
+
+CREATE OR REPLACE FUNCTION _check_near_centre(
+    p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
+) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_far double precision := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);
+BEGIN
+    IF v_far > 60 + 1e-9 THEN
+        PERFORM _refuse('ZC005', p_who, p_field,
+                        format('reaches %s degrees from the scene''s centre (%s, %s); with motion ''great_circle'' all '
+                               'must lie within 60', round(v_far::numeric, 1), p_centre_lon,
+                               p_centre_lat),
+                        'object_near_centre',
+                        'Give the scene a centre in the middle of its objects, split it, or use motion ''rhumb''.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_near_centre(text, text, geometry, double precision, double precision) IS
+'Refuses what lies beyond 60 degrees from the centre of a scene with great circles, where the gnomonic plane ends.';
+
+CREATE OR REPLACE FUNCTION _near_centre(
+    p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
+) RETURNS geometry
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _check_near_centre('what is asked about', 'geometry', p_geometry, p_centre_lon, p_centre_lat);
+    RETURN p_geometry;
+END
+$$;
+COMMENT ON FUNCTION _near_centre(geometry, double precision, double precision) IS
+'A geometry (longitude and latitude), refused if it leaves the plane of a scene with great circles.';
 
 CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -1,11 +1,32 @@
 -- Rows of scene, area and track must keep the rules, whoever writes them.
 -- Rows are also brought into one form: spans half-open and unbounded rather than infinite.
 
+CREATE OR REPLACE FUNCTION _centred_scene(
+    p_scene_id bigint, p_first geometry,
+    OUT motion text, OUT earth text, OUT centre_lon double precision, OUT centre_lat double precision
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO motion, earth, centre_lon, centre_lat
+        FROM scene s WHERE s.scene_id = p_scene_id;
+    IF _centred_scene.motion = 'great_circle' AND _centred_scene.centre_lon IS NULL THEN
+        UPDATE scene s SET (centre_lon, centre_lat) = (SELECT ST_X(m.place), ST_Y(m.place)
+                                                       FROM _middle_of(p_first) AS m (place))
+            WHERE s.scene_id = p_scene_id AND s.centre_lon IS NULL;
+        SELECT s.centre_lon, s.centre_lat INTO centre_lon, centre_lat FROM scene s WHERE s.scene_id = p_scene_id;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _centred_scene(bigint, geometry) IS
+'The scene; one with great circles that has no centre yet gets the middle of its first object.';
+
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('area %L', NEW.key);
     v_reason text;
+    v_scene record;
 BEGIN
     NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
     NEW.properties := coalesce(NEW.properties, '{}');
@@ -43,7 +64,12 @@ BEGIN
     IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
         PERFORM _refuse('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees', 'footprint_within_a_turn');
     END IF;
-    PERFORM _check_planar(v_who, NEW.footprint, s.earth) FROM scene s WHERE s.scene_id = NEW.scene_id;
+    SELECT * INTO v_scene FROM _centred_scene(NEW.scene_id, NEW.footprint);
+    IF v_scene.motion = 'great_circle' THEN
+        PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
+    END IF;
+    PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
+                                                       v_scene.centre_lat));
     IF isempty(NEW.active_span) THEN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must hold at least one instant: end must be later than start',
                         'span_not_empty');
@@ -64,6 +90,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('track %L', NEW.key);
     v_times geometry;
+    v_scene record;
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     IF TG_OP = 'UPDATE' THEN
@@ -109,11 +136,14 @@ BEGIN
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
+    SELECT * INTO v_scene FROM _centred_scene(NEW.scene_id, NEW.path);
+    IF v_scene.motion = 'great_circle' THEN
+        PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
+        PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat);
     -- A degree of latitude has 110,574 m at least.
-    IF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
+    ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
        + ST_MaxDistance(ST_MakePoint(0, 0), NEW.outline) / 110574 > 89.5 THEN
-        PERFORM _check_haven(v_who, NEW.path, NEW.outline, s.earth)
-            FROM scene s WHERE s.scene_id = NEW.scene_id AND s.motion = 'rhumb';
+        PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth);
     END IF;
     NEW.version := nextval('version_seq');
     RETURN NEW;
@@ -131,13 +161,37 @@ BEGIN
         PERFORM _refuse('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
                         'scene_name_speakable');
     END IF;
-    IF (NEW.motion IN ('rhumb')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb; got %L', NEW.motion),
+    IF (NEW.motion IN ('rhumb', 'great_circle')) IS NOT TRUE THEN
+        PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),
                         'scene_motion_known');
     END IF;
     IF (NEW.earth IN ('wgs84', 'sphere')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'earth', format('must be one of wgs84, sphere; got %L', NEW.earth),
                         'scene_earth_known');
+    END IF;
+    IF NEW.motion = 'great_circle' AND NEW.earth <> 'sphere' THEN
+        PERFORM _refuse('ZC009', v_who, 'earth', format('must be sphere with motion great_circle; got %L', NEW.earth),
+                        'scene_circles_on_sphere');
+    END IF;
+    IF TG_OP = 'UPDATE' AND NEW.motion = 'rhumb' AND OLD.motion = 'great_circle' THEN
+        NEW.centre_lon := nullif(NEW.centre_lon, OLD.centre_lon);
+        NEW.centre_lat := nullif(NEW.centre_lat, OLD.centre_lat);
+    ELSIF TG_OP = 'UPDATE' AND NEW.motion = 'great_circle' AND NEW.centre_lon IS NULL AND NEW.centre_lat IS NULL THEN
+        SELECT ST_X(m.place), ST_Y(m.place) INTO NEW.centre_lon, NEW.centre_lat
+            FROM _middle_of((SELECT ST_Collect(o.place)
+                             FROM (SELECT ST_Points(a.footprint) FROM area a WHERE a.scene_id = NEW.scene_id
+                                   UNION ALL
+                                   SELECT ST_Points(ST_Force2D(t.path)) FROM track t WHERE t.scene_id = NEW.scene_id)
+                                  AS o (place))) AS m (place);
+    END IF;
+    IF NEW.motion = 'rhumb' AND num_nonnulls(NEW.centre_lon, NEW.centre_lat) > 0 THEN
+        PERFORM _refuse('ZC009', v_who, 'centre', 'has a meaning with motion great_circle only',
+                        'scene_centre_of_circles');
+    END IF;
+    IF num_nonnulls(NEW.centre_lon, NEW.centre_lat) > 0
+       AND (NEW.centre_lon BETWEEN -180 AND 180 AND NEW.centre_lat BETWEEN -90 AND 90) IS NOT TRUE THEN
+        PERFORM _refuse('ZC009', v_who, 'centre', format('must be longitude and latitude in degrees, within +-180 and '
+                        '+-90; got %s, %s', NEW.centre_lon, NEW.centre_lat), 'scene_centre_on_earth');
     END IF;
     IF (NEW.method IN ('screen', 'window', 'exact', 'nlp')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'method',
@@ -156,9 +210,46 @@ END
 $$;
 COMMENT ON FUNCTION _scene_before() IS 'Trigger: refuses bad settings of a scene (SQLSTATE class ZC).';
 
+CREATE OR REPLACE FUNCTION _scene_holds_objects() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene scene%ROWTYPE;
+BEGIN
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
+    IF v_scene.motion = 'great_circle' THEN
+        PERFORM _check_near_centre(format('area %L', a.key), 'footprint', a.footprint, v_scene.centre_lon,
+                                   v_scene.centre_lat)
+            FROM area a WHERE a.scene_id = v_scene.scene_id;
+        PERFORM _check_near_centre(format('track %L', t.key), 'path', t.path, v_scene.centre_lon, v_scene.centre_lat),
+                _check_haven_near_centre(format('track %L', t.key), t.path, t.outline, v_scene.centre_lon,
+                                         v_scene.centre_lat)
+            FROM track t WHERE t.scene_id = v_scene.scene_id;
+    ELSE
+        PERFORM _check_coordinates(format('area %L', a.key), 'footprint', a.footprint, v_scene.scene_id)
+            FROM area a WHERE a.scene_id = v_scene.scene_id;
+        PERFORM _check_coordinates(format('track %L', t.key), 'path', t.path, v_scene.scene_id),
+                _check_haven(format('track %L', t.key), t.path, t.outline, v_scene.earth)
+            FROM track t WHERE t.scene_id = v_scene.scene_id;
+    END IF;
+    PERFORM _check_planar(format('area %L', a.key), a.footprint,
+                          _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat))
+        FROM area a WHERE a.scene_id = v_scene.scene_id;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _scene_holds_objects() IS
+'Trigger: refuses another motion or centre for a scene whose objects its plane would not hold.';
+
 CREATE OR REPLACE TRIGGER scene_before BEFORE INSERT OR UPDATE ON scene
     FOR EACH ROW EXECUTE FUNCTION _scene_before();
 CREATE OR REPLACE TRIGGER area_before BEFORE INSERT OR UPDATE ON area
     FOR EACH ROW EXECUTE FUNCTION _area_before();
 CREATE OR REPLACE TRIGGER track_before BEFORE INSERT OR UPDATE ON track
     FOR EACH ROW EXECUTE FUNCTION _track_before();
+
+-- At the end of the transaction, or of _load and create_scene: objects may change together with the settings.
+DROP TRIGGER IF EXISTS scene_holds_objects ON scene;
+CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON scene DEFERRABLE INITIALLY DEFERRED
+    FOR EACH ROW
+    WHEN ((OLD.motion, OLD.centre_lon, OLD.centre_lat) IS DISTINCT FROM (NEW.motion, NEW.centre_lon, NEW.centre_lat))
+    EXECUTE FUNCTION _scene_holds_objects();

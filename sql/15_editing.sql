@@ -1,29 +1,36 @@
 -- How users put scenes, areas and tracks in and take them out. Everything is an upsert by scene and key; what does not
 -- change anything leaves no mark. The triggers of 13_validation.sql refuse what is wrong.
 
-CREATE OR REPLACE FUNCTION create_scene(
-    p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
-    p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL
+CREATE OR REPLACE FUNCTION _set_scene(
+    p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
+    p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
+    -- Great circles are on the sphere.
+    v_earth text := coalesce(p_earth, CASE p_motion WHEN 'great_circle' THEN 'sphere' END);
     v_scene_id bigint;
 BEGIN
     LOOP
-        UPDATE scene s SET motion = coalesce(p_motion, s.motion), earth = coalesce(p_earth, s.earth),
-                           method = coalesce(p_method, s.method), tolerance_m = coalesce(p_tolerance_m, s.tolerance_m),
-                           separation_m = coalesce(p_separation_m, s.separation_m)
-            WHERE s.name = p_name
-              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m) IS DISTINCT FROM
-                  (coalesce(p_motion, s.motion), coalesce(p_earth, s.earth), coalesce(p_method, s.method),
-                   coalesce(p_tolerance_m, s.tolerance_m), coalesce(p_separation_m, s.separation_m));
+        UPDATE scene s SET motion = n.motion, earth = n.earth, method = n.method, tolerance_m = n.tolerance_m,
+                           separation_m = n.separation_m, centre_lon = n.centre_lon, centre_lat = n.centre_lat
+            FROM (SELECT o.scene_id, coalesce(p_motion, o.motion) AS motion, coalesce(v_earth, o.earth) AS earth,
+                         coalesce(p_method, o.method) AS method, coalesce(p_tolerance_m, o.tolerance_m) AS tolerance_m,
+                         coalesce(p_separation_m, o.separation_m) AS separation_m,
+                         coalesce(p_centre_lon, o.centre_lon) AS centre_lon,
+                         coalesce(p_centre_lat, o.centre_lat) AS centre_lat
+                  FROM scene o WHERE o.name = p_name) n
+            WHERE s.scene_id = n.scene_id
+              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat)
+                  IS DISTINCT FROM
+                  (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.centre_lon, n.centre_lat);
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
             RETURN v_scene_id;
         END IF;
-        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m)
-            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(p_earth, 'wgs84'), coalesce(p_method, 'exact'),
-                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0))
+        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, centre_lon, centre_lat)
+            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(v_earth, 'wgs84'), coalesce(p_method, 'exact'),
+                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), p_centre_lon, p_centre_lat)
             ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
         IF FOUND THEN
             RETURN v_scene_id;
@@ -32,9 +39,30 @@ BEGIN
     END LOOP;
 END
 $$;
-COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision) IS
+COMMENT ON FUNCTION _set_scene(text, text, text, text, double precision, double precision, double precision,
+                               double precision) IS
+'What create_scene does, but that objects may follow before they must fit the settings.';
+
+CREATE OR REPLACE FUNCTION create_scene(
+    p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
+    p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL,
+    p_centre_lon double precision DEFAULT NULL, p_centre_lat double precision DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_centre_lon,
+                                    p_centre_lat);
+BEGIN
+    SET CONSTRAINTS scene_holds_objects IMMEDIATE;
+    SET CONSTRAINTS scene_holds_objects DEFERRED;
+    RETURN v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
+                                 double precision) IS
 'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
-'Left out, a new scene gets rhumb, wgs84, exact, tolerance 1 m, separation 0 m.';
+'Left out, a new scene gets rhumb, wgs84 (great_circle: sphere), exact, tolerance 1 m, separation 0 m; the centre '
+'(degrees) of a scene with great_circle is the middle of the first objects.';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,

@@ -71,10 +71,12 @@ DECLARE
     v_scene scene%ROWTYPE;
     v_start timestamptz := clock_timestamp();
     v_turn_m double precision;
+    v_plane text;
     v_run_id bigint;
 BEGIN
     SELECT * INTO STRICT v_scene FROM scene s WHERE s.scene_id = p_scene_id;
     v_turn_m := 2 * pi() * _radius_m(v_scene.earth);
+    v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.old, pg_temp.result, pg_temp.static_region;
     CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
         SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
@@ -128,7 +130,7 @@ BEGIN
         SELECT d.a_id, d.b_id,
                CASE WHEN count(*) = 1 THEN (array_agg(_wrapped(d.part)))[1]
                     ELSE ST_Union(_wrapped(d.part) ORDER BY d.nr) END AS region
-        FROM (SELECT m.a_id, m.b_id, m.nr, _from_plane(m.part, v_scene.earth) AS part
+        FROM (SELECT m.a_id, m.b_id, m.nr, _from_plane(m.part, v_plane) AS part
               FROM (SELECT r.a_id, r.b_id, (a.part, a.turn, b.part, b.turn) AS nr,
                            ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                            ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part

@@ -6,7 +6,8 @@ SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
-       coalesce(c.region, _conflict_region(c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, s.earth))
+       coalesce(c.region, _conflict_region(c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods,
+                                           _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))
            ::geometry(Geometry, 4326) AS region,
        c.first_contact_point, c.method, c.time_error_s,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
@@ -64,14 +65,23 @@ BEGIN ATOMIC
     -- Hulls are padded by half of what counts as meeting, at their own scale; the other half is added here, at the
     -- largest scale (metres of the plane per metre) the geometry reaches. All turns at which it may lie are tried.
     WITH plane AS MATERIALIZED (
-        SELECT _to_plane(p_geometry, s.earth) AS shape, 2 * pi() * _radius_m(s.earth) AS turn_m,
-               s.tolerance_m + s.separation_m AS wanted_m
+        SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
+               2 * pi() * _radius_m(s.earth) AS turn_m,
+               s.tolerance_m + s.separation_m AS wanted_m,
+               CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
+                             ELSE p_geometry END AS given
         FROM scene s WHERE s.scene_id = p_scene_id
+    ), given AS MATERIALIZED (
+        SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
     ), probed AS MATERIALIZED (
         SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape,
-               1e-6 + 0.505 * p.wanted_m
-                      * cosh(2 * pi() * greatest(abs(ST_YMin(p.shape)), abs(ST_YMax(p.shape))) / p.turn_m) AS pad_m
-        FROM plane p CROSS JOIN generate_series(-1, 1) turn
+               1e-6 + 0.505 * p.wanted_m * CASE p.motion
+                   WHEN 'great_circle' THEN
+                       1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), p.shape) / p.turn_m) ^ 2
+                   ELSE cosh(2 * pi() * greatest(abs(ST_YMin(p.shape)), abs(ST_YMax(p.shape))) / p.turn_m)
+               END AS pad_m
+        FROM given p CROSS JOIN generate_series(-1, 1) turn
+        WHERE turn = 0 OR p.motion = 'rhumb'
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
     )
@@ -113,9 +123,10 @@ LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
     FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans,
-                 ST_Union(_wrapped(_from_plane(x.region, s.earth))) AS region
+                 ST_Union(_wrapped(_from_plane(x.region, s.plane))) AS region
           FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, p_floor_m, p_ceiling_m) x
-          JOIN scene s ON s.name = p_scene
+          CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
+                      WHERE o.name = p_scene OFFSET 0) s
           GROUP BY x.object_kind, x.object_id) n
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id

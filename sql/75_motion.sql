@@ -1,4 +1,4 @@
--- Where a haven is: the motion model of conflictdb.motion, exact, for SQL users.
+-- Where a haven is on a rhumb line: the motion model of conflictdb.mercator, exact, for SQL users.
 --
 -- On the meridian distance is proportional to the rectifying latitude mu; the conformal latitude chi turns the
 -- ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi). A rhumb line is straight in (longitude, psi)
@@ -121,6 +121,7 @@ LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene scene%ROWTYPE;
     v_track track%ROWTYPE;
+    v_plane text;
     v_nr integer;
     v_leg record;
     v_progress double precision;
@@ -133,6 +134,15 @@ BEGIN
     IF NOT FOUND THEN
         PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
                         'object_known');
+    END IF;
+    IF v_scene.motion = 'great_circle' THEN
+        v_ring := _circle_haven_at(v_track.path, v_track.outline, p_instant);
+        v_ring := CASE ST_Dimension(ST_ConvexHull(v_track.outline))
+                      WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring) ELSE v_ring END;
+        v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
+        v_ring := _to_plane(v_ring, v_plane);
+        RETURN _wrapped(_from_plane(CASE WHEN ST_Dimension(ST_ConvexHull(v_track.outline)) = 2
+                                         THEN ST_MakePolygon(v_ring) ELSE v_ring END, v_plane));
     END IF;
     -- At a waypoint the leg that starts there counts; the last instant belongs to none.
     SELECT max(d.path[1]) INTO v_nr FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;

@@ -26,12 +26,14 @@ COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
-    separation_m double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint,
+    separation_m double precision, centre_lon double precision, centre_lat double precision,
+    areas bigint, tracks bigint, pending bigint, conflicts bigint,
     run_id bigint, finished_at timestamptz, error text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m,
+           s.centre_lon, s.centre_lat,
            (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
            (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id),
            (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
@@ -54,21 +56,24 @@ END;
 COMMENT ON FUNCTION _runs(text, integer) IS 'The last runs of a scene, newest first.';
 
 CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (
-    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision
+    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
+    centre_lon double precision, centre_lat double precision
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat
     FROM scene s WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _scene(bigint) IS 'The settings of a scene.';
 
 CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (
-    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision
+    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
+    centre_lon double precision, centre_lat double precision
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m FROM scene s WHERE s.name = p_scene;
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat
+    FROM scene s WHERE s.name = p_scene;
 END;
 COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if there is none of that name.';
 

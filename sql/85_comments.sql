@@ -7,8 +7,11 @@ COMMENT ON SEQUENCE version_seq IS 'Versions of objects and numbers of marks: ne
 COMMENT ON TABLE scene IS 'Objects that are detected together, and the settings they share. Input.';
 COMMENT ON COLUMN scene.scene_id IS 'Number within this database.';
 COMMENT ON COLUMN scene.name IS 'Name, by which everybody refers to it.';
-COMMENT ON COLUMN scene.motion IS 'How tracks and edges run between their points: rhumb.';
+COMMENT ON COLUMN scene.motion IS 'How tracks and edges run between their points: rhumb, or great_circle.';
 COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
+COMMENT ON COLUMN scene.centre_lon IS
+'great_circle: longitude of the place that all objects lie within 60 degrees of; null until there is one.';
+COMMENT ON COLUMN scene.centre_lat IS 'great_circle: latitude of that place, degrees.';
 COMMENT ON COLUMN scene.method IS
 'Where a detection stops: screen (who might meet), window (a safe window), exact (certified times), nlp (published).';
 COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
@@ -69,7 +72,7 @@ COMMENT ON COLUMN piece.part IS 'Number within the object, from 0; a copy at the
 COMMENT ON COLUMN piece.turn IS '0; -1 for a copy one turn west, of a piece that reaches over longitude 180.';
 COMMENT ON COLUMN piece.hull IS
 'Convex hull of all the piece covers during its span, padded for tolerance and separation: metres of the scene''s '
-'plane (EPSG:3395 on wgs84, no SRID on the sphere), shifted by turn.';
+'plane (EPSG:3395 for rhumb on wgs84, else no SRID), shifted by turn.';
 COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';

@@ -20,7 +20,8 @@ from conflictdb.model import (
     METRES_PER_NMI,
     MPS_PER_KNOT,
     Area,
-    EarthModel,
+    Motion,
+    Scene,
     Track,
     rectangle_outline_m,
 )
@@ -91,17 +92,26 @@ def track(key: str, geometry: dict[str, Any], fields: Fields) -> Track | TrackAt
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, fields)
 
 
-def timed(tracks: Sequence[TrackAtSpeed], earth: EarthModel) -> list[Track]:
-    """Return tracks with the times that follow from their speeds, with the lengths of their legs on an earth."""
+def timed(tracks: Sequence[TrackAtSpeed], scene: Scene) -> list[Track]:
+    """Return tracks with the times that follow from their speeds, with the lengths of their legs in a scene."""
     if not tracks:
         return []
     positions = np.concatenate([track.positions_deg for track in tracks])
     # Latitudes beyond are refused below; here they only must not disturb.
-    lon, lat = positions[:, 0], np.clip(positions[:, 1], -MAX_RHUMB_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG)
-    length_m = geodesy.rhumb_distance(geodesy.earth_of(earth), lon[:-1], lat[:-1], lon[1:], lat[1:])
-    ends = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
-    starts = [0, *ends[:-1]]
-    return [_timed(track, length_m[i : j - 1]) for track, i, j in zip(tracks, starts, ends, strict=True)]
+    highest = _highest_latitude_deg(scene)
+    lon, lat = positions[:, 0], np.clip(positions[:, 1], -highest, highest)
+    ends = lon[:-1], lat[:-1], lon[1:], lat[1:]
+    if scene.motion == Motion.GREAT_CIRCLE:
+        length_m = geodesy.great_circle_distance(*ends)
+    else:
+        length_m = geodesy.rhumb_distance(geodesy.earth_of(scene.earth), *ends)
+    until = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
+    starts = [0, *until[:-1]]
+    return [_timed(track, length_m[i : j - 1], highest) for track, i, j in zip(tracks, starts, until, strict=True)]
+
+
+def _highest_latitude_deg(scene: Scene) -> float:
+    return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
 
 
 def moving(key: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], fields: Fields) -> Track:
@@ -156,12 +166,12 @@ def _side_m(fields: Fields, side: str) -> float:
     return size if nautical is None else size * METRES_PER_NMI
 
 
-def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64]) -> Track:
+def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_deg: float) -> Track:
     fields, positions = track.fields, track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
     if worst > MAX_LATITUDE_DEG:  # as for every track
         return moving(track.key, positions, np.arange(len(positions), dtype=np.int64), fields)
-    if worst > MAX_RHUMB_LATITUDE_DEG:
+    if worst > highest_latitude_deg:
         rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
         raise fields.refusal("geometry", rule)
     with np.errstate(over="ignore"):

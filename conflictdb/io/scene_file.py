@@ -17,7 +17,7 @@ from conflictdb.io.fields import Fields
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
 from conflictdb.io.json_text import parse
-from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.model import Area, Scene, Track
 
 _SETTINGS: Final = tuple(member.name for member in members_of(Scene))
 # GeoJSON of 2008 named its reference system; what that may be is what RFC 7946 made the only one.
@@ -59,7 +59,7 @@ def read_scene(text: str, stem: str) -> Contents:
     at_speed = iter(
         objects.timed(
             [item for item in items if isinstance(item, objects.TrackAtSpeed)],
-            scene.earth if scene else EarthModel.WGS84,
+            scene or Scene(stem),
         )
     )
     tracks = [item if isinstance(item, Track) else next(at_speed) for item in items if not isinstance(item, Area)]
@@ -78,7 +78,7 @@ def _check_unique(items: Sequence[Area | Track | objects.TrackAtSpeed]) -> None:
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of the scene file that `read_scene` reads back as exactly these objects, one line per feature."""
-    settings = {name: getattr(scene, name) for name in _SETTINGS}
+    settings = {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
     yield '{ "type": "FeatureCollection",\n'
     yield f'  "scene": {_dumped(settings)},\n'
     yield '  "features": ['

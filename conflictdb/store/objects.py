@@ -84,7 +84,7 @@ def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
     """Return every scene, by name."""
     with transaction(conn):
-        return [SceneStatus(row[0], _scene(*row[1:7]), *row[7:]) for row in call_many(conn, "_scenes")]
+        return [SceneStatus(row[0], _scene(*row[1:9]), *row[9:]) for row in call_many(conn, "_scenes")]
 
 
 def pending_scenes(conn: psycopg.Connection[Any]) -> list[str]:
@@ -255,8 +255,19 @@ def _settings(scene: Scene) -> tuple[object, ...]:
         scene.method.value,
         scene.tolerance_m,
         scene.separation_m,
+        *(scene.centre or (None, None)),
     )
 
 
-def _scene(name: str, motion: str, earth: str, method: str, tolerance_m: float, separation_m: float) -> Scene:
-    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m)
+def _scene(
+    name: str,
+    motion: str,
+    earth: str,
+    method: str,
+    tolerance_m: float,
+    separation_m: float,
+    centre_lon: float | None,
+    centre_lat: float | None,
+) -> Scene:
+    centre = None if centre_lon is None or centre_lat is None else (centre_lon, centre_lat)
+    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, centre)

@@ -1,0 +1,138 @@
+-- Where a haven is on a great circle: the motion model of conflictdb.gnomonic, exact, for SQL users.
+--
+-- Places and headings are unit vectors in space, arrays of three. At an angle along a leg from its start the reference
+-- point is at cos(angle) start + sin(angle) heading; a vertex is one great circle step further ahead, and one to
+-- starboard across that.
+
+CREATE OR REPLACE FUNCTION _mixed(
+    p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision
+) RETURNS double precision[]
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ARRAY[p_one[1] * p_share + p_other[1] * p_other_share, p_one[2] * p_share + p_other[2] * p_other_share,
+                 p_one[3] * p_share + p_other[3] * p_other_share];
+END;
+COMMENT ON FUNCTION _mixed(double precision[], double precision, double precision[], double precision) IS
+'The sum of two vectors, each times a number.';
+
+CREATE OR REPLACE FUNCTION _circle_legs(
+    p_path geometry, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
+    OUT start double precision[], OUT heading double precision[], OUT angle double precision
+) RETURNS SETOF record
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_leg record;
+    v_kept double precision[];
+BEGIN
+    FOR v_leg IN
+        WITH waypoint AS (
+            SELECT d.path[1] AS n, to_timestamp(ST_M(d.geom)) AS at, ST_X(d.geom) AS lon, ST_Y(d.geom) AS lat
+            FROM ST_DumpPoints(p_path) d
+        ), step AS (
+            SELECT w.*, lead(w.at) OVER o AS next_at, lead(w.lat) OVER o AS next_lat,
+                   lead(w.lon) OVER o - w.lon AS turn
+            FROM waypoint w WINDOW o AS (ORDER BY w.n)
+        ), way AS (
+            -- East and north to go, times the sine of the length: from differences, so that short legs keep their
+            -- digits.
+            SELECT s.*, cosd(s.next_lat) * sind(s.turn) AS east,
+                   sin(radians(s.next_lat - s.lat))
+                   + 2 * sind(s.lat) * cosd(s.next_lat) * sin(radians(s.turn - 360 * round(s.turn / 360)) / 2) ^ 2
+                       AS north,
+                   sind(s.lat) * sind(s.next_lat) + cosd(s.lat) * cosd(s.next_lat) * cosd(s.turn) AS cosine,
+                   ARRAY[-sind(s.lon), cosd(s.lon), 0] AS to_east,
+                   ARRAY[-sind(s.lat) * cosd(s.lon), -sind(s.lat) * sind(s.lon), cosd(s.lat)] AS to_north
+            FROM step s WHERE s.next_at IS NOT NULL
+        ), leg AS (
+            SELECT w.*, sqrt(w.east ^ 2 + w.north ^ 2) AS sine FROM way w
+        )
+        SELECT l.n, l.at, l.next_at, ARRAY[cosd(l.lat) * cosd(l.lon), cosd(l.lat) * sind(l.lon), sind(l.lat)] AS start,
+               CASE WHEN l.sine > 0 THEN _mixed(l.to_east, l.east / l.sine, l.to_north, l.north / l.sine) END
+                   AS heading,
+               -- Legs that wait for the first one that moves leave as it does.
+               first_value(CASE WHEN l.sine > 0 THEN _mixed(l.to_east, l.east / l.sine, l.to_north, l.north / l.sine)
+                           END) OVER (ORDER BY l.sine > 0 DESC, l.n) AS first_heading,
+               l.to_north, CASE WHEN l.sine > 0 THEN atan2(l.sine, l.cosine) ELSE 0 END AS angle
+        FROM leg l ORDER BY l.n
+    LOOP
+        leg := v_leg.n;
+        starts_at := v_leg.at;
+        ends_at := v_leg.next_at;
+        start := v_leg.start;
+        angle := v_leg.angle;
+        -- A loiter keeps the heading of the leg before it at its end, else of the next moving leg, else north.
+        heading := coalesce(v_leg.heading, v_kept, v_leg.first_heading, v_leg.to_north);
+        v_kept := CASE WHEN v_leg.heading IS NULL THEN v_kept
+                       ELSE _mixed(heading, cos(angle), start, -sin(angle)) END;
+        RETURN NEXT;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _circle_legs(geometry) IS
+'The legs of a path on great circles: instants, unit vectors to the start and along the leg there, length (radians).';
+
+CREATE OR REPLACE FUNCTION _circle_vertices(
+    p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    WITH corner AS (
+        SELECT d.path[2] AS n, ST_X(d.geom) / 6371008.771415 AS across,
+               _mixed(p_start, cos(p_angle + ST_Y(d.geom) / 6371008.771415),
+                      p_heading, sin(p_angle + ST_Y(d.geom) / 6371008.771415)) AS ahead
+        FROM ST_DumpPoints(p_outline) d
+    ), vertex AS (
+        SELECT c.n, _mixed(c.ahead, cos(c.across), ARRAY[
+                   p_heading[2] * p_start[3] - p_heading[3] * p_start[2],
+                   p_heading[3] * p_start[1] - p_heading[1] * p_start[3],
+                   p_heading[1] * p_start[2] - p_heading[2] * p_start[1]], sin(c.across)) AS place
+        FROM corner c
+    )
+    SELECT ST_SetSRID(ST_MakeLine(ST_MakePoint(degrees(atan2(v.place[2], v.place[1])),
+                                               degrees(atan2(v.place[3], sqrt(v.place[1] ^ 2 + v.place[2] ^ 2))))
+                                  ORDER BY v.n), 4326)
+    FROM vertex v;
+END;
+COMMENT ON FUNCTION _circle_vertices(double precision[], double precision[], double precision, geometry) IS
+'The vertices of a haven (metres) at an angle (radians) along a leg: longitude and latitude, degrees, not run on.';
+
+CREATE OR REPLACE FUNCTION _circle_haven_at(p_path geometry, p_outline geometry, p_instant timestamptz)
+RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- At a waypoint the leg that starts there counts; the last instant belongs to none.
+    SELECT _circle_vertices(l.start, l.heading, l.angle * (extract(epoch FROM p_instant - l.starts_at)
+                                                           / extract(epoch FROM l.ends_at - l.starts_at))
+                                                ::double precision, p_outline)
+    FROM _circle_legs(p_path) l WHERE l.starts_at <= p_instant AND p_instant < l.ends_at;
+END;
+COMMENT ON FUNCTION _circle_haven_at(geometry, geometry, timestamptz) IS
+'The vertices of a haven on great circles at an instant, longitude and latitude, degrees; null when it is not there.';
+
+CREATE OR REPLACE FUNCTION _check_haven_near_centre(
+    p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision
+) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), p_outline) / 6371008.771415);
+BEGIN
+    -- A vertex is no further from its reference point than by both steps.
+    IF _from_centre_deg(p_path, p_centre_lon, p_centre_lat) + sqrt(2) * v_reach_deg <= 60 THEN
+        RETURN;
+    END IF;
+    -- Between the ends of a leg a vertex is no further out than at one of them.
+    IF v_reach_deg > 60 OR EXISTS (
+        SELECT FROM _circle_legs(p_path) l CROSS JOIN LATERAL (VALUES (0.0), (l.angle)) e (angle)
+        WHERE _from_centre_deg(_circle_vertices(l.start, l.heading, e.angle, p_outline), p_centre_lon,
+                               p_centre_lat) > 60 + 1e-9) THEN
+        PERFORM _refuse('ZC005', p_who, 'outline',
+                        format('the haven reaches beyond 60 degrees from the scene''s centre (%s, %s) on one of '
+                               'its legs',
+                               p_centre_lon, p_centre_lat),
+                        'haven_near_centre',
+                        'Give the scene a centre in the middle of its objects, split it, or use motion ''rhumb''.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision) IS
+'Refuses a haven (metres) that leaves the gnomonic plane on its path, as conflictdb.pieces.check_plane does.';
