@@ -21,8 +21,9 @@ from conflictdb import schema, store
 from conflictdb.errors import InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
-from conflictdb.model import Area, Method, Scene, Track
+from conflictdb.model import Area, Method, Motion, Scene, Track
 from conflictdb.pieces import check_plane
+from conflictdb.planes import centred
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -214,11 +215,15 @@ class Database:
     def _with_settings(self, plan: Plan) -> tuple[Plan, Scene]:
         """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects."""
         settings = plan.settings
-        if settings is None:
-            try:
-                settings = self._settings(plan.name)
-            except InvalidInput:  # a new scene
-                settings = Scene(plan.name)
+        needs_centre = settings is not None and settings.motion == Motion.GREAT_CIRCLE and settings.centre is None
+        if settings is None or needs_centre:
+            with self._transaction():
+                known = store.scene_settings(self.connection, plan.name)
+            if settings is None:
+                settings = known or Scene(plan.name)
+            elif known is not None:  # once there, a centre stays
+                settings = replace(settings, centre=known.centre)
+        settings = centred(settings, plan.areas, plan.tracks)
         for source in plan.sources:
             areas = [area for area in plan.areas if plan.source_of[area.key] == source]
             tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]

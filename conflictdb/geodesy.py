@@ -388,9 +388,7 @@ def great_circle_step(
     return cosine2 * sine, north, sine1 * sine2 + cosine1 * cosine2 * cosine
 
 
-def great_circle_distance(
-    lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike
-) -> Floats:
+def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: ArrayLike, lat2_deg: ArrayLike) -> Floats:
     """Return the length of great circles on the sphere of mean radius in metres; arrays broadcast."""
     east, north, cosine = great_circle_step(lon1_deg, lat1_deg, lon2_deg, lat2_deg)
     return np.asarray(MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine))

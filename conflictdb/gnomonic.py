@@ -22,10 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.batches import Pieces
 from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
-from conflictdb.motion import shape_vertices
+from conflictdb.model import MAX_FROM_CENTRE_DEG
+from conflictdb.motion import shape_vertices, vertex_slots
 
 # A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
 _DISTANCE_ROUNDING_M: Final = 1e-8
+# Cosine of the largest angle from the centre; rounding must not refuse what is exactly there.
+_LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +57,60 @@ class Gnomonic:
         out, axis = cosine - y * sine, sine + y * cosine
         return self.centre_lon_deg + np.degrees(np.arctan2(x, out)), np.degrees(np.arctan2(axis, np.hypot(x, out)))
 
-    def largest_scale(self, x_m: Floats, y_m: Floats) -> Floats:
-        """Return the scale outward from the centre, sec(c)^2."""
-        return np.asarray(1.0 + (x_m / MEAN_RADIUS_M) ** 2 + (y_m / MEAN_RADIUS_M) ** 2)
+    @property
+    def lines(self) -> str:
+        return "great circles"
 
-    def smallest_scale(self, x_m: Floats, y_m: Floats) -> Floats:
-        """Return the scale across the way from the centre, sec(c)."""
-        return np.sqrt(self.largest_scale(x_m, y_m))
+    @property
+    def limit(self) -> str:
+        return (
+            f"reaches beyond {MAX_FROM_CENTRE_DEG:g} degrees from the scene's centre "
+            f"({self.centre_lon_deg:g}, {self.centre_lat_deg:g}), where motion 'great_circle' ends: give the scene a "
+            "'centre' in the middle of its objects, split it, or use motion 'rhumb'"
+        )
+
+    @property
+    def haven_limit(self) -> str:
+        return f"the haven {self.limit}"
+
+    def holds(self, lon_deg: Floats, lat_deg: Floats) -> NDArray[np.bool_]:
+        return np.asarray(self.vectors(lon_deg, lat_deg)[2] >= _LEAST_UP)
+
+    def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
+        reach = np.maximum.reduceat(np.abs(pieces.shape_xy).max(axis=1), pieces.shape_offset[:-1]) / MEAN_RADIUS_M
+        held = reach <= np.radians(MAX_FROM_CENTRE_DEG)
+        slots = vertex_slots(pieces)
+        for count in np.unique(slots[held]):
+            rows = np.flatnonzero(held & (slots == count))
+            shapes = self.shapes(pieces, rows, pieces.leg_start_us[rows], np.zeros((2, len(rows))))
+            leg_s = (pieces.leg_end_us[rows] - pieces.leg_start_us[rows]) / 1e6
+            held[rows] = shapes.least_up(np.zeros(len(rows)), leg_s).min(axis=0) >= _LEAST_UP
+        return np.asarray(held)
+
+    def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
+        east, north, cosine = great_circle_step(*start_deg.T, *end_deg.T)
+        back_east, back_north, _ = great_circle_step(*end_deg.T, *start_deg.T)
+        length = MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine)
+        still = (east == 0.0) & (north == 0.0)
+        return (
+            np.where(still, 0.0, length),
+            np.degrees(np.arctan2(east, north)),
+            np.degrees(np.arctan2(-back_east, -back_north)),
+        )
+
+    def largest_scale(self, points: Floats) -> Floats:
+        """Return the scale outward from the centre, sec(c)^2, where it is largest (see `motion.Plane`)."""
+        return np.asarray(1.0 + (points[0] ** 2 + points[1] ** 2).max(axis=0) / MEAN_RADIUS_M**2)
+
+    def smallest_scale(self, points: Floats) -> Floats:
+        """Return the scale across the way from the centre, sec(c), at the nearest point there may be.
+
+        That of the box about the points, and nearer by its diagonal, for what moves between them.
+        """
+        low, high = points.min(axis=1), points.max(axis=1)
+        nearest = np.maximum(np.maximum(low, -high), 0.0)
+        distance = np.hypot(nearest[0], nearest[1]) - np.hypot(high[0] - low[0], high[1] - low[1])
+        return np.sqrt(1.0 + (np.maximum(distance, 0.0) / MEAN_RADIUS_M) ** 2)
 
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
@@ -82,6 +132,9 @@ class Gnomonic:
         sine = np.minimum(_vertex_to_edges(a, b), _vertex_to_edges(b, a))
         distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * sine, 1.0))
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
+
+    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
+        return np.zeros(len(pieces), np.int64)
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
@@ -238,7 +291,7 @@ class GreatCircleShapes:
         x'' = w^2 sin s J(S) - 2 (C.v) / (C.V) x', and |C.v| <= |v| sin c: so |x''| is at most
         R w^2 sec(c)^2 cos s (|sin s| + 2 cos s tan c), which increases with c.
         """
-        up = self._least_up(t0, t1)
+        up = self.least_up(t0, t1)
         secant = 1.0 / up
         tangent = np.sqrt(np.maximum(secant**2 - 1.0, 0.0))
         cosine = np.cos(self.across)
@@ -266,7 +319,7 @@ class GreatCircleShapes:
         K = cos of that point's angle from the centre, sigma = C.S. A vertex f ahead and s across has
         x_uu = cos(phi)^4 (sin s J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi).
         """
-        up = self._least_up(t0, t1)
+        up = self.least_up(t0, t1)
         along, across = self.centre[:2], self.centre[2]
         nearest = np.hypot(along[0], along[1])
         at_nearest = np.arctan2(along[1], along[0])
@@ -282,21 +335,20 @@ class GreatCircleShapes:
         way = np.sin(phi1 - phi0) / (np.cos(phi0) * np.cos(phi1))
         return np.asarray(MEAN_RADIUS_M * most.max(axis=0) * way**2 / 8.0)
 
-    def highest_scale(self, t0: Floats, t1: Floats) -> Floats:
+    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) the largest scale that any vertex reaches during [t0, t1]."""
-        return np.asarray(1.0 / self._least_up(t0, t1).min(axis=0) ** 2)
+        return np.asarray(1.0 / self.least_up(t0, t1).min(axis=0) ** 2)
 
-    def time_fraction(self, t0: Floats, t1: Floats, way_fraction: Floats) -> Floats:
-        """Return the fraction of [t0, t1] gone at a fraction of the reference point's straight way in the plane."""
+    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
         theta0, theta1 = self.gone + self.rate * t0, self.gone + self.rate * t1
         up0, up1 = (np.cos(theta) * self.centre[0] + np.sin(theta) * self.centre[1] for theta in (theta0, theta1))
         turn = theta1 - theta0
         gone = np.arctan2(
-            way_fraction * up0 * np.sin(turn), (1.0 - way_fraction) * up1 + way_fraction * up0 * np.cos(turn)
+            plane_fraction * up0 * np.sin(turn), (1.0 - plane_fraction) * up1 + plane_fraction * up0 * np.cos(turn)
         )
-        return np.asarray(np.where(turn > 0.0, gone / np.where(turn > 0.0, turn, 1.0), way_fraction))
+        return np.clip(np.where(turn > 0.0, gone / np.where(turn > 0.0, turn, 1.0), plane_fraction), 0.0, 1.0)
 
-    def _least_up(self, t0: Floats, t1: Floats) -> Floats:
+    def least_up(self, t0: Floats, t1: Floats) -> Floats:
         """Return (v, n) the least C.V of each vertex during [t0, t1]: a cosine, least at one of the ends."""
         ends = []
         for t in (t0, t1):

@@ -11,6 +11,7 @@ from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
 from conflictdb.pieces import area_pieces, check_plane, track_pieces
+from conflictdb.planes import centred
 from conflictdb.settle import needs_regions, settle
 
 
@@ -46,6 +47,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
         if key in seen:
             raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(key)
+    scene = centred(scene, areas, tracks)
     check_plane(scene, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())

@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import Earth, Floats, direction_of
-from conflictdb.model import Kind
+from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Kind
 from conflictdb.motion import shape_vertices
 
+# A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
+MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 # The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
 # and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
 ELLIPSOID_SLACK: Final = 1.05
@@ -61,6 +63,43 @@ class Mercator:
 
     def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.from_plane(x_m, y_m)
+
+    @property
+    def lines(self) -> str:
+        return "rhumb lines"
+
+    @property
+    def limit(self) -> str:
+        return (
+            f"latitude beyond {MAX_RHUMB_LATITUDE_DEG:g} degrees has no place in a scene with motion 'rhumb': the "
+            "Mercator plane stretches without limit towards the poles; use motion 'great_circle'"
+        )
+
+    @property
+    def haven_limit(self) -> str:
+        return f"the haven reaches beyond {MAX_HAVEN_LATITUDE_DEG:g} degrees of latitude on one of its legs"
+
+    def holds(self, lon_deg: Floats, lat_deg: Floats) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(lat_deg) <= MAX_RHUMB_LATITUDE_DEG)
+
+    def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
+        east, north = direction_of(pieces.bearing_deg)
+        of_vertex = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
+        outline = pieces.shape_xy / self.earth.rectifying_m
+        first = outline[:, 1] * north[of_vertex]
+        second = first - outline[:, 0] * east[of_vertex]
+        highest = np.zeros(len(pieces))
+        for ends in (pieces.leg_start_deg, pieces.leg_end_deg):
+            mu = self.earth.rectifying(np.radians(ends[:, 1]))[of_vertex]
+            np.maximum.at(highest, of_vertex, np.maximum(np.abs(mu + first), np.abs(mu + second)))
+        return np.asarray(np.degrees(highest) <= MAX_HAVEN_LATITUDE_DEG)
+
+    def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
+        mu1, mu2 = (self.earth.rectifying(np.radians(ends[:, 1])) for ends in (start_deg, end_deg))
+        east = np.radians(end_deg[:, 0] - start_deg[:, 0]) / self.earth.stretch(mu1, mu2)
+        north = mu2 - mu1
+        bearing = np.degrees(np.arctan2(east, north))
+        return self.earth.rectifying_m * np.hypot(east, north), bearing, bearing
 
     def largest_scale(self, points: Floats) -> Floats:
         return self._scale(np.abs(points[1]).max(axis=0))

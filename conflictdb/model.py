@@ -121,8 +121,10 @@ class Scene:
 
     def _checked_centre(self, who: str) -> tuple[float, float]:
         if self.motion != Motion.GREAT_CIRCLE:
-            raise InvalidInput(who, "centre", f"has a meaning with motion 'great_circle' only, not {self.motion.value!r}")
-        numbers = self.centre if isinstance(self.centre, list | tuple) else ()
+            raise InvalidInput(
+                who, "centre", f"has a meaning with motion 'great_circle' only, not {self.motion.value!r}"
+            )
+        numbers: tuple[Any, ...] = tuple(self.centre) if isinstance(self.centre, list | tuple) else ()
         sound = len(numbers) == 2 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
         if not (sound and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= MAX_LATITUDE_DEG):
             rule = "must be [longitude, latitude] in degrees, within +-180 and +-90"

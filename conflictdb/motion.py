@@ -1,7 +1,7 @@
 """Where the polygon of a piece is at an instant, and the plane it moves in: what every stage works on.
 
 A plane is where a scene's tracks and edges are straight; it makes the `Shapes` of its tracks. A further earth or kind
-of motion is one more `Plane` (see `mercator`), named in `planes`.
+of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `planes`.
 
 Arrays hold the pair or piece in their last axis: arithmetic then runs along contiguous memory, however few vertices
 there are.
@@ -79,6 +79,31 @@ class Plane(Protocol):
 
     def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
         """Return longitudes (not wrapped) and latitudes of plane x and y."""
+
+    @property
+    def lines(self) -> str:
+        """What straight lines are on the earth, as errors call them."""
+
+    @property
+    def limit(self) -> str:
+        """How far the plane goes and what to do beyond, as errors say it: what `holds` is about."""
+
+    @property
+    def haven_limit(self) -> str:
+        """The same for havens: what `holds_havens` is about."""
+
+    def holds(self, lon_deg: Floats, lat_deg: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether corners of areas and waypoints may be there."""
+
+    def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
+        """Return (n,) whether the havens of track pieces stay in the plane during the whole leg."""
+
+    def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return lengths (metres) and bearings (degrees) at the start and end of legs.
+
+        start_deg, end_deg : (n, 2) longitude and latitude; longitudes run on from start to end. Where there is no way
+        to go the length is 0.
+        """
 
     def largest_scale(self, points: Floats) -> Floats:
         """Return (n,) the most plane metres per metre on the earth, any way, in the hulls of points (2, v, n)."""

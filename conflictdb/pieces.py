@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from conflictdb.batches import AreaBatch, Pieces, TrackBatch, ragged_rows
 from conflictdb.convex import convex_parts, is_thread
 from conflictdb.errors import InvalidInput
-from conflictdb.geodesy import Earth, Floats, direction_of, earth_of, shorter_way_deg
-from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Area, Kind, Scene, Track
+from conflictdb.geodesy import Floats, shorter_way_deg
+from conflictdb.model import Area, Kind, Scene, Track
 from conflictdb.motion import ROUNDING_ALLOWANCE_M, Havens, Plane, likeness, padding_m
 from conflictdb.planes import plane_of
 
-# A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
-MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 # A slice is about this many haven lengths long: shorter ones cost more pieces and windows than their boxes save
 # (benchmarks/slicing.py).
 SLICE_LENGTH_HAVENS: Final = 4.0
@@ -35,38 +33,28 @@ MAX_BENT_SLICES: Final = 4096
 
 def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
     """Raise InvalidInput for the first object that the scene's plane cannot hold."""
-    earth = earth_of(scene.earth)
-    rule = (
-        f"latitude beyond {MAX_RHUMB_LATITUDE_DEG:g} degrees has no place in a scene with motion 'rhumb': the Mercator "
-        "plane stretches without limit towards the poles; use motion 'great_circle'"
-    )
+    plane = plane_of(scene)
     for area in areas:
-        _, south, _, north = area.footprint.bounds
-        if max(-south, north) > MAX_RHUMB_LATITUDE_DEG:
-            raise InvalidInput(f"area {area.key!r}", "geometry", rule)
-    flat = planar(plane_of(scene), np.array([area.footprint for area in areas], dtype=object))
+        if not plane.holds(*shapely.get_coordinates(area.footprint).T).all():
+            raise InvalidInput(f"area {area.key!r}", "geometry", plane.limit)
+    flat = planar(plane, np.array([area.footprint for area in areas], dtype=object))
     for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
         if not is_thread(flat[i]):
             why = shapely.is_valid_reason(flat[i]).split("[")[0]
             raise InvalidInput(
-                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are rhumb lines ({why})"
+                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
             )
     for track in tracks:
-        if np.abs(track.positions_deg[:, 1]).max() > MAX_RHUMB_LATITUDE_DEG:
-            raise InvalidInput(f"track {track.key!r}", "geometry", rule)
+        if not plane.holds(*track.positions_deg.T).all():
+            raise InvalidInput(f"track {track.key!r}", "geometry", plane.limit)
     if not tracks:
         return
     batch = TrackBatch.of(tracks)
-    legs = _legs(earth, batch)
-    highest = np.degrees(_haven_latitude(earth, batch, legs))
-    beyond = np.flatnonzero(highest > MAX_HAVEN_LATITUDE_DEG)
+    legs = _legs(plane, batch)
+    whole, _ = _slices(batch, legs, np.ones(len(legs.track), np.int64))
+    beyond = np.flatnonzero(~plane.holds_havens(whole))
     if beyond.size:
-        track = tracks[int(legs.track[beyond[0]])]
-        raise InvalidInput(
-            f"track {track.key!r}",
-            "outline_m",
-            f"the haven reaches beyond {MAX_HAVEN_LATITUDE_DEG:g} degrees of latitude on one of its legs",
-        )
+        raise InvalidInput(f"track {tracks[int(legs.track[beyond[0]])].key!r}", "outline_m", plane.haven_limit)
 
 
 def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
@@ -75,7 +63,19 @@ def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]
     def project(lonlat: Floats) -> Floats:
         return np.stack(plane.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
 
-    return shapely.transform(footprints, project)
+    flat = shapely.transform(footprints, project)
+    return flat if plane.turn_m else _stitched(footprints, flat)
+
+
+def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return footprints in a plane without seam, where what is cut at +-180 degrees or along a pole is whole again."""
+    lonlat, owner = shapely.get_coordinates(footprints, return_index=True)
+    cut = owner[(np.abs(np.remainder(lonlat[:, 0], 360.0) - 180.0) == 0.0) | (np.abs(lonlat[:, 1]) == 90.0)]
+    whole = flat.copy()
+    for i in np.unique(cut).tolist():
+        parts = shapely.make_valid(shapely.get_parts(flat[i]), method="structure", keep_collapsed=False)
+        whole[i] = shapely.union_all(parts)
+    return whole
 
 
 def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
@@ -122,8 +122,8 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
 
 def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
-    earth, plane = earth_of(scene.earth), plane_of(scene)
-    legs = _legs(earth, tracks)
+    plane = plane_of(scene)
+    legs = _legs(plane, tracks)
     count = _slice_counts(tracks, legs)
     while True:
         pieces, leg = _slices(tracks, legs, count)
@@ -195,7 +195,7 @@ class _Legs:
     length_m: Floats
 
 
-def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
+def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
     waypoints = np.diff(tracks.waypoint_offset)
     of_waypoint = np.repeat(np.arange(len(tracks)), waypoints)
     lon = tracks.positions_deg[:, 0]
@@ -207,8 +207,7 @@ def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
     positions = np.stack([lon + 360.0 * np.round((unwrapped - lon) / 360.0), tracks.positions_deg[:, 1]], axis=1)
     inner = np.flatnonzero(of_waypoint[1:] == of_waypoint[:-1])
     start, end = positions[inner], positions[inner + 1]
-    mu1, mu2 = (earth.rectifying(np.radians(ends[:, 1])) for ends in (start, end))
-    east, north = np.radians(end[:, 0] - start[:, 0]) / earth.stretch(mu1, mu2), mu2 - mu1
+    length_m, first_deg, last_deg = plane.courses(start, end)
     track = of_waypoint[inner]
     return _Legs(
         track=track,
@@ -216,35 +215,37 @@ def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
         end_us=tracks.times_us[inner + 1],
         start_deg=start,
         end_deg=end,
-        bearing_deg=_headings(track, np.degrees(np.arctan2(east, north)), (east != 0.0) | (north != 0.0)),
-        length_m=earth.rectifying_m * np.hypot(east, north),
+        bearing_deg=_headings(track, start, end, first_deg, last_deg, length_m > 0.0),
+        length_m=length_m,
     )
 
 
-def _headings(track: NDArray[np.int64], bearing_deg: Floats, moves: NDArray[np.bool_]) -> Floats:
-    """Return the heading of each leg: a loiter keeps that of the leg before it, else of the next moving leg, else 0."""
+def _headings(
+    track: NDArray[np.int64],
+    start_deg: Floats,
+    end_deg: Floats,
+    first_deg: Floats,
+    last_deg: Floats,
+    moves: NDArray[np.bool_],
+) -> Floats:
+    """Return the heading of each leg at its start, degrees.
+
+    A loiter keeps that of the leg before it (at its end), else of the next moving leg (at its start), else north.
+    """
     rows = np.arange(len(track))
     before = np.maximum.accumulate(np.where(moves, rows, -1))
     after = np.minimum.accumulate(np.where(moves, rows, len(rows))[::-1])[::-1]
-    kept = np.where((before >= 0) & (track[before] == track), before, -1)
-    after_safe = np.minimum(after, len(rows) - 1)
-    chosen = np.where(kept >= 0, kept, np.where((after < len(rows)) & (track[after_safe] == track), after, -1))
-    return np.where(chosen >= 0, bearing_deg[chosen], 0.0)
+    has_before = (before >= 0) & (track[before] == track)
+    after = np.minimum(after, len(rows) - 1)
+    has_after = moves[after] & (track[after] == track)
+    kept = last_deg[before] + _meridians_apart(start_deg, end_deg[before])
+    left = first_deg[after] + _meridians_apart(start_deg, start_deg[after])
+    return np.select([moves, has_before, has_after], [first_deg, kept, left], 0.0)
 
 
-def _haven_latitude(earth: Earth, tracks: TrackBatch, legs: _Legs) -> Floats:
-    """Return (m,) the highest absolute latitude (rectifying, radians) that a haven's vertex reaches on each leg."""
-    east, north = direction_of(legs.bearing_deg)
-    offset, index = ragged_rows(tracks.outline_offset, legs.track)
-    leg_of = np.repeat(np.arange(len(legs.track)), np.diff(offset))
-    outline = tracks.outline_m[index] / earth.rectifying_m
-    first = outline[:, 1] * north[leg_of]
-    second = first - outline[:, 0] * east[leg_of]
-    highest = np.zeros(len(legs.track))
-    for ends in (legs.start_deg, legs.end_deg):
-        mu = earth.rectifying(np.radians(ends[:, 1]))[leg_of]
-        np.maximum.at(highest, leg_of, np.maximum(np.abs(mu + first), np.abs(mu + second)))
-    return highest
+def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
+    """Return what a bearing differs between two ways to write a place: only a pole has more than one meridian."""
+    return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 
 def _slice_counts(tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
@@ -334,15 +335,17 @@ def _padded_hulls(xy: Floats, owner: NDArray[np.int64], n: int, pad: Floats) -> 
 
 def _turns_from_home(plane: Plane, hull_xy: Floats, hull_offset: NDArray[np.int64]) -> Floats:
     """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
+    if not plane.turn_m:
+        return np.zeros(len(hull_offset) - 1)
     west = np.minimum.reduceat(hull_xy[:, 0], hull_offset[:-1]) if len(hull_offset) > 1 else np.empty(0)
     return np.floor(west / plane.turn_m + 0.5)
 
 
 def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     """Return the pieces and, for those that reach +180 degrees, copies one turn west, and as many as they are wide."""
-    if not len(pieces):
-        return pieces
     turn_m = plane.turn_m
+    if not len(pieces) or not turn_m:
+        return pieces
     east = np.maximum.reduceat(pieces.hull_xy[:, 0], pieces.hull_offset[:-1])
     # A touch on the seam must be found from both sides.
     beyond = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5).astype(np.int64)

@@ -138,7 +138,7 @@ def _distance_m(
 ) -> Floats:
     """Return (n,) gaps in the plane as metres on the earth, by the shortest way where the pairs are apart."""
     plane = pairs.plane
-    metres = 2.0 * gap / (plane.smallest_scale(point_a[:, None, :]) + plane.smallest_scale(point_b[:, None, :]))
+    metres = 2.0 * gap / (plane.largest_scale(point_a[:, None, :]) + plane.largest_scale(point_b[:, None, :]))
     apart = np.flatnonzero(metres > SHORT_M)
     if not apart.size:
         return np.asarray(metres)
