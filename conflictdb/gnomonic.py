@@ -119,8 +119,8 @@ class Gnomonic:
     def drift(self, distance_m: Floats, scale: Floats, speed: Floats) -> Floats:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
-        With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by at
-        most 2 |x| v / R^2; in metres of the plane at the smallest scale, sqrt(A).
+        With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
+        at most 2 |x| v / R^2; in metres of the plane at the smallest scale, sqrt(A).
         """
         return np.asarray(distance_m * 2.0 * np.sqrt((scale - 1.0) * scale) / MEAN_RADIUS_M * speed)
 
@@ -139,7 +139,6 @@ class Gnomonic:
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
     ) -> "GreatCircleShapes":
-        """Return the havens of some track pieces; row i counts its time from zero_us[i], its metres from origin[:, i]."""
         leg_start = pieces.leg_start_us[rows]
         legs = GreatCircles.between(self, pieces.leg_start_deg[rows], pieces.leg_end_deg[rows])
         return great_circle_shapes(
