@@ -4,7 +4,7 @@ Obvious, slow and independent: shares nothing with the package but the classes o
 series in the third flattening, this uses the incomplete elliptic integral, Gauss-Legendre means and Newton's method;
 where the package reasons about convex parts, this samples densely with shapely on the whole polygons.
 `oracle_motion.py` is the motion, and
-`oracle_precise.py` the same motion in 50 digits.
+`oracle_precise.py` the same motion in 50 digits; `oracle_circle.py` does all of it for great circles.
 
 Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
 """
@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 from oracle_motion import Globe, Leg, legs
 
-from conflictdb.model import Area, Scene, Track
+from conflictdb.model import Area, Motion, Scene, Track
 
 Floats = NDArray[np.float64]
 
@@ -233,6 +233,10 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
 
     The least separation is resolved where it is below `care_m`, metres in the plane.
     """
+    if scene.motion is Motion.GREAT_CIRCLE:
+        import oracle_circle  # which builds on this module
+
+        return oracle_circle.meeting(scene, a, b, care_m)
     infinite = np.inf
     if max(_low(a), _low(b)) >= min(_high(a), _high(b)):
         return NEVER

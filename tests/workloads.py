@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from scenes import T0_US
 
-from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 NMI: Final = 1852.0
 METRES_PER_DEGREE: Final = 60 * NMI  # near enough to lay out a scene
@@ -37,6 +37,7 @@ class Workload:
     start_h: tuple[float, float] = (0.0, 6.0)
     odd_share: float = 0.3  # of areas that are not convex, have a hole or several parts, and of havens not rectangles
     highest: float = 88.0
+    motion: Motion = Motion.RHUMB
 
 
 PAPER: Final = Workload("paper", (0.0, 30.0), (-45.0, -15.0), 2.5, (50.0, 100.0))
@@ -50,7 +51,20 @@ EQUATOR: Final = Workload("equator", (-1.0, 1.0), (-10.0, 10.0), 2.5, (50.0, 150
 HARBOUR: Final = Workload(
     "harbour", (-60.0, 70.0), (-180.0, 180.0), 0.015, (0.2, 1.5), (0.1, 0.8), (0.02, 0.2), start_h=(0.0, 0.1)
 )
-WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR)
+OCEAN: Final = Workload(
+    "great circles",
+    (-70.0, 70.0),
+    (-180.0, 180.0),
+    9.0,
+    (400.0, 1500.0),
+    (200.0, 600.0),
+    highest=85.0,
+    motion=Motion.GREAT_CIRCLE,
+)
+ARCTIC: Final = Workload(
+    "arctic circles", (76.0, 84.0), (-180.0, 180.0), 4.0, (50.0, 400.0), highest=87.0, motion=Motion.GREAT_CIRCLE
+)
+WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR, OCEAN, ARCTIC)
 
 
 def throw(
@@ -62,11 +76,13 @@ def throw(
     tolerance_m: float = 1.0,
     separation_m: float = 0.0,
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """A random scene of so many areas and tracks; the same for the same arguments."""
+    """A random scene of so many areas and tracks; the same for the same arguments. Great circles are on the sphere."""
+    earth = EarthModel.SPHERE if workload.motion is Motion.GREAT_CIRCLE else earth
     rng = np.random.default_rng([seed, areas, tracks])
     lat = rng.uniform(*workload.latitudes)
     lon = rng.uniform(*workload.longitudes)
-    scene = Scene(f"{workload.name} {seed}", earth=earth, tolerance_m=tolerance_m, separation_m=separation_m)
+    name = f"{workload.name} {seed}"
+    scene = Scene(name, workload.motion, earth, tolerance_m=tolerance_m, separation_m=separation_m)
 
     def somewhere() -> tuple[float, float]:
         half = workload.window / 2
