@@ -164,7 +164,9 @@ def least_m(chart: Chart, one: shapely.Geometry, two: shapely.Geometry) -> float
         pole = np.cross(a, b)
         length = np.linalg.norm(pole, axis=-1, keepdims=True)
         pole = pole / np.where(length > 0.0, length, 1.0)
-        beside = ((np.cross(pole, a) * p).sum(-1) > 0.0) & ((np.cross(b, pole) * p).sum(-1) > 0.0) & (length[..., 0] > 0)
+        beside = (
+            ((np.cross(pole, a) * p).sum(-1) > 0.0) & ((np.cross(b, pole) * p).sum(-1) > 0.0) & (length[..., 0] > 0)
+        )
         to_arc = np.arcsin(np.abs((pole * p).sum(-1)))
         to_end = 2.0 * np.arcsin(np.minimum(np.linalg.norm(p - a, axis=-1) / 2.0, 1.0))
         best = min(best, float(np.where(beside, to_arc, to_end).min()))
@@ -181,11 +183,9 @@ class Gap:
         one, two = self.a.place(self.epoch_us, seconds), self.b.place(self.epoch_us, seconds)
         apart = ~shapely.intersects(one, two)
         gap = np.zeros(len(seconds))
-        near = shapely.distance(one, two)
         for i in np.flatnonzero(apart):
-            # Far apart it matters only that it is far: a plane is stretched by less than 400 where it is charted.
-            far = near[i] > 2e6
-            gap[i] = (near[i] / 400.0 if far else max(least_m(self.a.chart, one[i], two[i]), 1e-12)) - self.separation_m
+            # A touch that rounding leaves apart by less than the last digit is still apart: keep the sign.
+            gap[i] = max(least_m(self.a.chart, one[i], two[i]), 1e-12) - self.separation_m
         common = shapely.intersection(one[~apart], two[~apart])
         gap[~apart] = -self.separation_m - np.sqrt(shapely.area(common)) - 1e-9 * shapely.length(common)
         return gap
@@ -230,4 +230,3 @@ def haven_at(track: Track, instant_us: int, leg: int) -> Floats:
 
 def _places(thing: Area | Track) -> Floats:
     return shapely.get_coordinates(thing.footprint) if isinstance(thing, Area) else thing.positions_deg
-

@@ -38,6 +38,8 @@ def scene_document(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track])
         "tolerance_m": scene.tolerance_m,
         "separation_m": scene.separation_m,
     }
+    if scene.centre is not None:
+        settings["centre"] = list(scene.centre)
     return {"type": "FeatureCollection", "scene": settings, "features": features}
 
 

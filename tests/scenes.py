@@ -16,7 +16,7 @@ import shapely
 from mpmath import mp, mpf, quad
 from mpmath import sin as mp_sin
 
-from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 T0_US: Final = int(datetime(2026, 3, 1, tzinfo=UTC).timestamp()) * 1_000_000
 HOUR_S: Final = 3600.0
@@ -442,6 +442,89 @@ def identical(earth: EarthModel) -> Known:
     )
 
 
+def _circles(name: str, centre: tuple[float, float]) -> Scene:
+    return Scene(f"circles-{name}", Motion.GREAT_CIRCLE, centre=centre)
+
+
+SPHERE_M: Final = RADIUS_M[EarthModel.SPHERE]
+
+
+def circles_over_the_pole() -> Known:
+    """Head-on along a meridian, over the pole; corners meet at once, as both are found forward first, then across."""
+    way = np.radians(60.0) * SPHERE_M  # from 60 degrees over the pole to 60 degrees
+    first, second = way / (30 * HOUR_S), way / (50 * HOUR_S)
+    # An edge across the meridian, half way between two corners, runs north of them.
+    edge = np.degrees(np.arctan(np.tan(np.radians(80.0)) / np.cos(np.radians(10.0))))
+    reached = np.radians(90.0 - 60.0 + 90.0 - edge) * SPHERE_M
+    left = np.degrees(np.arctan(np.tan(np.radians(70.0)) / np.cos(np.radians(10.0))))
+    return Known(
+        "circles over the pole",
+        _circles("pole", (100.0, 85.0)),
+        [area("A", shapely.Polygon([(-170, 80), (-150, 80), (-150, 70), (-170, 70)]))],
+        [
+            track("over", [(20, 60), (-160, 60)], [0, 30 * HOUR_S], fore=30000, aft=2000),
+            track("back", [(-160, 60), (20, 60)], [0, 50 * HOUR_S], fore=50000, aft=1000),
+            track("line", [(20, 60), (-160, 60)], [100 * HOUR_S, 130 * HOUR_S], 7000, 3000, 0, 0),
+        ],
+        {
+            ("back", "over"): [((way - 80000) / (first + second), (way + 3000) / (first + second))],
+            # It widens on both sides of the meridian, so that the area's own edges tell: see the oracle for these.
+            ("A", "line"): [
+                (
+                    100 * HOUR_S + (reached - 7000) / first,
+                    100 * HOUR_S + (np.radians(120.0 - left) * SPHERE_M + 3000) / first,
+                )
+            ],
+        },
+        frozenset({("A", "over"), ("A", "back")}),
+    )
+
+
+def circles_on_the_equator() -> Known:
+    """On the equator, between meridians, the answer is that of rhumb lines on the sphere."""
+    known = equator_crossing(EarthModel.SPHERE)
+    both = overtaking(EarthModel.SPHERE)
+    degree = parallel_m(EarthModel.SPHERE, 0.0)
+    return Known(
+        "circles on the equator",
+        _circles("equator", (5.0, 0.0)),
+        known.areas[:1],
+        [
+            known.tracks[0],
+            *(replace(t, positions_deg=t.positions_deg * [1.0, 0.0]) for t in both.tracks[:2]),
+        ],
+        {
+            ("A", "E"): known.expected["A", "E"],
+            # The same way from the same place at the same time.
+            ("E", "fast"): [(0.0, 10 * HOUR_S)],
+            ("E", "slow"): [((2 - 16000 / degree) / 0.5 * HOUR_S, (2 + 7000 / degree) / 0.5 * HOUR_S)],
+            ("fast", "slow"): [((2 - 16000 / degree) / 0.5 * HOUR_S, (2 + 4000 / degree) / 0.5 * HOUR_S)],
+            ("A", "fast"): [_passing(EarthModel.SPHERE, 0.0, 3.0, 4.0, 1.0, 9000, 1000)],
+            ("A", "slow"): [((3 - 2 - 3000 / degree) * 2 * HOUR_S, (4 - 2 + 7000 / degree) * 2 * HOUR_S)],
+        },
+    )
+
+
+def circles_at_their_highest() -> Known:
+    """A point from 50 north to 50 north, a quarter turn on: it passes meridians near 59 north, where no rhumb line goes.
+
+    From the highest point of a great circle, at the latitude v, tan(turn) = tan(angle) / cos(v).
+    """
+    highest = np.arctan(np.tan(np.radians(50.0)) / np.cos(np.radians(45.0)))
+    whole = np.arctan(np.tan(np.radians(45.0)) * np.cos(highest))
+    beside = np.arctan(np.tan(np.radians(1.0)) * np.cos(highest))
+    half = 20 * HOUR_S
+    return Known(
+        "circles at their highest",
+        _circles("highest", (20.0, 30.0)),
+        [area("A", shapely.box(44.0, 58.0, 46.0, 61.0)), area("B", shapely.box(44.0, 49.0, 46.0, 52.0))],
+        [track("P", [(0, 50), (90, 50)], [0, 2 * half], 0, 0, 0, 0)],
+        {("A", "P"): [(half * (1 - beside / whole), half * (1 + beside / whole))]},
+    )
+
+
+CIRCLE_MAKERS: Final = (circles_over_the_pole, circles_on_the_equator, circles_at_their_highest)
+
 MAKERS: Final[tuple[Callable[[EarthModel], Known], ...]] = (
     equator_crossing,
     overtaking,
@@ -462,10 +545,10 @@ MAKERS: Final[tuple[Callable[[EarthModel], Known], ...]] = (
 
 
 def known_scenes() -> list[Known]:
-    """Every known scene on both earths."""
+    """Every known scene on both earths, and those of great circles."""
     return [
         replace(known, scene=replace(known.scene, name=f"{known.scene.name}-{earth}"))
         for make in MAKERS
         for earth in EarthModel
         for known in [make(earth)]
-    ]
+    ] + [make() for make in CIRCLE_MAKERS]
