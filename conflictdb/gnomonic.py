@@ -20,13 +20,15 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.batches import Pieces
+from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
-from conflictdb.model import MAX_FROM_CENTRE_DEG
+from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind
 from conflictdb.motion import shape_vertices, vertex_slots
 
 # A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
 _DISTANCE_ROUNDING_M: Final = 1e-8
+# Sine of the least turn of a corner, so that rounding of its coordinates does not make it turn inwards.
+_LEAST_TURN: Final = 1e-8
 # Cosine of the largest angle from the centre; rounding must not refuse what is exactly there.
 _LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
 
@@ -116,7 +118,7 @@ class Gnomonic:
         """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
         return np.asarray(distance_m * scale)
 
-    def drift(self, distance_m: Floats, scale: Floats, speed: Floats) -> Floats:
+    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
         With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
@@ -134,7 +136,13 @@ class Gnomonic:
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        return np.zeros(len(pieces), np.int64)
+        """Return (n,) 1 for havens that may not be convex, else 0."""
+        variety = np.zeros(len(pieces), np.int64)
+        rows = np.flatnonzero(pieces.kind == Kind.TRACK)
+        if rows.size:
+            offset, index = ragged_rows(pieces.shape_offset, rows)
+            variety[rows] = _may_dent(pieces.shape_xy[index] / MEAN_RADIUS_M, offset)
+        return variety
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
@@ -147,6 +155,7 @@ class Gnomonic:
             (zero_us - leg_start) / 1e6,
             (pieces.leg_end_us[rows] - leg_start) / 1e6,
             origin,
+            is_convex=not self.variety(pieces.take(np.unique(rows))).any(),
         )
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
@@ -240,6 +249,8 @@ class GreatCircleShapes:
     centre : (3, n) up of the leg's start and of its heading, and up of starboard
     ahead, across : (v, n) haven vertices, radians
     rate : (n,) theta per second; gone : (n,) theta at t = 0
+    reference_p, reference_q : (3, n) the same as p and q for the reference point
+    is_convex : whether the vertices are known to be in convex position
     """
 
     p: Floats
@@ -252,21 +263,19 @@ class GreatCircleShapes:
     gone: Floats
     reference_p: Floats
     reference_q: Floats
+    is_convex: bool
 
     @property
     def vertex_count(self) -> int:
         """Vertices per polygon."""
         return int(self.p.shape[1])
 
-    @property
-    def is_convex(self) -> bool:
-        """The image of a straight side with a vertex on it may bend inwards by a trace."""
-        return False
-
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the shapes of some rows."""
-        columns: dict[str, Any] = {column.name: getattr(self, column.name)[..., rows] for column in fields(self)}
-        return type(self)(**columns)
+        arrays: dict[str, Any] = {
+            column.name: getattr(self, column.name)[..., rows] for column in fields(self) if column.name != "is_convex"
+        }
+        return type(self)(is_convex=self.is_convex, **arrays)
 
     def positions(self, t: Floats) -> Floats:
         """Return the vertices at times t (n,), (2, v, n) plane metres from the rows' origins."""
@@ -297,10 +306,17 @@ class GreatCircleShapes:
         most = secant**2 * cosine * (np.abs(np.sin(self.across)) + 2.0 * cosine * tangent)
         return np.asarray(MEAN_RADIUS_M * self.rate**2 * most.max(axis=0))
 
+    def velocity(self, t: Floats) -> Floats:
+        theta = self.gone + self.rate * t
+        cosine, sine = np.cos(theta), np.sin(theta)
+        v = cosine * self.reference_p + sine * self.reference_q
+        w = cosine * self.reference_q - sine * self.reference_p
+        return np.asarray(MEAN_RADIUS_M * self.rate * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
+
     def uneven(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on how far any vertex's velocity is from one constant one in [t0, t1], plane m/s."""
-        v = self.velocities(0.5 * (t0 + t1))
-        away = v - 0.5 * (v.min(axis=1, keepdims=True) + v.max(axis=1, keepdims=True))
+        """Return how far the velocities differ in the middle, and by how much they can change until the ends."""
+        middle = 0.5 * (t0 + t1)
+        away = self.velocities(middle) - self.velocity(middle)[:, None, :]
         return np.asarray(np.hypot(away[0], away[1]).max(axis=0) + 0.5 * (t1 - t0) * self.bend(t0, t1))
 
     def reference(self, t: Floats) -> Floats:
@@ -357,7 +373,7 @@ class GreatCircleShapes:
 
 
 def great_circle_shapes(
-    legs: GreatCircles, outline_m: Floats, into_leg_s: Floats, leg_s: Floats, origin: Floats
+    legs: GreatCircles, outline_m: Floats, into_leg_s: Floats, leg_s: Floats, origin: Floats, *, is_convex: bool = False
 ) -> GreatCircleShapes:
     """Return havens on legs.
 
@@ -382,7 +398,25 @@ def great_circle_shapes(
         gone=rate * into_leg_s,
         reference_p=start,
         reference_q=heading,
+        is_convex=is_convex,
     )
+
+
+def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
+
+    Riding along turns a haven in space, and the plane keeps straight what is on a great circle: so a corner turns the
+    same way wherever the haven is, and as it does in the plane that touches the sphere at the reference point.
+    """
+    after = np.arange(len(outline)) + 1
+    after[offset[1:] - 1] = offset[:-1]
+    ahead = outline[:, 1]
+    flat = np.stack([np.tan(outline[:, 0]) / np.cos(ahead), np.tan(ahead)])
+    side = flat[:, after] - flat
+    length = np.hypot(side[0], side[1])
+    turn = side[0] * side[1, after] - side[1] * side[0, after]
+    dents = turn <= _LEAST_TURN * length * length[after]
+    return np.asarray(np.logical_or.reduceat(dents, offset[:-1]) & (np.diff(offset) > 2))
 
 
 def _from_origin(vector: Floats, origin: Floats) -> Floats:

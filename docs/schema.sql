@@ -126,7 +126,9 @@ TABLE scene (
     earth text NOT NULL DEFAULT 'wgs84'::text,
     method text NOT NULL DEFAULT 'exact'::text,
     tolerance_m double precision NOT NULL DEFAULT 1.0,
-    separation_m double precision NOT NULL DEFAULT 0.0
+    separation_m double precision NOT NULL DEFAULT 0.0,
+    centre_lon double precision,
+    centre_lat double precision
 );
 
 TABLE track (
@@ -194,9 +196,13 @@ CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT scene_centre_of_circles ON scene: CHECK (((motion = 'great_circle'::text) OR (num_nulls(centre_lon, centre_lat) = 2)));
+CONSTRAINT scene_centre_on_earth ON scene: CHECK (((num_nulls(centre_lon, centre_lat) = ANY (ARRAY[0, 2])) AND ((((centre_lon >= ('-180'::integer)::double precision) AND (centre_lon <= (180)::double precision)) AND ((centre_lat >= ('-90'::integer)::double precision) AND (centre_lat <= (90)::double precision))) IS NOT FALSE)));
+CONSTRAINT scene_circles_on_sphere ON scene: CHECK (((motion = 'rhumb'::text) OR (earth = 'sphere'::text)));
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
+CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
 CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'exact'::text, 'nlp'::text])));
-CONSTRAINT scene_motion_known ON scene: CHECK ((motion = 'rhumb'::text));
+CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
 CONSTRAINT scene_name_speakable ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
@@ -223,7 +229,8 @@ CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TAB
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
 CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before();
-CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN ((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m))) EXECUTE FUNCTION _after_scene_change();
+CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN ((((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_change();
+CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
@@ -248,6 +255,9 @@ FUNCTION _begin_pieces(p_scene_id bigint)
 FUNCTION _begin_write()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
+FUNCTION _centred_scene(p_scene_id bigint, p_first geometry, OUT motion text, OUT earth text, OUT centre_lon double precision, OUT centre_lat double precision)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -263,6 +273,12 @@ FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_sce
 FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _check_outline(p_who text, p_outline geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -271,6 +287,15 @@ FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text)
 
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _circle_haven_at(p_path geometry, p_outline geometry, p_instant timestamp with time zone)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT start double precision[], OUT heading double precision[], OUT angle double precision)
+    RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_earth text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
@@ -289,6 +314,12 @@ FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean)
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _from_plane(p_geometry geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -317,7 +348,7 @@ FUNCTION _latitude(p_rectifying double precision, p_earth text)
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
+FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off;
 
 FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
@@ -326,14 +357,29 @@ FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
+FUNCTION _middle_of(p_geometry geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _mixed(p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision)
+    RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _off_the_pole(p_part geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _pending_scenes()
     RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _plane_srid(p_earth text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -369,25 +415,31 @@ FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _scene(p_scene_id bigint)
-    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _scene_holds_objects()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_id(p_scene text)
     RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_named(p_scene text)
-    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scenes()
-    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -419,7 +471,7 @@ FUNCTION conflicts_of(p_scene text, p_key text)
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)

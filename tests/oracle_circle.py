@@ -14,6 +14,7 @@ Units: metres, unit vectors; degrees and microseconds where objects are read.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -57,7 +58,7 @@ def legs(track: Track) -> list[Leg]:
     norths = space(track.positions_deg + np.array([0.0, 90.0]))
     headings: list[Floats | None] = []
     angles = []
-    for a, b in zip(places[:-1], places[1:], strict=True):
+    for a, b in pairwise(places):
         pole = np.cross(a, b)
         sine = np.sqrt((pole**2).sum())
         moves = sine > 1e-17

@@ -506,7 +506,7 @@ def circles_on_the_equator() -> Known:
 
 
 def circles_at_their_highest() -> Known:
-    """A point from 50 north to 50 north, a quarter turn on: it passes meridians near 59 north, where no rhumb line goes.
+    """A point from 50 north to 50 north, a quarter turn on, passes near 59 north, where no rhumb line goes.
 
     From the highest point of a great circle, at the latitude v, tan(turn) = tan(angle) / cos(v).
     """

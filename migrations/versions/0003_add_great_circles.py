@@ -6,12 +6,12 @@ A centre is longitude and latitude in degrees; scenes with rhumb lines have none
 from alembic import op
 
 revision = "0003"
-down_revision = "0001"
+down_revision = "0002"
 branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "63a0229de83746171fd82e6f809a36fa0a077e245c9c5ee1581234c153a7d774"
+routines_sha256 = "e92cb5b9f4bc10f52acefdd2a5ffd87120835ecb76e0edc8c2ffb8d3da337c49"
 
 SCENE = """
 ALTER TABLE conflictdb.scene
