@@ -211,7 +211,7 @@ $$;
 COMMENT ON FUNCTION _scene_before() IS 'Trigger: refuses bad settings of a scene (SQLSTATE class ZC).';
 
 CREATE OR REPLACE FUNCTION _scene_holds_objects() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene scene%ROWTYPE;
 BEGIN

@@ -81,6 +81,11 @@ class Chart:
     frame: Floats
 
     @classmethod
+    def at(cls, lon_deg: float, lat_deg: float) -> "Chart":
+        """The plane at a place, with x to the east and y to the north."""
+        return cls(space(np.array([[lon_deg + 90.0, 0.0], [lon_deg, lat_deg + 90.0], [lon_deg, lat_deg]])))
+
+    @classmethod
     def about(cls, places: Floats) -> "Chart":
         up = places.mean(axis=0)
         up = up / np.sqrt((up**2).sum())

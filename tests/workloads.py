@@ -56,7 +56,7 @@ OCEAN: Final = Workload(
     (-70.0, 70.0),
     (-180.0, 180.0),
     9.0,
-    (400.0, 1500.0),
+    (300.0, 900.0),
     (200.0, 600.0),
     highest=85.0,
     motion=Motion.GREAT_CIRCLE,
@@ -82,7 +82,8 @@ def throw(
     lat = rng.uniform(*workload.latitudes)
     lon = rng.uniform(*workload.longitudes)
     name = f"{workload.name} {seed}"
-    scene = Scene(name, workload.motion, earth, tolerance_m=tolerance_m, separation_m=separation_m)
+    centre = ((lon + 180.0) % 360.0 - 180.0, lat) if workload.motion is Motion.GREAT_CIRCLE else None
+    scene = Scene(name, workload.motion, earth, tolerance_m=tolerance_m, separation_m=separation_m, centre=centre)
 
     def somewhere() -> tuple[float, float]:
         half = workload.window / 2

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e92cb5b9f4bc10f52acefdd2a5ffd87120835ecb76e0edc8c2ffb8d3da337c49"
+routines_sha256 = "90f1d4b0bcf614ee55171a21b0f6f7b0731669618154e16bfbb0e49200e154df"
 
 SCENE = """
 ALTER TABLE conflictdb.scene
