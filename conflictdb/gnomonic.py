@@ -122,9 +122,13 @@ class Gnomonic:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
         With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
-        at most 2 |x| v / R^2; in metres of the plane at the smallest scale, sqrt(A).
+        at most 2 |x| v / R^2; in metres of the plane at the largest scale, A.
         """
-        return np.asarray(distance_m * 2.0 * np.sqrt((scale - 1.0) * scale) / MEAN_RADIUS_M * speed)
+        return np.asarray(distance_m * 2.0 * np.sqrt(scale - 1.0) * scale / MEAN_RADIUS_M * speed)
+
+    def slant(self, scale: Floats) -> Floats:
+        """Return the largest angle between a step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2."""
+        return np.arctan(0.5 * (scale - 1.0) / np.sqrt(scale))
 
     def distance_m(self, a: Floats, b: Floats) -> Floats:
         """Return (n,) the least distance on the sphere of disjoint polygons (2, va, n) and (2, vb, n), plane metres.

@@ -119,6 +119,9 @@ class Mercator:
     def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         return np.asarray(distance_m * self._tangent(scale) / self.earth.rectifying_m * speed)
 
+    def slant(self, scale: Floats) -> Floats:
+        return np.zeros(len(scale))
+
     def distance_m(self, a: Floats, b: Floats) -> Floats:
         found = np.empty(a.shape[2])
         step = max(1, BLOCK_NUMBERS // (a.shape[1] * b.shape[1]))

@@ -117,7 +117,13 @@ class Plane(Protocol):
     def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
 
-        speed : (n,) plane m/s of the points; scale : the largest they reach
+        speed : (n,) plane m/s of the points; scale : the largest they reach, at which the rate is brought to the plane
+        """
+
+    def slant(self, scale: Floats) -> Floats:
+        """Return (n,) the largest angle, radians, between a way and where distances along it grow fastest.
+
+        scale : the largest on the way; in a plane that keeps angles it is 0
         """
 
     def distance_m(self, a: Floats, b: Floats) -> Floats:

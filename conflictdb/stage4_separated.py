@@ -94,9 +94,10 @@ class Separated(Block):
         """Return whether the distance on the earth changes one way only between a limit and the end of the zone.
 
         Let p and q be nearest on the earth at some instant of the zone. Their distance in the plane is at most `ratio`
-        times the least one at the end, so that their direction is within acos(1 / ratio) of its axis n: they close in
-        at |n.V| / ratio - |V across| sqrt(1 - 1 / ratio^2) or more, V the velocity that both polygons' vertices depart
-        from by at most K, less K for each and less what the scale changes on the way.
+        times the least one at the end, so that their direction is within acos(1 / ratio) of its axis n, and that in
+        which their distance shrinks within the plane's slant of it: with the sum s of both they close in at
+        |n.V| cos s - |V across| sin s or more, V the velocity that both polygons' vertices depart from by at most K,
+        less K for each and less what the scale changes on the way.
         """
         first, last = np.minimum(limit, end), np.maximum(limit, end)
         length, middle = last - first, 0.5 * (first + last)
@@ -112,6 +113,7 @@ class Separated(Block):
             span = pairs.plane.span_m(1.0, largest) / smallest
             ratio = (np.maximum(at_limit, at_end) + 2.0 * uneven * length) / at_end * span
             turned = np.hypot(velocity[0], velocity[1]) * uneven * length / at_end
-            least = closing / ratio - across * np.sqrt(np.maximum(1.0 - 1.0 / ratio**2, 0.0))
+            aside = np.arccos(np.minimum(1.0 / ratio, 1.0)) + pairs.plane.slant(largest)
+            least = closing * np.cos(aside) - across * np.sin(aside)
         drift = 2.0 * pairs.plane.drift(pairs.separation_m, largest, speed)
-        return np.asarray((at_end > 0.0) & (least > uneven + drift + turned))
+        return np.asarray((at_end > 0.0) & (aside < 0.5 * np.pi) & (least > uneven + drift + turned))

@@ -236,5 +236,26 @@ def test_drift_bounds_how_distances_change() -> None:
         points = np.concatenate([a, b], axis=1)
         scale = plane.largest_scale(points).max()
         drift = plane.drift(np.array([max(before, after)]), np.array([scale * 1.0001]), np.array([np.hypot(*v)[0, 0]]))
-        least = plane.smallest_scale(points).min()
-        assert abs(after - before) / (2 * step) <= drift[0] / least + 1e-9
+        assert abs(after - before) / (2 * step) <= drift[0] / scale + 1e-9
+
+
+def test_slant_bounds_where_distances_grow_fastest() -> None:
+    """The gradient of the distance from a place, by differences, against the way there in the plane."""
+    rng = np.random.default_rng(7)
+    plane = Gnomonic(0.0, 0.0)
+    widest = 0.0
+    for _ in range(300):
+        a = rng.uniform(-7.5e6, 7.5e6, (2, 1, 1))
+        b = a + rng.uniform(-1, 1, (2, 1, 1)) * 10 ** rng.uniform(3, 6)
+        gradient = np.array(
+            [
+                plane.distance_m(a, b + 10.0 * step) - plane.distance_m(a, b - 10.0 * step)
+                for step in np.eye(2).reshape(2, 2, 1, 1)
+            ]
+        ).ravel()
+        way = (b - a).ravel()
+        angle = np.arccos(np.clip(way @ gradient / np.linalg.norm(way) / np.linalg.norm(gradient), -1, 1))
+        slant = plane.slant(plane.largest_scale(np.concatenate([a, b], axis=1)))[0]
+        assert angle <= slant + 1e-6
+        widest = max(widest, angle / slant)
+    assert widest > 0.9, "a bound that is of use"
