@@ -70,7 +70,8 @@ CREATE OR REPLACE FUNCTION _off_the_pole(p_part geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- At a pole every longitude is right: there the ring runs along it from the meridian it comes on to the one it
-    -- leaves on. Meridians of the cut get their own number again.
+    -- leaves on. Meridians of the cut get their own number again. PROJ takes an arc sine, which knows a pole to 0.1 m
+    -- only.
     WITH point AS (
         SELECT d.path[1] AS n, ST_Y(d.geom) AS lat,
                CASE WHEN abs(ST_X(d.geom) - 90 * round(ST_X(d.geom) / 90)) < 1e-9 THEN 90 * round(ST_X(d.geom) / 90)
@@ -85,9 +86,9 @@ BEGIN ATOMIC
         SELECT ST_MakeLine(ST_MakePoint(v.lon, CASE WHEN v.is_pole THEN 90 * sign(b.lat) ELSE b.lat END)
                            ORDER BY b.n, v.n) AS line
         FROM beside b CROSS JOIN LATERAL (
-            SELECT 1 AS n, b.before AS lon, true AS is_pole WHERE abs(b.lat) > 90 - 1e-9
-            UNION ALL SELECT 2, b.after, true WHERE abs(b.lat) > 90 - 1e-9
-            UNION ALL SELECT 1, b.lon, false WHERE abs(b.lat) <= 90 - 1e-9) v
+            SELECT 1 AS n, b.before AS lon, true AS is_pole WHERE abs(b.lat) > 90 - 2e-6
+            UNION ALL SELECT 2, b.after, true WHERE abs(b.lat) > 90 - 2e-6
+            UNION ALL SELECT 1, b.lon, false WHERE abs(b.lat) <= 90 - 2e-6) v
     )
     SELECT ST_SetSRID(ST_MakePolygon(ST_AddPoint(r.line, ST_StartPoint(r.line)),
                                      ARRAY(SELECT ST_ExteriorRing(h.geom) FROM ST_DumpRings(p_part) h

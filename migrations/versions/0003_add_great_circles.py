@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "90f1d4b0bcf614ee55171a21b0f6f7b0731669618154e16bfbb0e49200e154df"
+routines_sha256 = "ae9efd92084c701892601f2c88c87abfe2f8e421fdce62982f99c092689824b5"
 
 SCENE = """
 ALTER TABLE conflictdb.scene
