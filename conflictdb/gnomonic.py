@@ -20,6 +20,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from conflictdb.arcs import least_chord
 from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind
@@ -135,8 +136,9 @@ class Gnomonic:
 
         Of two arcs of great circles that do not cross, one has an end that is nearest to the other.
         """
-        sine = np.minimum(_vertex_to_edges(a, b), _vertex_to_edges(b, a))
-        distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * sine, 1.0))
+        a, b = a / MEAN_RADIUS_M, b / MEAN_RADIUS_M
+        chord = np.minimum(least_chord(a, b), least_chord(b, a))
+        distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
@@ -426,50 +428,3 @@ def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
 def _from_origin(vector: Floats, origin: Floats) -> Floats:
     """Return vectors (3, n) with east and north counted from an origin (2, n) of the plane, metres."""
     return np.concatenate([vector[:2] - origin / MEAN_RADIUS_M * vector[2], vector[2:]])
-
-
-def _vertex_to_edges(points: Floats, polygon: Floats) -> Floats:
-    """Return (n,) the least chord, in radii, from vertices (2, p, n) to the edges of polygons (2, e, n), plane metres.
-
-    In differences of plane coordinates, so that nothing cancels: with vectors b = (x, y, R) the cross product of two is
-    (R dy, -R dx, x dy - y dx), the triple product of three R times twice the area between them.
-    """
-    points, polygon = points / MEAN_RADIUS_M, polygon / MEAN_RADIUS_M
-    edge = np.roll(polygon, -1, axis=1) - polygon
-    to_point = points[:, :, None, :] - polygon[:, None, :, :]  # (2, p, e, n)
-    to_next = to_point - edge[:, None]
-    square = 1.0 + (polygon**2).sum(axis=0)  # (e, n)
-    point_square = (1.0 + (points**2).sum(axis=0))[:, None]  # (p, 1, n)
-    from_vertex = _sine2(polygon[:, None], to_point) / (square * point_square)
-    # Within the edge: in front of either end, by the metric there.
-    inside = (_metric(polygon[:, None], square, to_point, edge[:, None]) > 0.0) & (
-        _metric(np.roll(polygon, -1, axis=1)[:, None], np.roll(square, -1, axis=0), to_next, -edge[:, None]) > 0.0
-    )
-    area = edge[0] * to_point[1] - edge[1] * to_point[0]
-    normal = _sine2(polygon, edge)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_edge = area**2 / (normal * point_square)
-    # Of the squared sine to the squared chord, 2 - 2 cos; polygons lie within 60 degrees of the centre, so that two
-    # points may be more than a quarter turn apart: their cosine tells.
-    dot = 1.0 + polygon[0] * points[0][:, None] + polygon[1] * points[1][:, None]
-    chord = _chord2(from_vertex, dot < 0.0)
-    return np.sqrt(np.where(inside, np.minimum(_chord2(to_edge, np.zeros(1, np.bool_)), chord), chord).min(axis=(0, 1)))
-
-
-def _sine2(base: Floats, step: Floats) -> Floats:
-    """Return the squared length of (base, 1) x (base + step, 1)."""
-    return np.asarray(step[0] ** 2 + step[1] ** 2 + (base[0] * step[1] - base[1] * step[0]) ** 2)
-
-
-def _metric(base: Floats, square: Floats, one: Floats, other: Floats) -> Floats:
-    """Return the scalar product of two steps in the plane, as the sphere has it at their base."""
-    return np.asarray(
-        square * (one[0] * other[0] + one[1] * other[1])
-        - (base[0] * one[0] + base[1] * one[1]) * (base[0] * other[0] + base[1] * other[1])
-    )
-
-
-def _chord2(sine2: Floats, obtuse: NDArray[np.bool_]) -> Floats:
-    """Return the squared chord of angles whose squared sine is given: 2 - 2 cos, without cancellation."""
-    cosine = np.sqrt(np.maximum(1.0 - sine2, 0.0))
-    return np.where(obtuse, 2.0 + 2.0 * cosine, 2.0 * sine2 / (1.0 + cosine))

@@ -1,25 +1,20 @@
 -- Rows of scene, area and track must keep the rules, whoever writes them.
 -- Rows are also brought into one form: spans half-open and unbounded rather than infinite.
 
-CREATE OR REPLACE FUNCTION _centred_scene(
-    p_scene_id bigint, p_first geometry,
-    OUT motion text, OUT earth text, OUT centre_lon double precision, OUT centre_lat double precision
+CREATE OR REPLACE FUNCTION _settle_centre(
+    p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 BEGIN
-    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO motion, earth, centre_lon, centre_lat
-        FROM scene s WHERE s.scene_id = p_scene_id;
-    IF _centred_scene.motion = 'great_circle' AND _centred_scene.centre_lon IS NULL THEN
-        UPDATE scene s SET (centre_lon, centre_lat) = (SELECT ST_X(m.place), ST_Y(m.place)
-                                                       FROM _middle_of(p_first) AS m (place))
-            WHERE s.scene_id = p_scene_id AND s.centre_lon IS NULL;
-        SELECT s.centre_lon, s.centre_lat INTO centre_lon, centre_lat FROM scene s WHERE s.scene_id = p_scene_id;
-    END IF;
+    UPDATE scene s SET (centre_lon, centre_lat) = (SELECT ST_X(m.place), ST_Y(m.place)
+                                                   FROM _middle_of(p_first) AS m (place))
+        WHERE s.scene_id = p_scene_id AND s.centre_lon IS NULL;
+    SELECT s.centre_lon, s.centre_lat INTO centre_lon, centre_lat FROM scene s WHERE s.scene_id = p_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _centred_scene(bigint, geometry) IS
-'The scene; one with great circles that has no centre yet gets the middle of its first object.';
+COMMENT ON FUNCTION _settle_centre(bigint, geometry) IS
+'Gives a scene of great circles without a centre the middle of its first object; returns the centre.';
 
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -64,8 +59,11 @@ BEGIN
     IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
         PERFORM _refuse('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees', 'footprint_within_a_turn');
     END IF;
-    SELECT * INTO v_scene FROM _centred_scene(NEW.scene_id, NEW.footprint);
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     IF v_scene.motion = 'great_circle' THEN
+        IF v_scene.centre_lon IS NULL THEN
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _settle_centre(NEW.scene_id, NEW.footprint) c;
+        END IF;
         PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
     END IF;
     PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
@@ -136,8 +134,11 @@ BEGIN
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
-    SELECT * INTO v_scene FROM _centred_scene(NEW.scene_id, NEW.path);
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     IF v_scene.motion = 'great_circle' THEN
+        IF v_scene.centre_lon IS NULL THEN
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _settle_centre(NEW.scene_id, NEW.path) c;
+        END IF;
         PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
         PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat);
     -- A degree of latitude has 110,574 m at least.

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ae9efd92084c701892601f2c88c87abfe2f8e421fdce62982f99c092689824b5"
+routines_sha256 = "c3b5588ec12ea931859a5cadb61f6d454ace63a954c886deff85ff7e9bd2e33e"
 
 SCENE = """
 ALTER TABLE conflictdb.scene
