@@ -55,7 +55,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     found, _ = settle(
         scene,
         pieces,
-        _pairs_in_memory(pieces, regions=needs_regions(scene.method)),
+        pairs_in_memory(pieces, regions=needs_regions(scene.method)),
         lambda numbers: batch.footprint[numbers],
     )
     objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
@@ -83,7 +83,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
 
 
-def _pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
+def pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
     hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
     a, b = shapely.STRtree(hulls).query(hulls)
