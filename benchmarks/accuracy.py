@@ -59,7 +59,7 @@ CARE_M: Final = 15.0 * max(TOLERANCES_M)
 Pair = tuple[str, str]
 Answer = dict[Pair, Reported]
 
-REFERENCE: Final = list(Method)[-1].value if "exact" not in list(Method) else "exact"
+REFERENCE: Final = getattr(Method, "EXACT", Method.NLP).value
 UNITS: Final = ((3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 HEADS: Final = (
     "method",
@@ -249,7 +249,8 @@ def row_of(
     reach: int,
 ) -> Row:
     """Return a row: what was measured, and the answer against the truth."""
-    unsafe, slack = [0.0], [0.0]
+    unsafe: list[float] = []
+    slack: list[float] = []
     apart = false = missed = 0
     for pair, meeting in truth.items():
         told = answer.get(pair)
@@ -288,8 +289,8 @@ def row_of(
 
 
 def spread(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
-    """Return the 95 % quantile and the largest."""
-    return float(np.quantile(values, 0.95)), float(np.max(values))
+    """Return the 95 % quantile and the largest; 0 of nothing."""
+    return (float(np.quantile(values, 0.95, method="higher")), float(np.max(values))) if len(values) else (0.0, 0.0)
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -74,7 +74,8 @@ AROUND_AREA_NMI: Final = (50.0, 100.0)
 HAVEN_NMI: Final = (20.0, 40.0)
 SPEED_KN: Final = (5.0, 20.0)
 SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
-CERTIFIED: Final = list(Method)[-1] if "exact" not in list(Method) else Method("exact")
+CERTIFIED: Final = getattr(Method, "EXACT", Method.NLP)
+LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
 # Beyond the bound that the product states, it and brute force differ by this at most, seconds: periods are whole
 # microseconds rounded outward, and brute force is good to one.
 ROUNDING_S: Final = 3e-6
@@ -116,7 +117,8 @@ def _fractions(
     for end in ends:
         end[:, 0] += turn
     way = ends[1] - ends[0]
-    length2 = np.maximum(np.einsum("nk,nk->n", way, way), 1e-6)  # of areas and loiters, nothing is used
+    moves = np.hypot(*way.T) > LEAST_WAY_M
+    length2 = np.where(moves, np.einsum("nk,nk->n", way, way), 1.0)
 
     # The haven at the start of the leg, taken as rigid from there on.
     vertices = np.diff(pieces.shape_offset)[member]
@@ -146,6 +148,8 @@ def _fractions(
         mu = earth.rectifying_of_isometric(psi0 + fraction * (psi1 - psi0))
         return fraction * earth.stretch(mu0, mu1) / earth.stretch(mu0, mu)
 
+    # A loiter has no leg to project on: the whole of it counts.
+    low, high = np.where(moves, low, 0.0), np.where(moves, high, 1.0)
     return of_time(np.clip(low, 0.0, 1.0)), of_time(np.clip(high, 0.0, 1.0))
 
 
