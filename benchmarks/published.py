@@ -74,7 +74,7 @@ AROUND_AREA_NMI: Final = (50.0, 100.0)
 HAVEN_NMI: Final = (20.0, 40.0)
 SPEED_KN: Final = (5.0, 20.0)
 SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
-CERTIFIED: Final = getattr(Method, "EXACT", Method.NLP)
+CERTIFIED: Final = Method.EXACT
 LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
 # Beyond the bound that the product states, it and brute force differ by this at most, seconds: periods are whole
 # microseconds rounded outward, and brute force is good to one.
