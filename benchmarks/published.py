@@ -21,7 +21,7 @@ plane.
 
 A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
 latitudes; areas have 3 to 10 vertices and are 50 to 100 nmi around; havens are 20 to 40 nmi long, half as wide, with
-the reference point in the middle; speeds are 5 to 20 kn. The truth is the package's certified method at tolerance 0,
+the reference point in the middle; speeds are 5 to 20 kn. The truth is the package's `exact` at tolerance 0,
 and for some pairs of each row also brute force (tests/oracle.py), which must agree.
 """
 
@@ -74,7 +74,6 @@ AROUND_AREA_NMI: Final = (50.0, 100.0)
 HAVEN_NMI: Final = (20.0, 40.0)
 SPEED_KN: Final = (5.0, 20.0)
 SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
-CERTIFIED: Final = Method.EXACT
 LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
 # Beyond the bound that the product states, it and brute force differ by this at most, seconds: periods are whole
 # microseconds rounded outward, and brute force is good to one.
@@ -214,14 +213,16 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     rng = np.random.default_rng([seed, round(case.latitudes[0]), round(case.leg_nmi[0])])
     thrown = [throw_pair(rng, case, number) for number in range(2 * count)]
     areas, tracks = ([pair[k] for pair in thrown] for k in (0, 1))
-    pieces, pairs = one_pair_each(areas, tracks)
     footprints = AreaBatch.of(areas).footprint
-    answers = [
-        settle(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
-        for method in (CERTIFIED, Method.WINDOW)
-    ]
-    truth, window = (hulls_s(answer, len(thrown)) for answer in answers)
-    bound_s = dict(zip(answers[0].a_id.tolist(), answers[0].time_error_s.tolist(), strict=True))
+
+    def answer(method: Method, pieces: Pieces, pairs: Pairs) -> Conflicts:
+        return settle(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
+
+    certified = answer(Method.EXACT, *one_pair_each(areas, tracks))
+    with whole_legs():
+        pieces, pairs = one_pair_each(areas, tracks)
+    truth, window = (hulls_s(found, len(thrown)) for found in (certified, answer(Method.WINDOW, pieces, pairs)))
+    bound_s = dict(zip(certified.a_id.tolist(), certified.time_error_s.tolist(), strict=True))
     rows = np.flatnonzero(np.isfinite(truth[pairs.a, 0]))[:count]
     if len(rows) < count:
         raise AssertionError(f"{case.name}: only {len(rows)} of {len(thrown)} pairs meet, {count} are wanted")
@@ -231,7 +232,7 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
         brute_s = (np.array([found[0][0], found[-1][1]]) - T0_US) / 1e6
         off_s = float(np.abs(brute_s - truth[number]).max())
         if off_s > bound_s[number] + ROUNDING_S:
-            raise AssertionError(f"{case.name}, pair {number}: {CERTIFIED.value} is {off_s} s from brute force")
+            raise AssertionError(f"{case.name}, pair {number}: {Method.EXACT.value} is {off_s} s from brute force")
     ways = {WINDOW: window[met]}
     for name, mended in ((PRINTED, False), (MENDED, True)):
         first, last = published_windows(earth_of(SCENE.earth), pieces, pairs, mended=mended)
@@ -245,19 +246,18 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
 
 
 def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Pieces, Pairs]:
-    """Return the pieces, one per area and one per leg as published, and the pairs (i, i) whose hulls meet."""
+    """Return the pieces, and the pairs of area i and a slice of track i whose hulls meet."""
     n = len(areas)
-    with whole_legs():
-        pieces = Pieces.concatenate(
-            [area_pieces(SCENE, AreaBatch.of(areas)), track_pieces(SCENE, TrackBatch.of(tracks))]
-        )
-    if len(pieces) != 2 * n:
-        raise AssertionError("an area in parts, a leg in slices, or a copy at the seam")
-    owner = np.repeat(np.arange(2 * n), np.diff(pieces.hull_offset))
+    pieces = Pieces.concatenate([area_pieces(SCENE, AreaBatch.of(areas)), track_pieces(SCENE, TrackBatch.of(tracks))])
+    if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA).any() or (pieces.kind[n:] != Kind.TRACK).any():
+        raise AssertionError("an area in parts, or a copy at the seam")
+    owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
     hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner))
-    a = np.flatnonzero(shapely.intersects(hulls[:n], hulls[n:]))
-    xy, pair = shapely.get_coordinates(shapely.intersection(hulls[a], hulls[a + n]), return_index=True)
-    return pieces, Pairs(a, a + n, xy, np.searchsorted(pair, np.arange(len(a) + 1)).astype(np.int64))
+    b = np.arange(n, len(pieces))
+    b = b[shapely.intersects(hulls[pieces.object_id[b]], hulls[b])]
+    a = pieces.object_id[b]
+    xy, pair = shapely.get_coordinates(shapely.intersection(hulls[a], hulls[b]), return_index=True)
+    return pieces, Pairs(a, b, xy, np.searchsorted(pair, np.arange(len(a) + 1)).astype(np.int64))
 
 
 def whole_legs() -> "patch._patch_dict":

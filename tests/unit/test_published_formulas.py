@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 import scenes
 import shapely
-from published import CASES, MENDED, PRINTED, ROUNDING_S, WINDOW, errors_of, one_pair_each, published_windows
+from published import (
+    CASES,
+    MENDED,
+    PRINTED,
+    ROUNDING_S,
+    WINDOW,
+    errors_of,
+    one_pair_each,
+    published_windows,
+    whole_legs,
+)
 from tables import markdown, put_into
 
 from conflictdb.geodesy import earth_of
@@ -17,7 +27,8 @@ def test_published_formulas_on_the_equator_where_havens_are_rigid() -> None:
     """Mended, they are the contact itself; as printed, they end early by twice the time of the haven's rear."""
     degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
-    pieces, pairs = one_pair_each([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
+    with whole_legs():
+        pieces, pairs = one_pair_each([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
     begins, ends, rear = (0.5 - 4000 / degree) * 3600, (0.6 + 2000 / degree) * 3600, 2000 / degree * 3600
     for mended, last in ((True, ends), (False, ends - 2.0 * rear)):
         windows = published_windows(earth_of(EarthModel.SPHERE), pieces, pairs, mended=mended)
