@@ -50,7 +50,7 @@ def draw(rows: Sequence["Row"], path: Path) -> None:
                 panel.plot(row.pair_us, common, marker, color=colour, markerfacecolor=face, markersize=6, zorder=2)
                 if row.missed or row.false:
                     note = f"{row.missed} missed, {row.false} false"
-                    below = {"xytext": (0, -6), "textcoords": "offset points", "va": "top", "ha": "center"}
+                    below = {"xytext": (4, -22), "textcoords": "offset points", "va": "top", "ha": "center"}
                     panel.annotate(note, (row.pair_us, common), color=colour, fontsize=7, **below)
             panel.set_xscale("log")
             panel.set_yscale("log")
