@@ -5,9 +5,10 @@
 A. Bienkowski, D. Sidoti, K. R. Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
 section IV-C, calls the projection exact for an area and a track. Nothing in the package uses what is below.
 
-The formulas as they are read here. The region of stage 2, where the area and the swept haven overlap, is projected on
-the leg: rho_min and rho_max are the least and the largest fraction of the leg among its vertices. rho_f is how far
-the haven reaches ahead of its reference point, rho_b how far behind it (negative), as fractions of the leg.
+The formulas as they are read here, from how their errors are described: the paper's text was not at hand. The region
+of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the least and
+the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference point,
+rho_b how far behind it (negative), as fractions of the leg.
 
     as printed   extents taken off at both ends, and those of a rigid haven:
                  first = rho_min - rho_f    last = rho_max - |rho_b|
