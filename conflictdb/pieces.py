@@ -58,13 +58,13 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
         return
     batch = TrackBatch.of(tracks)
     legs = _legs(earth, batch)
-    highest = np.degrees(_haven_latitude(earth, batch, legs))
+    highest = np.degrees(_haven_latitude(earth, legs))
     beyond = np.flatnonzero(highest > MAX_HAVEN_LATITUDE_DEG)
     if beyond.size:
         track = tracks[int(legs.track[beyond[0]])]
         raise InvalidInput(
             f"track {track.key!r}",
-            "outline_m",
+            "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m",
             f"the haven reaches beyond {MAX_HAVEN_LATITUDE_DEG:g} degrees of latitude on one of its legs",
         )
 
@@ -110,6 +110,7 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
         hull_xy=hull_xy,
         hull_offset=hull_offset,
         shape_xy=xy,
+        shape_to_xy=xy,
         shape_offset=offset,
         leg_start_us=none_us,
         leg_end_us=none_us,
@@ -124,7 +125,7 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
     earth, plane = earth_of(scene.earth), plane_of(scene)
     legs = _legs(earth, tracks)
-    count = _slice_counts(tracks, legs)
+    count = _slice_counts(legs)
     while True:
         pieces, leg = _slices(tracks, legs, count)
         bend, reach = _swept_bend(plane, pieces)
@@ -155,8 +156,9 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
     nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
     n = len(leg)
     track = legs.track[leg]
-    outline, outline_offset = _ccw_outlines(tracks)
-    shape_offset, index = ragged_rows(outline_offset, track)
+    shape_offset, index = ragged_rows(legs.outline_offset, leg)
+    shape = legs.outline_m[index]
+    changes = legs.outline_to_m is not legs.outline_m
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
         kind=np.full(n, Kind.TRACK, np.int8),
@@ -171,7 +173,8 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         ceiling_m=tracks.ceiling_m[track],
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
-        shape_xy=outline[index],
+        shape_xy=shape,
+        shape_to_xy=legs.outline_to_m[index] if changes else shape,
         shape_offset=shape_offset,
         leg_start_us=legs.start_us[leg],
         leg_end_us=legs.end_us[leg],
@@ -184,7 +187,11 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
 
 @dataclass(frozen=True, slots=True)
 class _Legs:
-    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing."""
+    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing.
+
+    outline_m, outline_to_m, outline_offset : ragged, (starboard, forward) metres at the leg's start and end,
+        counter-clockwise; the very same array where nothing changes
+    """
 
     track: NDArray[np.int64]
     start_us: NDArray[np.int64]
@@ -193,6 +200,9 @@ class _Legs:
     end_deg: Floats
     bearing_deg: Floats
     length_m: Floats
+    outline_m: Floats
+    outline_to_m: Floats
+    outline_offset: NDArray[np.int64]
 
 
 def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
@@ -210,6 +220,7 @@ def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
     mu1, mu2 = (earth.rectifying(np.radians(ends[:, 1])) for ends in (start, end))
     east, north = np.radians(end[:, 0] - start[:, 0]) / earth.stretch(mu1, mu2), mu2 - mu1
     track = of_waypoint[inner]
+    outline_offset, outline, outline_to = _counter_clockwise(*tracks.outlines_on(track, inner))
     return _Legs(
         track=track,
         start_us=tracks.times_us[inner],
@@ -218,6 +229,9 @@ def _legs(earth: Earth, tracks: TrackBatch) -> _Legs:
         end_deg=end,
         bearing_deg=_headings(track, np.degrees(np.arctan2(east, north)), (east != 0.0) | (north != 0.0)),
         length_m=earth.rectifying_m * np.hypot(east, north),
+        outline_m=outline,
+        outline_to_m=outline_to,
+        outline_offset=outline_offset,
     )
 
 
@@ -232,25 +246,28 @@ def _headings(track: NDArray[np.int64], bearing_deg: Floats, moves: NDArray[np.b
     return np.where(chosen >= 0, bearing_deg[chosen], 0.0)
 
 
-def _haven_latitude(earth: Earth, tracks: TrackBatch, legs: _Legs) -> Floats:
+def _haven_latitude(earth: Earth, legs: _Legs) -> Floats:
     """Return (m,) the highest absolute latitude (rectifying, radians) that a haven's vertex reaches on each leg."""
     east, north = direction_of(legs.bearing_deg)
-    offset, index = ragged_rows(tracks.outline_offset, legs.track)
-    leg_of = np.repeat(np.arange(len(legs.track)), np.diff(offset))
-    outline = tracks.outline_m[index] / earth.rectifying_m
-    first = outline[:, 1] * north[leg_of]
-    second = first - outline[:, 0] * east[leg_of]
+    leg_of = np.repeat(np.arange(len(legs.track)), np.diff(legs.outline_offset))
     highest = np.zeros(len(legs.track))
-    for ends in (legs.start_deg, legs.end_deg):
+    # Latitudes are linear in time, also of havens that grow.
+    for ends, outline in ((legs.start_deg, legs.outline_m), (legs.end_deg, legs.outline_to_m)):
+        first = outline[:, 1] / earth.rectifying_m * north[leg_of]
+        second = first - outline[:, 0] / earth.rectifying_m * east[leg_of]
         mu = earth.rectifying(np.radians(ends[:, 1]))[leg_of]
         np.maximum.at(highest, leg_of, np.maximum(np.abs(mu + first), np.abs(mu + second)))
     return highest
 
 
-def _slice_counts(tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
-    """Return (m,) in how many slices each leg is cut: by its length against its haven's."""
-    radius = np.hypot(tracks.outline_m[:, 0], tracks.outline_m[:, 1])
-    haven = 2.0 * np.maximum.reduceat(radius, tracks.outline_offset[:-1])[legs.track]
+def _slice_counts(legs: _Legs) -> NDArray[np.int64]:
+    """Return (m,) in how many slices each leg is cut: by its length against its haven's (the mean of both ends)."""
+    radius = np.hypot(legs.outline_m[:, 0], legs.outline_m[:, 1])
+    first = legs.outline_offset[:-1]
+    haven = 2.0 * np.maximum.reduceat(radius, first)
+    if legs.outline_to_m is not legs.outline_m:
+        radius_to = np.hypot(legs.outline_to_m[:, 0], legs.outline_to_m[:, 1])
+        haven = 0.5 * haven + np.maximum.reduceat(radius_to, first)
     with np.errstate(divide="ignore", invalid="ignore"):
         wanted = np.ceil(legs.length_m / (SLICE_LENGTH_HAVENS * haven + legs.length_m / MAX_SLICES))
     wanted = np.where(legs.length_m > 0.0, np.maximum(wanted, 1.0), 1.0).astype(np.int64)
@@ -263,19 +280,21 @@ def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDA
     return legs.start_us[leg] + whole * nth + rest * nth // count[leg]
 
 
-def _ccw_outlines(tracks: TrackBatch) -> tuple[Floats, NDArray[np.int64]]:
-    """Return all outlines turned counter-clockwise, and their offsets."""
-    outline = tracks.outline_m.copy()
-    offset = tracks.outline_offset
-    of_vertex = np.repeat(np.arange(len(tracks)), np.diff(offset))
-    after = np.arange(len(outline)) + 1
+def _counter_clockwise(
+    offset: NDArray[np.int64], start: Floats, end: Floats
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Return outlines (at the start and end of legs) with both turned counter-clockwise; the same array stays one."""
+    owner = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
+    after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]
-    doubled = np.zeros(len(tracks))
-    cross = outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0]
-    np.add.at(doubled, of_vertex, cross)
-    mirrored = offset[:-1][of_vertex] + offset[1:][of_vertex] - 1 - np.arange(len(outline))
-    clockwise = (doubled < 0.0)[of_vertex]
-    return np.where(clockwise[:, None], outline[mirrored], outline), offset
+    doubled = np.zeros(len(offset) - 1)
+    # Both ends turn the same way, if they are more than a line: what stays convex does not turn over.
+    for outline in (start,) if end is start else (start, end):
+        np.add.at(doubled, owner, outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0])
+    mirrored = offset[:-1][owner] + offset[1:][owner] - 1 - np.arange(len(start))
+    order = np.where((doubled < 0.0)[owner], mirrored, np.arange(len(start)))
+    turned = start[order]
+    return offset, turned, turned if end is start else end[order]
 
 
 def _swept_bend(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:

@@ -203,7 +203,10 @@ def edge_gaps(pairs: Encounters, a: Floats, b: Floats) -> list[tuple[Floats, Flo
 
 
 def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
-    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation."""
+    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation.
+
+    NaN where neither polygon has an edge, for both have yet to grow from a point.
+    """
     widest = np.full(a.shape[2], -np.inf)
     for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
         count = mine.shape[1]
@@ -218,7 +221,7 @@ def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
             # No edge between vertices that coincide.
             gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
             np.fmax(widest, gap, out=widest)
-    return widest
+    return np.where(widest > -np.inf, widest, np.nan)
 
 
 def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:

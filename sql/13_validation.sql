@@ -64,16 +64,19 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('track %L', NEW.key);
     v_times geometry;
+    v_widest geometry;
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
+    NEW.grow_mps := coalesce(NEW.grow_mps, 0);
+    NEW.outline := coalesce(NEW.outline, ST_GeometryN(NEW.outlines, 1));
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
             PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the object and put it anew',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
-        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m)
-           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m)
+        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines)
+           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines)
            AND jsonb_typeof(NEW.properties) = 'object' THEN
             RETURN NEW;
         END IF;
@@ -109,10 +112,16 @@ BEGIN
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
+    v_widest := NEW.outline;
+    IF NEW.grow_mps <> 0 OR NEW.outlines IS NOT NULL THEN
+        PERFORM _check_growth(v_who, NEW.path, NEW.outline, NEW.grow_mps, NEW.outlines);
+        v_widest := coalesce(NEW.outlines, _grown_outline(
+            NEW.outline, NEW.grow_mps * (ST_M(ST_EndPoint(NEW.path)) - ST_M(ST_StartPoint(NEW.path)))));
+    END IF;
     -- A degree of latitude has 110,574 m at least.
     IF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
-       + ST_MaxDistance(ST_MakePoint(0, 0), NEW.outline) / 110574 > 89.5 THEN
-        PERFORM _check_haven(v_who, NEW.path, NEW.outline, s.earth)
+       + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
+        PERFORM _check_haven(v_who, NEW.path, NEW.outline, s.earth, NEW.grow_mps, NEW.outlines)
             FROM scene s WHERE s.scene_id = NEW.scene_id AND s.motion = 'rhumb';
     END IF;
     NEW.version := nextval('version_seq');

@@ -76,7 +76,8 @@ COMMENT ON FUNCTION put_area(text, text, geometry, tstzrange, double precision, 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}'
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
+    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -96,22 +97,32 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outline', format('must be a Polygon; got %s', GeometryType(p_outline)),
                         'outline_ring', 'rectangle_outline(fore_m, aft_m, port_m, starboard_m) makes one.');
     END IF;
-    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties)
-        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties)
+    IF GeometryType(p_outlines) NOT IN ('MULTIPOLYGON') THEN
+        PERFORM _refuse('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
+                        'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
+    END IF;
+    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines)
+        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
+                p_grow_mps, ST_Force2D(p_outlines))
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties
-            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties) IS DISTINCT FROM
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
+                grow_mps = excluded.grow_mps, outlines = excluded.outlines
+            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines)
+                  IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties)
+                   excluded.properties, excluded.grow_mps, excluded.outlines)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
-COMMENT ON FUNCTION put_track(text, text, geometry, geometry, double precision, double precision, text, jsonb) IS
+COMMENT ON FUNCTION put_track(
+    text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'Path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
-'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point.';
+'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point. '
+'A haven may change: every side moves outward at p_grow_mps (metres per second) from the first waypoint''s time on, or '
+'p_outlines is a MultiPolygon of one outline per waypoint (p_outline may be null then).';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

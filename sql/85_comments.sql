@@ -41,7 +41,13 @@ COMMENT ON COLUMN track.outline IS
 COMMENT ON COLUMN track.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN track.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN track.properties IS 'What its source said beyond these.';
-COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline or heights change.';
+COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline, growth or heights change.';
+COMMENT ON COLUMN track.grow_mps IS
+'Metres per second at which every side of the outline moves outward from the first waypoint''s time on; corners are '
+'mitred. 0: it does not.';
+COMMENT ON COLUMN track.outlines IS
+'Instead: one outline per waypoint, of equally many vertices; on a leg each vertex moves straight and steadily. Null: '
+'the outline stays, or grows.';
 
 COMMENT ON TABLE object_key IS 'Keys in use: one key names one object of a scene, area or track. Kept by triggers.';
 COMMENT ON COLUMN object_key.scene_id IS 'Scene.';
@@ -74,7 +80,9 @@ COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between 
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';
 COMMENT ON COLUMN piece.shape IS
-'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline, metres to starboard and ahead.';
+'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline at the start '
+'of the leg, metres to starboard and ahead.';
+COMMENT ON COLUMN piece.shape_to IS 'Tracks: the same vertices at the end of the leg; null where they stay.';
 COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of.';
 COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg.';
 COMMENT ON COLUMN piece.start_lon_deg IS 'Tracks: longitude at the start of the leg, degrees, not shifted.';

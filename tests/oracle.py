@@ -76,7 +76,7 @@ def phases(globe: Globe, thing: Area | Track, origin_lon: float) -> list[Phase]:
         footprint = plane(globe, thing.footprint, origin_lon)
         shapely.prepare(footprint)
         return [Phase(start, end, None, globe, np.empty((0, 2)), footprint, origin_lon)]
-    return [Phase(x.start_us, x.end_us, x, globe, thing.outline_m, None, origin_lon) for x in legs(globe, thing)]
+    return [Phase(x.start_us, x.end_us, x, globe, x.outline_m, None, origin_lon) for x in legs(globe, thing)]
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ def haven_at(scene: Scene, track: Track, instant_us: int, leg: int) -> Floats:
     globe = Globe.of(scene.earth)
     x = legs(globe, track)[leg]
     fraction = np.array([(instant_us - x.start_us) / (x.end_us - x.start_us)])
-    lon, lat = x.vertices(globe, track.outline_m, fraction)
+    lon, lat = x.vertices(globe, x.outline_m, fraction)
     return np.degrees(np.stack([lon[0], lat[0]], axis=-1))
 
 

@@ -48,19 +48,19 @@ def test_positions_agree_with_the_rhumb_reference() -> None:
     assert np.hypot(east, north).max() < 1e-7
 
 
+@pytest.mark.parametrize("grow_mps", [0.0, 3.7])
 @pytest.mark.parametrize("earth", EarthModel)
-def test_haven_agrees_with_fifty_digits(earth: EarthModel) -> None:
+def test_haven_agrees_with_fifty_digits(earth: EarthModel, grow_mps: float) -> None:
     globe = oracle.Globe.of(earth)
     cases = [(0, 0, 10, 0), (-20, 60, -35, 60 + 1e-9), (170, -50, -170, 20), (5, 80, 5, 84), (5, 30, 5 + 1e-8, 30)]
     for lon1, lat1, lon2, lat2 in cases:
         line = np.array([(lon1, lat1), (lon2, lat2)], dtype=float)
-        track = Track("T", line, np.array([0, 10**10]), rectangle_outline_m(90e3, 40e3, 20e3, 70e3))
+        track = Track("T", line, np.array([0, 10**10]), rectangle_outline_m(90e3, 40e3, 20e3, 70e3), grow_mps=grow_mps)
         with mp.workdps(30):
-            precise = precise_legs(PreciseGlobe.of(earth), track)[0].ring(
-                PreciseGlobe.of(earth), track.outline_m.tolist(), mpf(3333)
-            )
+            precise = precise_legs(PreciseGlobe.of(earth), track)[0].ring(PreciseGlobe.of(earth), mpf(3333))
             fraction = np.array([0.3333])
-            lon, lat = oracle.legs(globe, track)[0].vertices(globe, track.outline_m, fraction)
+            leg = oracle.legs(globe, track)[0]
+            lon, lat = leg.vertices(globe, leg.outline_m, fraction)
             for k, (x, y) in enumerate(precise):
                 error = mp.hypot(x - mpf(globe.a * lon[0, k]), y - mpf(globe.a * globe.isometric(lat[0, k])))
                 assert error < 1e-7  # 1e-16 of the plane's coordinates, times the scale at 84 degrees
