@@ -139,7 +139,8 @@ class TrackBatch:
             nth = given - offset[of] + (at - first)[of] * count[track[of]]
             vertices[given] = self.outlines_m[self.outlines_offset[track[of]] + nth]
             ends.append(vertices)
-        return offset, ends[0], ends[0] if np.array_equal(*ends) else ends[1]
+        start, end = ends
+        return offset, start, start if np.array_equal(start, end) else end
 
 
 def _taken(

@@ -127,4 +127,5 @@ BEGIN ATOMIC
            t.key, coalesce(t.name, ''), t.properties::text
     FROM track t WHERE t.scene_id = p_scene_id ORDER BY t.track_id;
 END;
-COMMENT ON FUNCTION _read_tracks(bigint) IS 'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint.';
+COMMENT ON FUNCTION _read_tracks(bigint) IS
+'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint.';

@@ -445,12 +445,12 @@ def identical(earth: EarthModel) -> Known:
 def growing(earth: EarthModel) -> Known:
     """Havens whose sides move outward: moored ones that meet a wall or each other, one under way, one that stops."""
     degree, hours = parallel_m(earth, 0.0), 2 * HOUR_S
-    moored, low = meridian_m(earth, 0.1), meridian_m(earth, 60.0)
+    moored = meridian_m(earth, 0.1)
     stop, wall = meridian_m(earth, 61.0), meridian_m(earth, 61.11)
     metre = 1.0 / (meridian_m(earth, 0.5) - meridian_m(earth, -0.5))
     point = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
     small = dict.fromkeys(("fore", "aft", "port", "starboard"), 1000.0)
-    speed, north = degree / HOUR_S, (stop - low) / hours
+    speed = degree / HOUR_S
 
     def grows(mps: float, item: Track) -> Track:
         return replace(item, grow_mps=mps)

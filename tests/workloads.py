@@ -163,11 +163,11 @@ def _track(rng: np.random.Generator, workload: Workload, key: str, lon: float, l
         outline = rectangle_outline_m(fore, length - fore, port, around / 2 - length - port)
     times_us = T0_US + (np.array(hours) * 3.6e9).astype(np.int64)
     if workload.changing_share and rng.random() < workload.changing_share:
-        return _changing(rng, Track(key, lonlat, times_us, outline))
+        return changing(rng, Track(key, lonlat, times_us, outline))
     return Track(key, lonlat, times_us, outline)
 
 
-def _changing(rng: np.random.Generator, track: Track) -> Track:
+def changing(rng: np.random.Generator, track: Track) -> Track:
     """The track with a haven that grows at a speed, also from a point or a line, or changes at every waypoint."""
     size = np.hypot(*track.outline_m.T).max()
     if rng.random() < 0.5:

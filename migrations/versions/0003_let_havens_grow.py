@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0c5c873fdefe07f550ed5de3a2a43135ef1149ee7e55088db79b601a86ea1665"
+routines_sha256 = "a99d7e9fdf9561016e81c5df1df5832139001080307c29c39e57535dc84fea6c"
 
 GROWTH = """
 ALTER TABLE conflictdb.track
