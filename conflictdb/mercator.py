@@ -222,8 +222,8 @@ class RhumbShapes:
     into_leg_s : (n,) seconds of the leg gone at t = 0
     leg_s : (n,) seconds the leg takes
     east, north : (n,) components of the heading
-    forward, starboard : (v, n) haven vertices, radians of rectifying latitude (metres over rectifying_m); at the start of
-        the leg, as up, down and step are
+    forward, starboard : (v, n) haven vertices, radians of rectifying latitude (metres over rectifying_m); at the start
+        of the leg, as up, down and step are
     up, down : (n,) the latitude of the northernmost and southernmost vertex or step, less that of the reference point
     step : (n,) the longest way that any vertex goes to the east or west by its two steps, radians
     order : terms of the power series; 0 is the closed form
@@ -415,9 +415,9 @@ class RhumbShapes:
 
         In time, an offset o leaves its own chord by at most |o''| h^2 / 8. Its x is the steps of `bend`; its y is
         a (psi(mu2) - psi(mu)) with y'' = a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most a (|mu2' - mu'| 2 w sec tan +
-        mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of its way that the reference point has
-        gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord by as
-        much of how far the offset changes.
+        mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of its way that the reference point
+        has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord
+        by as much of how far the offset changes.
         """
         h, mu0, mu1 = t1 - t0, *(self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1))
         secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
@@ -524,9 +524,11 @@ def rhumb_shapes(
         climb2 = climb1 - rate[0] * east
         own = delta_mu / leg_s
         growth = Growth(
-            rate[1],
-            rate[0],
-            *((end - start) / leg_s for start, end in zip((up, down, step), later, strict=True)),
+            forward=rate[1],
+            starboard=rate[0],
+            up=(later[0] - up) / leg_s,
+            down=(later[1] - down) / leg_s,
+            step=(later[2] - step) / leg_s,
             fastest=np.abs(np.stack([np.broadcast_to(own, climb1.shape), own + climb1, own + climb2])).max(axis=(0, 1)),
             climb=np.abs(climb2).max(axis=0),
             spread=(np.abs(rate[1] * east) + np.abs(rate[0] * north)).max(axis=0),
@@ -581,8 +583,9 @@ def _may_dent(start: Floats, end: Floats, offset: NDArray[np.int64], tangent: Fl
         length = np.maximum(length, np.hypot(last[:, 0], last[:, 1]))
         between = 0.5 * (_cross(side, last[after]) + _cross(last, side[after]))
         # Both turn counter-clockwise.
-        changes = (last != side).any(axis=1) | (last != side).any(axis=1)[after]
-        turn = np.where(changes, np.minimum(np.minimum(_cross(side, side[after]), _cross(last, last[after])), between), turn)
+        least = np.minimum(np.minimum(_cross(side, side[after]), _cross(last, last[after])), between)
+        changes = (last != side).any(axis=1)
+        turn = np.where(changes | changes[after], least, turn)
     allowed = CORNER_SLACK * (length + length[after]) * np.repeat(tangent, np.diff(offset)) + CORNER_SLACK * 1e-9
     flat = turn <= allowed * length * length[after]
     return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 3))

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a99d7e9fdf9561016e81c5df1df5832139001080307c29c39e57535dc84fea6c"
+routines_sha256 = "9d36365a502942fc85d833c7792d76ced9251d89fb2df3608f5b1ca3742bd1b5"
 
 GROWTH = """
 ALTER TABLE conflictdb.track

@@ -15,8 +15,9 @@ from workloads import GROWING, PAPER, throw
 from conflictdb import InvalidInput, solve
 from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
+from conflictdb.mercator import Mercator, RhumbShapes
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import RhumbShapes, rhumb_shapes
+from conflictdb.motion import likeness
 from conflictdb.pieces import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
@@ -24,10 +25,14 @@ SAMPLES = 65
 LASTS_S = 36000.0
 
 
+def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> RhumbShapes:
+    return Mercator(earth_of(scene.earth)).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+
+
 def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """The one leg of a track, time counted from its start."""
     pieces = track_pieces(scene, TrackBatch.of([track]))
-    return pieces, rhumb_shapes(earth_of(scene.earth), pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+    return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
 
 
 def in_reach(scene: Scene, track: Track) -> bool:
@@ -64,7 +69,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
             row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
             seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
             rows = np.repeat(row, len(seconds))
-            found = rhumb_shapes(figure, pieces, rows, pieces.leg_start_us[rows]).positions(seconds)
+            found = shapes_at(scene, pieces, rows, pieces.leg_start_us[rows]).positions(seconds).T
             expected = phase.vertices(int(phase.start_us), seconds)
             shift = np.round((found[..., 0].mean() - expected[..., 0].mean()) / turn_m) * turn_m
             apart = found[:, :, None] - expected[:, None] - np.array([shift, 0.0])
@@ -75,7 +80,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(list(EarthModel)), growing_tracks, st.floats(0, 0.9), st.floats(0.01, 1))
 def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; `bend`, `highest_latitude` and `departure` are never exceeded."""
+    """Velocities are what differences say; `bend`, `highest_latitude`, `departure`, `uneven` are never exceeded."""
     scene = Scene("s", earth=earth)
     if not in_reach(scene, track):
         return
@@ -87,23 +92,23 @@ def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track,
     h = seconds[1] - seconds[0]
     shapes = one.take(np.zeros(SAMPLES, np.int64))
     at, velocity = shapes.positions(seconds), shapes.velocities(seconds)
-    difference = (at[2:] - at[:-2]) / (2 * h)
-    jerk = np.abs(np.diff(velocity, 2, axis=0)).max() + 4 * ROUNDING_M / h
-    assert np.abs(difference - velocity[1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
-    second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
+    difference = (at[..., 2:] - at[..., :-2]) / (2 * h)
+    jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
+    assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
+    second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
     assert second.max() <= float(one.bend(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
     highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
-    assert np.abs(at[..., 1]).max() / earth_of(earth).radius_m <= highest + 1e-12
+    assert np.abs(at[1]).max() / earth_of(earth).radius_m <= highest + 1e-12
 
     # The share of the reference point's way that is gone, in the plane; of the time where it stays.
-    offset, places = shapes.offsets(seconds), shapes.reference(seconds)[1]
-    psi = earth_of(earth).isometric(places)
-    x = shapes.reference(seconds)[0]
-    way = np.hypot(x - x[0], earth_of(earth).radius_m * (psi - psi[0]))
+    reference = shapes.reference(seconds)
+    offset = at - reference[:, None, :]
+    way = np.hypot(*(reference - reference[:, :1]))
     gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
-    chord = (1 - gone)[:, None, None] * offset[0] + gone[:, None, None] * offset[-1]
-    left = np.hypot(*np.moveaxis(offset - chord, -1, 0)).max()
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
     assert left <= float(one.departure(*ends)[0]) + 4 * ROUNDING_M
+    uneven = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
+    assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
 
 
 def test_no_growth_is_no_change_in_any_company() -> None:
@@ -117,17 +122,18 @@ def test_no_growth_is_no_change_in_any_company() -> None:
     assert both.changes
     for name in ("hull_xy", "shape_xy", "shape_to_xy", "start_us", "end_us"):
         np.testing.assert_array_equal(getattr(mine, name), getattr(alone, name))
-    figure, rows = earth_of(scene.earth), np.arange(len(alone))
+    rows = np.arange(len(alone))
     t0, t1 = np.zeros(len(rows)), np.full(len(rows), 600.0)
-    one, other = (rhumb_shapes(figure, p, rows, alone.start_us) for p in (alone, both))
-    assert one.forward_rate is None
-    with_growth = rhumb_shapes(figure, both, np.arange(len(both)), both.start_us)
-    assert with_growth.forward_rate is not None
-    for shapes in (other, with_growth.take(rows)):
-        np.testing.assert_array_equal(shapes.positions(t1), one.positions(t1))
-        np.testing.assert_array_equal(shapes.velocities(t1), one.velocities(t1))
-        np.testing.assert_array_equal(shapes.bend(t0, t1), one.bend(t0, t1))
-        np.testing.assert_array_equal(shapes.departure(t0, t1), one.departure(t0, t1))
+    one, other = (shapes_at(scene, p, rows, alone.start_us) for p in (alone, both))
+    assert one.growth is None
+    assert other.growth is None
+    np.testing.assert_array_equal(other.positions(t1), one.positions(t1))
+    np.testing.assert_array_equal(other.velocities(t1), one.velocities(t1))
+    for bound in ("bend", "departure", "uneven"):
+        np.testing.assert_array_equal(getattr(other, bound)(t0, t1), getattr(one, bound)(t0, t1))
+    plane = Mercator(earth_of(scene.earth))
+    assert set(likeness(plane, both)[: len(rows)].tolist()) == set(likeness(plane, alone).tolist())
+    assert not set(likeness(plane, both)[len(rows) :].tolist()) & set(likeness(plane, alone).tolist())
 
 
 @pytest.mark.parametrize("mps", [1e-9, 1e-4, 0.1, 3.0])
