@@ -191,3 +191,36 @@ def test_more_growth_meets_no_later() -> None:
     assert list(starts) == sorted(starts, reverse=True)
     assert list(ends) == sorted(ends)
     assert starts[-1] < starts[0]
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("mps", [1.0, 1e-9, 1e-18])
+def test_two_that_grow_from_nothing_meet_when_they_have_grown_enough(earth: EarthModel, mps: float) -> None:
+    """Neither has an edge at the start: that must not look like a contact."""
+    nothing = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    one = replace(scenes.track("one", [(0, 0), (0, 0)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    two = replace(scenes.track("two", [(0, 0.1), (0, 0.1)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    beside = replace(scenes.track("beside", [(1, 0), (1, 0)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    found = solve([one, two, beside], [], Scene("s", earth=earth, tolerance_m=0.0))
+    if mps < 1.0:
+        assert found == []
+        return
+    (meeting,) = found
+    meets_s = scenes.meridian_m(earth, 0.1) / 2.0
+    assert (meeting.a_key, meeting.b_key) == ("one", "two")
+    ((start_us, end_us),) = meeting.periods_us
+    assert start_us == pytest.approx(scenes.instant_us(meets_s), abs=3)
+    assert end_us == scenes.instant_us(6 * HOUR_S)
+
+
+def test_a_haven_that_draws_in_to_a_point_and_opens_again() -> None:
+    """Through a point halfway on the leg: it leaves the wall it touches, and comes back to it."""
+    square = scenes.track("T", [(0, 0), (0, 0)], [0, 2 * HOUR_S], 9000.0, 9000.0, 9000.0, 9000.0)
+    turned = replace(square, outlines_m=np.array([square.outline_m, -square.outline_m]))
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
+    wall = scenes.area("A", shapely.box(-1, np.degrees(4500.0 / 6371008.771415), 1, 1))
+    (meeting,) = solve([turned], [wall], scene)
+    assert len(meeting.periods_us) == 2
+    (_, out), (back, _) = meeting.periods_us
+    assert out == pytest.approx(scenes.instant_us(0.5 * HOUR_S), abs=3)
+    assert back == pytest.approx(scenes.instant_us(1.5 * HOUR_S), abs=3)
