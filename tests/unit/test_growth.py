@@ -17,8 +17,11 @@ from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
 from conflictdb.mercator import Mercator, RhumbShapes
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import likeness
+from conflictdb.motion import StaticShapes, likeness
 from conflictdb.pieces import check_plane, track_pieces
+from conflictdb.separation import Encounters, separation
+from conflictdb.stage4_exact import settle_exactly
+from conflictdb.stage4_windows import Work
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65
@@ -224,3 +227,30 @@ def test_a_haven_that_draws_in_to_a_point_and_opens_again() -> None:
     (_, out), (back, _) = meeting.periods_us
     assert out == pytest.approx(scenes.instant_us(0.5 * HOUR_S), abs=3)
     assert back == pytest.approx(scenes.instant_us(1.5 * HOUR_S), abs=3)
+
+
+@pytest.mark.parametrize("mps", [1.0, 0.5, 1e-18])
+def test_points_close_beside_each_other_meet_when_they_have_grown_enough(mps: float) -> None:
+    """A tenth of a metre apart on long curved ways: the first window begins where neither has an edge."""
+    metre = 1.0 / (scenes.meridian_m(EarthModel.SPHERE, 0.5) - scenes.meridian_m(EarthModel.SPHERE, -0.5))
+    nothing = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    tracks = [
+        replace(scenes.track(key, [(0, lat), (0, lat + 4)], [0, 10 * HOUR_S], **nothing), grow_mps=mps)
+        for key, lat in (("ahead", 60.0 + 0.1 * metre), ("behind", 60.0))
+    ]
+    found = solve(tracks, [], Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0))
+    if mps < 0.1:  # too little for an edge to show at all
+        assert found == []
+        return
+    ((start_us, _),) = found[0].periods_us
+    assert start_us == pytest.approx(scenes.instant_us(0.05 / mps), abs=10)
+
+
+def test_polygons_without_any_edge_have_no_depth() -> None:
+    """Four vertices in one place, as a haven has before it grows, are not settled as if they overlapped."""
+    points = [StaticShapes(np.tile(np.array([x, 0.0])[:, None, None], (1, 4, 1))) for x in (0.0, 10.0)]
+    plane = Mercator(earth_of(EarthModel.SPHERE))
+    pairs = Encounters(plane, *points, np.zeros((2, 1)), 0.0)
+    assert np.isnan(separation(pairs, points[0].xy, points[1].xy)).all()
+    settled = settle_exactly(pairs, np.zeros(1), np.full(1, 100.0), 1.0, Work())
+    assert not settled.is_solved.any()
