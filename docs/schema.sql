@@ -343,6 +343,9 @@ FUNCTION _mark_all(p_scene_id bigint)
 FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _not_tiny(p_m double precision)
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 

@@ -200,10 +200,11 @@ BEGIN
     IF p_outline IS DISTINCT FROM ST_GeometryN(p_outlines, 1) THEN
         PERFORM _refuse('ZC006', p_who, 'outline', 'must be the first of outlines, or null', 'outline_is_first');
     END IF;
-    PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d;
+    PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
+        WHERE abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > 1e-12 * ST_Area(d.geom);
     -- As conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time, by its Bernstein coefficients.
     WITH vertex AS (
-        SELECT o.path[1] AS leg, v.path[2] AS n, ST_X(v.geom) AS x, ST_Y(v.geom) AS y
+        SELECT o.path[1] AS leg, v.path[2] AS n, _not_tiny(ST_X(v.geom)) AS x, _not_tiny(ST_Y(v.geom)) AS y
         FROM ST_Dump(p_outlines) o CROSS JOIN LATERAL ST_DumpPoints(o.geom) v
     ), edge AS (
         SELECT v.leg, v.n, lead(v.x) OVER w - v.x AS dx, lead(v.y) OVER w - v.y AS dy,

@@ -116,6 +116,14 @@ END;
 COMMENT ON FUNCTION _legs(geometry, text) IS
 'The legs of a path: instants, start and change of longitude (degrees) and rectifying latitude (radians), heading.';
 
+CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN abs(p_m) < 1e-12 THEN 0 ELSE p_m END;
+END;
+COMMENT ON FUNCTION _not_tiny(double precision) IS
+'A number of metres, 0 below a picometre: the square of a smaller one may underflow, which PostgreSQL refuses.';
+
 CREATE OR REPLACE FUNCTION _corners(
     p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision,
     OUT dx double precision, OUT dy double precision
@@ -123,7 +131,7 @@ CREATE OR REPLACE FUNCTION _corners(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     WITH vertex AS (
-        SELECT d.path[2] AS n, ST_X(d.geom) AS x, ST_Y(d.geom) AS y
+        SELECT d.path[2] AS n, _not_tiny(ST_X(d.geom)) AS x, _not_tiny(ST_Y(d.geom)) AS y
         FROM ST_DumpPoints(p_outline) d WHERE d.path[2] < ST_NPoints(p_outline)
     ), other AS (
         SELECT v.n, v.x, v.y, coalesce(lag(v.x) OVER w, last_value(v.x) OVER whole) AS x_before,

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9d36365a502942fc85d833c7792d76ced9251d89fb2df3608f5b1ca3742bd1b5"
+routines_sha256 = "15ce22f9763e790043d211c8b1c07232cb52c94bc632649387b9df3bdd05390a"
 
 GROWTH = """
 ALTER TABLE conflictdb.track
