@@ -272,7 +272,7 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class Conflicts:
-    """n pairs of objects that interfere, or might.
+    """n pairs of objects that interfere, or might, or come near each other (these have no periods).
 
     The order of a and b within a pair is free: the store puts the area, else the smaller key, first.
 
@@ -283,6 +283,11 @@ class Conflicts:
     verdict : (n,) int8            index into list(Verdict)
     first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
     time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
+    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US where there is none
+    closest_m, closest_error_m : (n,) float64   distance then, metres on the earth, and how much less the least distance
+        may be; NaN if not computed
+    closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
+        computed
     """
 
     a_kind: NDArray[np.int8]
@@ -296,6 +301,11 @@ class Conflicts:
     verdict: NDArray[np.int8]
     first_contact_deg: NDArray[np.float64]
     time_error_s: NDArray[np.float64]
+    closest_us: NDArray[np.int64]
+    closest_m: NDArray[np.float64]
+    closest_error_m: NDArray[np.float64]
+    closest_a_deg: NDArray[np.float64]
+    closest_b_deg: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.a_id)

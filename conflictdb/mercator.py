@@ -58,6 +58,10 @@ class Mercator:
     def turn_m(self) -> float:
         return float(2.0 * np.pi * self.earth.radius_m)
 
+    @property
+    def is_conformal(self) -> bool:
+        return True
+
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)
 

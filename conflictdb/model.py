@@ -64,6 +64,7 @@ class Verdict(StrEnum):
     CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
     GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
     UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
+    NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
 
 
 class Kind(IntEnum):
@@ -79,6 +80,8 @@ class Scene:
 
     tolerance_m : closeness that is too close to call, metres, >= 0
     separation_m : minimum distance wanted between polygons, metres, >= 0 (0: they must touch to conflict)
+    nearest_m : pairs without conflict that come within this are reported with their closest approach, metres, >= 0
+        (0: they are not); methods that stop before stage 4 report none
     """
 
     name: str
@@ -87,6 +90,7 @@ class Scene:
     method: Method = Method.EXACT
     tolerance_m: float = 1.0
     separation_m: float = 0.0
+    nearest_m: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -98,11 +102,17 @@ class Scene:
             except ValueError:
                 known = ", ".join(choice.value for choice in choices)
                 raise InvalidInput(who, name, f"must be one of {known}; got {getattr(self, name)!r}") from None
-        for name in ("tolerance_m", "separation_m"):
+        for name in ("tolerance_m", "separation_m", "nearest_m"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
                 raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
             object.__setattr__(self, name, float(value))
+
+    @property
+    def reach_m(self) -> float:
+        """How close two polygons must come to be of any interest, metres."""
+        conflict_m = self.tolerance_m + self.separation_m
+        return conflict_m if self.method in (Method.SCREEN, Method.WINDOW) else max(conflict_m, self.nearest_m)
 
 
 @dataclass(frozen=True, slots=True)

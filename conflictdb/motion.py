@@ -74,6 +74,10 @@ class Plane(Protocol):
     def turn_m(self) -> float:
         """Plane metres of one turn of longitude; 0 where the plane has no seam."""
 
+    @property
+    def is_conformal(self) -> bool:
+        """Whether angles in the plane are those on the earth."""
+
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y of longitudes and latitudes."""
 

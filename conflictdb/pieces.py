@@ -1,7 +1,7 @@
 """Objects cut into pieces: convex, in the scene's plane, with boxes tight in space and time.
 
 An area becomes convex parts, a track leg one or more time slices. Each piece carries a convex hull that covers all it
-does, padded so that two pieces can only come within the scene's tolerance and separation where their hulls meet: the
+does, padded so that two pieces can only come within the scene's reach (`Scene.reach_m`) where their hulls meet: the
 database joins hulls, and never misses. Slices serve the boxes, not the accuracy: stage 4 works on the true motion.
 """
 
@@ -88,7 +88,7 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     of_vertex = np.repeat(np.arange(n), np.diff(offset))
     scale = np.zeros(n)
     np.maximum.at(scale, of_vertex, plane.largest_scale(xy.T[:, None, :]))
-    pad = padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
+    pad = padding_m(plane, scale, scene.reach_m)
     hull_xy, hull_offset = _padded_hulls(xy, of_vertex, n, pad)
     # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
     shift = -plane.turn_m * _turns_from_home(plane, hull_xy, hull_offset)
@@ -321,7 +321,7 @@ def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, bend: Floats) -> tu
     for rows, shapes, duration in _alike(plane, pieces):
         nought = np.zeros(len(rows))
         scale = shapes.largest_scale(nought, duration)
-        pad[rows] += padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
+        pad[rows] += padding_m(plane, scale, scene.reach_m)
         for t in (nought, duration):
             points.append(shapes.positions(t).reshape(2, -1).T)
             owners.append(np.tile(rows, shapes.vertex_count))

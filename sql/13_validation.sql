@@ -160,6 +160,10 @@ BEGIN
         PERFORM _refuse('ZC009', v_who, 'separation_m', 'must be a finite number of metres, 0 or more',
                         'scene_separation_finite');
     END IF;
+    IF (NEW.nearest_m >= 0 AND NEW.nearest_m < 'infinity') IS NOT TRUE THEN
+        PERFORM _refuse('ZC009', v_who, 'nearest_m', 'must be a finite number of metres, 0 or more',
+                        'scene_nearest_finite');
+    END IF;
     RETURN NEW;
 END
 $$;

@@ -3,7 +3,8 @@
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
-    p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL
+    p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL,
+    p_nearest_m double precision DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -12,18 +13,20 @@ BEGIN
     LOOP
         UPDATE scene s SET motion = coalesce(p_motion, s.motion), earth = coalesce(p_earth, s.earth),
                            method = coalesce(p_method, s.method), tolerance_m = coalesce(p_tolerance_m, s.tolerance_m),
-                           separation_m = coalesce(p_separation_m, s.separation_m)
+                           separation_m = coalesce(p_separation_m, s.separation_m),
+                           nearest_m = coalesce(p_nearest_m, s.nearest_m)
             WHERE s.name = p_name
-              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m) IS DISTINCT FROM
+              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m) IS DISTINCT FROM
                   (coalesce(p_motion, s.motion), coalesce(p_earth, s.earth), coalesce(p_method, s.method),
-                   coalesce(p_tolerance_m, s.tolerance_m), coalesce(p_separation_m, s.separation_m));
+                   coalesce(p_tolerance_m, s.tolerance_m), coalesce(p_separation_m, s.separation_m),
+                   coalesce(p_nearest_m, s.nearest_m));
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
             RETURN v_scene_id;
         END IF;
-        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m)
+        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m)
             VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(p_earth, 'wgs84'), coalesce(p_method, 'exact'),
-                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0))
+                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), coalesce(p_nearest_m, 0.0))
             ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
         IF FOUND THEN
             RETURN v_scene_id;
@@ -32,9 +35,9 @@ BEGIN
     END LOOP;
 END
 $$;
-COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision) IS
+COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision) IS
 'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
-'Left out, a new scene gets rhumb, wgs84, exact, tolerance 1 m, separation 0 m.';
+'Left out, a new scene gets rhumb, wgs84, exact, tolerance 1 m, separation 0 m, nearest 0 m (none).';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,

@@ -22,14 +22,15 @@ COMMENT ON FUNCTION _begin_load() IS
 
 CREATE OR REPLACE FUNCTION _load(
     p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
-    p_separation_m double precision, p_merge boolean,
+    p_separation_m double precision, p_nearest_m double precision, p_merge boolean,
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
 SET enable_nestloop = off AS $$
 DECLARE
-    v_scene_id bigint := create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m);
+    v_scene_id bigint := create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m,
+                                       p_nearest_m);
     v_rows bigint;
     v_key text;
     v_total bigint;
@@ -96,7 +97,7 @@ BEGIN
     unchanged := v_total - added - updated;
 END
 $$;
-COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, boolean) IS
+COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, double precision, boolean) IS
 'Brings a scene in step with the staged tables; counts objects. Without p_merge, objects that are not staged go.';
 
 -- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.

@@ -316,6 +316,13 @@ def write_run(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, conf
             "lon_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 0], "f8"),
             "lat_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 1], "f8"),
             "time_error_s": copy_binary.fixed(conflicts.time_error_s, "f8"),
+            "closest_at": copy_binary.instants(conflicts.closest_us),
+            "closest_m": copy_binary.fixed(conflicts.closest_m, "f8"),
+            "closest_error_m": copy_binary.fixed(conflicts.closest_error_m, "f8"),
+            "a_lon_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 0], "f8"),
+            "a_lat_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 1], "f8"),
+            "b_lon_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 0], "f8"),
+            "b_lat_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 1], "f8"),
         },
     )
     copy_binary.send(

@@ -84,7 +84,7 @@ def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
     """Return every scene, by name."""
     with transaction(conn):
-        return [SceneStatus(row[0], _scene(*row[1:7]), *row[7:]) for row in call_many(conn, "_scenes")]
+        return [SceneStatus(row[0], _scene(*row[1:8]), *row[8:]) for row in call_many(conn, "_scenes")]
 
 
 def pending_scenes(conn: psycopg.Connection[Any]) -> list[str]:
@@ -295,8 +295,11 @@ def _settings(scene: Scene) -> tuple[object, ...]:
         scene.method.value,
         scene.tolerance_m,
         scene.separation_m,
+        scene.nearest_m,
     )
 
 
-def _scene(name: str, motion: str, earth: str, method: str, tolerance_m: float, separation_m: float) -> Scene:
-    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m)
+def _scene(
+    name: str, motion: str, earth: str, method: str, tolerance_m: float, separation_m: float, nearest_m: float
+) -> Scene:
+    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, nearest_m)
