@@ -266,16 +266,20 @@ def _is_swapped(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> N
 
 def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
+    # Objects that meet are closest when they first do.
+    meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
     swap = _is_swapped(pieces, pairs.a, pairs.b)
     a, b = np.where(swap, pairs.b, pairs.a), np.where(swap, pairs.a, pairs.b)
+    if scene.nearest_m == 0.0:
+        some = np.flatnonzero(
+            np.isin(pieces.object_id[a], conflicts.a_id[~meets]) & np.isin(pieces.object_id[b], conflicts.b_id[~meets])
+        )
+        pairs, swap, a, b = pairs.take(some), swap[some], a[some], b[some]
     known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
     keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
     unique, number = np.unique(np.concatenate([known, keys], axis=1), axis=1, return_inverse=True)
     known_number, number = number[: len(conflicts)], number[len(conflicts) :]
 
-    # Objects that meet are closest when they first do.
-    verdict = conflicts.verdict.copy()
-    meets = (verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(verdict), np.bool_)
     closest_us = np.where(meets, conflicts.period_us[conflicts.period_offset[:-1], 0], SINCE_EVER_US)
     closest_m, error_m = np.where(meets, 0.0, np.nan), np.where(meets, 0.0, np.nan)
     first = np.where(meets[:, None], conflicts.first_contact_deg, np.nan)
@@ -285,11 +289,11 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
     wanted[known_number] = np.where(meets, -np.inf, np.inf)
     rows = np.flatnonzero(wanted[number] >= 0.0)
     asked, group = np.unique(number[rows], return_inverse=True)
-    some = pairs.take(rows)
-    found = approaches(scene, pieces, some, group, wanted[asked])
+    candidates = pairs.take(rows)
+    found = approaches(scene, pieces, candidates, group, wanted[asked])
     of_b = swap[rows[found.pair]] if len(asked) else np.zeros(0, np.bool_)
     touch = np.flatnonzero(found.distance_m == 0.0)
-    where = meeting_points(scene, pieces, some.take(found.pair[touch]), found.at_s[touch])
+    where = meeting_points(scene, pieces, candidates.take(found.pair[touch]), found.at_s[touch])
     found.a_deg[touch] = found.b_deg[touch] = where
     found_a = np.where(of_b[:, None], found.b_deg, found.a_deg)
     found_b = np.where(of_b[:, None], found.a_deg, found.b_deg)
@@ -320,7 +324,7 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
         b_version=np.concatenate([conflicts.b_version, pieces.version[member_b]]),
         period_us=conflicts.period_us,
         period_offset=np.concatenate([conflicts.period_offset, np.full(n, len(conflicts.period_us), np.int64)]),
-        verdict=np.concatenate([verdict, np.full(n, NEAR, np.int8)]),
+        verdict=np.concatenate([conflicts.verdict, np.full(n, NEAR, np.int8)]),
         first_contact_deg=np.concatenate([conflicts.first_contact_deg, np.full((n, 2), np.nan)]),
         time_error_s=np.concatenate([conflicts.time_error_s, np.zeros(n)]),
         closest_us=np.concatenate([closest_us, found.at_us[near]]),

@@ -302,49 +302,53 @@ def _nearest_points(pairs: Encounters, t: Floats) -> tuple[Floats, Floats]:
     a, b = pairs.a.positions(t) + origin, pairs.b.positions(t) + origin
     found = pairs.nearest(np.arange(len(t)), t)
     one, other = found.point_a.T.copy(), found.point_b.T.copy()
-    for k in np.flatnonzero(found.excess_m > SHORT_M).tolist():
-        # The nearest points of the plane may not be those of the earth: each vertex with each edge.
-        one[:, k], other[:, k] = _nearest_on_earth(pairs.plane, a[:, :, k], b[:, :, k])
+    # The nearest points of the plane may not be those of the earth.
+    far = np.flatnonzero(found.excess_m > SHORT_M)
+    if far.size:
+        from_a, on_b, a_distance = _vertex_and_edge(pairs.plane, a[:, :, far], b[:, :, far])
+        from_b, on_a, b_distance = _vertex_and_edge(pairs.plane, b[:, :, far], a[:, :, far])
+        of_a = a_distance <= b_distance
+        one[:, far], other[:, far] = np.where(of_a, from_a, on_a), np.where(of_a, on_b, from_b)
     return one, other
 
 
-def _nearest_on_earth(plane: Plane, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the nearest points of two disjoint polygons (2, va) and (2, vb), plane metres."""
-    ends = []
-    for points, polygon in ((a, b), (b, a)):
-        point = np.repeat(points, polygon.shape[1], axis=1)
-        edges = np.stack([polygon, np.roll(polygon, -1, axis=1)], axis=1)
-        edge = np.tile(edges, points.shape[1])
-        k = int(plane.distance_m(point[:, None, :], edge).argmin())
-        at = _on_edge(plane, point[:, k], edge[:, :, k])
-        ends.append((float(plane.distance_m(point[:, k, None, None], at[:, None, None])[0]), point[:, k], at))
-    if ends[0][0] <= ends[1][0]:
-        return ends[0][1], ends[0][2]
-    return ends[1][2], ends[1][1]
+def _vertex_and_edge(plane: Plane, points: Floats, polygon: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the vertex nearest to another polygon, its nearest point there, (2, n) plane metres, and their distance.
 
+    points, polygon : (2, v, n) and (2, w, n) plane metres
+    """
+    n, count = points.shape[2], polygon.shape[1]
+    ends = np.stack([polygon, np.roll(polygon, -1, axis=1)], axis=1)
+    vertex, edge, least = points[:, 0].copy(), ends[:, :, 0].copy(), np.full(n, np.inf)
+    for k in range(points.shape[1]):
+        for m in range(count):
+            distance = plane.distance_m(points[:, k : k + 1], ends[:, :, m])
+            nearer = distance < least
+            least = np.where(nearer, distance, least)
+            vertex = np.where(nearer, points[:, k], vertex)
+            edge = np.where(nearer, ends[:, :, m], edge)
 
-def _on_edge(plane: Plane, point: Floats, edge: Floats) -> Floats:
-    """Return where on an edge (2, 2) a point (2,) is nearest on the earth, by golden section."""
-
-    def place(part: float) -> Floats:
+    def place(part: Floats) -> Floats:
         return np.asarray(edge[:, 0] + part * (edge[:, 1] - edge[:, 0]))
 
-    def distance(part: float) -> float:
-        return float(plane.distance_m(point[:, None, None], place(part)[:, None, None])[0])
+    def distance_at(part: Floats) -> Floats:
+        return plane.distance_m(vertex[:, None], place(part)[:, None])
 
-    low, high = 0.0, 1.0
-    left, right = high - GOLDEN, GOLDEN
-    at_left, at_right = distance(left), distance(right)
+    # Golden section along the edge, then its ends.
+    low, high = np.zeros(n), np.ones(n)
+    left, right = high - GOLDEN, low + GOLDEN
+    at_left, at_right = distance_at(left), distance_at(right)
     for _ in range(EDGE_STEPS):
-        if at_left <= at_right:
-            high, right, at_right = right, left, at_left
-            left = high - GOLDEN * (high - low)
-            at_left = distance(left)
-        else:
-            low, left, at_left = left, right, at_right
-            right = low + GOLDEN * (high - low)
-            at_right = distance(right)
-    return place(min((0.0, 1.0, 0.5 * (low + high)), key=distance))
+        before = at_left <= at_right
+        low, high = np.where(before, low, left), np.where(before, right, high)
+        new = np.where(before, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        at_new = distance_at(new)
+        left, right = np.where(before, new, right), np.where(before, left, new)
+        at_left, at_right = np.where(before, at_new, at_right), np.where(before, at_left, at_new)
+    part = 0.5 * (low + high)
+    for end in (np.zeros(n), np.ones(n)):
+        part = np.where(distance_at(end) <= distance_at(part), end, part)
+    return vertex, place(part), distance_at(part)
 
 
 def _degrees(plane: Plane, xy: Floats) -> Floats:
