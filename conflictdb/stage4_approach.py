@@ -132,15 +132,17 @@ class _Search:
         left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         at_left, at_right = _distance(self.pairs, rows, left), _distance(self.pairs, rows, right)
         for _ in range(MAX_LEVELS):
-            # Of equal ones the earlier: what is least for long is least from its begin.
-            earlier = at_left <= at_right
-            low, high = np.where(earlier, low, left), np.where(earlier, right, high)
-            new = np.where(earlier, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-            at_new = _distance(self.pairs, rows, new)
-            left, right = np.where(earlier, new, right), np.where(earlier, left, new)
-            at_left, at_right = np.where(earlier, at_new, at_right), np.where(earlier, at_left, at_new)
-            if (high - low <= SHORTEST_INTERVAL_S).all():
+            # Each by itself: what is found of a pair does not depend on the company it is in.
+            k = np.flatnonzero(high - low > SHORTEST_INTERVAL_S)
+            if not k.size:
                 break
+            earlier = at_left[k] <= at_right[k]
+            low[k], high[k] = np.where(earlier, low[k], left[k]), np.where(earlier, right[k], high[k])
+            width = GOLDEN * (high[k] - low[k])
+            new = np.where(earlier, high[k] - width, low[k] + width)
+            at_new = _distance(self.pairs, rows[k], new)
+            left[k], right[k] = np.where(earlier, new, right[k]), np.where(earlier, left[k], new)
+            at_left[k], at_right[k] = np.where(earlier, at_new, at_right[k]), np.where(earlier, at_left[k], at_new)
         self.see(rows, np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right))
 
     def _bounds(self, row: NDArray[np.int64], start: Floats, middle: Floats, end: Floats) -> tuple[Floats, Floats]:

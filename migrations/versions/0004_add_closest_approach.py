@@ -13,6 +13,17 @@ depends_on = None
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
 routines_sha256 = "507854e01a538913b48cf4e7ca9bf26e3f3cfd4dc257b90680407770f195e674"
 
+# Their arguments or results are others now.
+CHANGED = (
+    "create_scene(text, text, text, text, double precision, double precision)",
+    "_load(text, text, text, text, double precision, double precision, boolean)",
+    "_scenes()",
+    "_scene(bigint)",
+    "_scene_named(text)",
+    "_conflicts(text, timestamptz, boolean)",
+)
+DROP = "DROP FUNCTION IF EXISTS conflictdb."
+
 SCENE = """
 ALTER TABLE conflictdb.scene
     ADD COLUMN nearest_m double precision NOT NULL DEFAULT 0.0,
@@ -38,20 +49,10 @@ ALTER TABLE conflictdb.conflict
     )
 """
 
-# Their arguments or results are others now.
-CHANGED = (
-    "create_scene(text, text, text, text, double precision, double precision)",
-    "_load(text, text, text, text, double precision, double precision, boolean)",
-    "_scenes()",
-    "_scene(bigint)",
-    "_scene_named(text)",
-    "_conflicts(text, timestamptz, boolean)",
-)
-
 
 def upgrade() -> None:
     for routine in CHANGED:
-        op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
+        op.execute(DROP + routine)
     op.execute(SCENE)
     op.execute(CONFLICT)
 
