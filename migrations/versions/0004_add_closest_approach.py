@@ -6,12 +6,12 @@ Pairs that are only near have the verdict near and no periods.
 from alembic import op
 
 revision = "0004"
-down_revision = "0002"
+down_revision = "0003"
 branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "507854e01a538913b48cf4e7ca9bf26e3f3cfd4dc257b90680407770f195e674"
+routines_sha256 = "15669315d57c3b7c22c4e39b214a7e2259a4f66f3e02770d0fc2ecdd718df72f"
 
 # Their arguments or results are others now.
 CHANGED = (
