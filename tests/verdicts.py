@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from typing import Final
 
+import numpy as np
 import oracle
 
 from conflictdb import solve, store
@@ -80,13 +81,20 @@ def compared(
     truth: dict[Pair, oracle.Meeting] | None = None,
 ) -> Comparison:
     """Compare what was reported of a scene with the oracle (or with what it has said)."""
-    care_m = max(20.0, 15.0 * scene.tolerance_m)  # in the plane, which is up to 12 times as large at 85 degrees
+    care_m = max(20.0, scene.tolerance_m * _scale(areas, tracks))
     truth = truth or oracle.meetings(scene, areas, tracks, care_m)
     outer = None
     if scene.separation_m > 0.0:
         looser = replace(scene, separation_m=scene.separation_m + scene.tolerance_m)
         outer = oracle.meetings(looser, areas, tracks, care_m)
     return compare(scene, truth, reported, outer)
+
+
+def _scale(areas: Sequence[Area], tracks: Sequence[Track]) -> float:
+    """More than the plane metres per metre wherever a scene's objects come within their tolerance."""
+    latitudes = [lat for area in areas for lat in area.footprint.bounds[1::2]]
+    latitudes += [float(lat) for track in tracks for lat in track.positions_deg[:, 1]]
+    return 3.0 / float(np.cos(np.radians(np.abs(latitudes).max(initial=0.0))))
 
 
 def compare(
