@@ -297,6 +297,20 @@ def haven_at(scene: Scene, track: Track, instant_us: int, leg: int) -> Floats:
     return np.degrees(np.stack([lon[0], lat[0]], axis=-1))
 
 
+def polygons_at(scene: Scene, thing: Area | Track, instant_us: int, near_lon: float) -> list[shapely.Geometry]:
+    """The polygons of an object at an instant in the plane, in metres east of `near_lon`, the nearest whole turn."""
+    globe = Globe.of(scene.earth)
+    turn = 2 * np.pi * globe.a
+    found = []
+    for phase in phases(globe, thing, np.radians(near_lon)):
+        if phase.start_us <= instant_us <= phase.end_us:
+            polygon = phase.place(instant_us, np.zeros(1))[0]
+            aside = np.round(polygon.centroid.x / turn) * turn
+            for extra in (-turn, 0.0, turn):
+                found.append(shapely.transform(polygon, lambda xy, by=extra - aside: xy + np.array([by, 0.0])))
+    return found
+
+
 def _copies(p: Phase, q: Phase, margin_m: float) -> Iterator[Phase]:
     """The second phase as it is and whole turns aside, as far as it could come within a margin of the first."""
     round_m = 2 * np.pi * p.globe.a
