@@ -45,6 +45,10 @@ class Phase:
     footprint: shapely.MultiPolygon | None
     origin_lon: float
 
+    @property
+    def moves(self) -> bool:
+        return self.leg is not None and (self.leg.north_m != 0.0 or self.leg.east_m != 0.0)
+
     def vertices(self, epoch_us: int, seconds: Floats) -> Floats:
         """Vertices (n, m, 2) in the plane, metres; areas: their bounds, which do not move."""
         if self.leg is None:
@@ -252,8 +256,8 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
         low, high = max(p.start_us, q.start_us), min(p.end_us, q.end_us)
         if low > high or low >= end_us:
             continue
-        still = p.leg is None and q.leg is None
-        zero_us = epoch_us if still else int(low)
+        still = not p.moves and not q.moves
+        zero_us = epoch_us if p.leg is None and q.leg is None else int(low)
         offset_s = (zero_us - epoch_us) / 1e6
         duration_s = 0.0 if still else (int(high) - int(low)) / 1e6
         on_earth = scene.separation_m > 0.0
@@ -261,7 +265,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
             gap = Gap(p, other, zero_us, scene.separation_m, care_m, on_earth)
             intervals, value, at = contacts(gap, duration_s, care_m)
             if still and intervals:
-                intervals = [((low - epoch_us) / 1e6, (high - epoch_us) / 1e6)]
+                intervals = [((low - zero_us) / 1e6, (high - zero_us) / 1e6)]
             found += [(s + offset_s, e + offset_s) for s, e in intervals]
             if value < care_m and not on_earth and not found:
                 value, at = closest(Gap(p, other, zero_us, 0.0, care_m, on_earth=True), duration_s)
