@@ -30,7 +30,7 @@ SPLIT: Final = 16  # parts that an undecided interval is cut into
 SAMPLING_ROUNDS: Final = 3  # 16, then 256, then 4096 intervals per pair of legs, the last two only where undecided
 ZOOM_ROUNDS: Final = 10  # each narrows a bracket 8 times or more
 SAME_INSTANT_S: Final = 1e-7  # contacts closer than this are one
-PLANE_PER_METRE: Final = 60.0  # at most, up to 89 degrees
+PLANE_PER_METRE: Final = 120.0  # at most, up to 89.5 degrees
 
 
 @dataclass(frozen=True)
