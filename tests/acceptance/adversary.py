@@ -62,6 +62,7 @@ class Search:
     nearest_m: float = np.inf
     shortest_s: float = np.inf
     found: list[str] = field(default_factory=list)
+    tells: bool = False  # each at once
 
     def examine(self, scene: Scene, things: Sequence[Thing], care_m: float = 0.0) -> dict[Pair, oracle.Meeting]:
         """Compare the product with the oracle, note what differs, and return the truth."""
@@ -79,6 +80,9 @@ class Search:
             path = write_scene(self.keep / f"{self.name}-{self.candidates}.geojson", scene, areas, tracks)
             lines = [*wrong, f"python tests/acceptance/adversary.py --replay {path}"]
             self.found.append("\n    ".join(lines))
+            if self.tells:
+                sys.stdout.write(self.found[-1] + "\n")
+                sys.stdout.flush()
         return truth
 
 
@@ -106,11 +110,18 @@ def in_fifty_digits(scene: Scene, things: Sequence[Thing], truth: dict[Pair, ora
 
 
 def search(
-    seed: int, keep: Path, method: Method = Method.EXACT, solver: Solver = solved, *, seconds: float, candidates: int
+    seed: int,
+    keep: Path,
+    method: Method = Method.EXACT,
+    solver: Solver = solved,
+    *,
+    seconds: float,
+    candidates: int,
+    tells: bool = False,
 ) -> Search:
     """Look for disagreements until so much time has gone, or so many candidates."""
     rng = np.random.default_rng(seed)
-    run = Search(solver, keep, str(seed))
+    run = Search(solver, keep, str(seed), tells=tells)
     until = time.monotonic() + seconds
 
     def goes_on() -> bool:
@@ -275,8 +286,7 @@ def main() -> int:
         return replay(options.replay, options.method)
     keep = options.keep or Path(tempfile.mkdtemp(prefix="adversary-"))
     keep.mkdir(parents=True, exist_ok=True)
-    run = search(options.seed, keep, options.method, seconds=60.0 * options.minutes, candidates=sys.maxsize)
-    sys.stdout.write("".join(f"{one}\n" for one in run.found))
+    run = search(options.seed, keep, options.method, seconds=60.0 * options.minutes, candidates=sys.maxsize, tells=True)
     total = run.total
     sys.stdout.write(
         f"{run.candidates} candidates, {total.pairs} pairs, {total.touching} touch, {total.grazing} grazing, "

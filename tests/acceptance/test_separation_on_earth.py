@@ -21,6 +21,10 @@ earths = pytest.mark.parametrize("earth", EarthModel)
 # From the latitude nearer the equator to the one nearer the pole.
 BANDS = [(60.0, 62.0), (-60.0, -62.0), (-1.0, 3.0), (1.0, -3.0), (75.0, 80.0), (-40.0, -40.5)]
 bands = pytest.mark.parametrize(("equatorial", "polar"), BANDS)
+some_bands = pytest.mark.parametrize(
+    ("equatorial", "polar"), [BANDS[0], *(pytest.param(*band, marks=pytest.mark.slow) for band in BANDS[1:])]
+)
+slow = pytest.mark.slow  # the oracle takes minutes where the distance hardly changes all day
 
 
 def geodesic_m(earth: EarthModel, lon: float, lat: float) -> float:
@@ -83,7 +87,7 @@ def test_strips_of_unequal_height(earth: EarthModel, seam: float) -> None:
 
 
 @earths
-@bands
+@some_bands
 def test_a_haven_beside_a_strip(earth: EarthModel, equatorial: float, polar: float) -> None:
     """It stands still off a strip between meridians, much higher than the distance; and then it comes nearer."""
     zone = strip("A", 0.0, 1.0, equatorial, polar)
@@ -99,6 +103,7 @@ def test_a_haven_beside_a_strip(earth: EarthModel, equatorial: float, polar: flo
         assert {("A", "U"), ("A", "V")} <= set(reported)
 
 
+@slow
 @earths
 @bands
 def test_havens_beside_each_other(earth: EarthModel, equatorial: float, polar: float) -> None:
