@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from conflictdb.io import Contents, Skipped, read
     from conflictdb.memory import Interference, solve
     from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
-    from conflictdb.store import Conflict
+    from conflictdb.store import Approach, Conflict
 
 __all__ = [
+    "Approach",
     "Area",
     "Conflict",
     "ConflictDBError",
@@ -67,7 +68,7 @@ _HOME: Final = {
     **dict.fromkeys(("Run",), "conflictdb.detect"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
     **dict.fromkeys(("Contents", "Skipped", "read"), "conflictdb.io"),
-    **dict.fromkeys(("Conflict",), "conflictdb.store"),
+    **dict.fromkeys(("Approach", "Conflict"), "conflictdb.store"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Method", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
         "conflictdb.model",

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Track
+from conflictdb.outlines import mitred
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,9 @@ class TrackBatch:
     outline_offset : (n + 1,) int64
     outline_m : (v, 2) float64, starboard and forward
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    grow_mps : (n,) float64, outward speed of every side; 0 where the haven does not grow
+    outlines_offset : (n + 1,) int64
+    outlines_m : (u, 2) float64, the outlines of tracks that have one per waypoint, one after the other; else no rows
     """
 
     track_id: NDArray[np.int64]
@@ -73,6 +77,9 @@ class TrackBatch:
     outline_m: NDArray[np.float64]
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
+    grow_mps: NDArray[np.float64]
+    outlines_offset: NDArray[np.int64]
+    outlines_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -90,7 +97,57 @@ class TrackBatch:
             _stacked([t.outline_m for t in tracks]),
             np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], dtype=np.float64),
             np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], dtype=np.float64),
+            np.array([t.grow_mps for t in tracks], dtype=np.float64),
+            _offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
+            _stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
         )
+
+    def outlines_on(
+        self, track: NDArray[np.int64], waypoint: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the outlines of havens at both ends of legs: offset (m + 1,), start and end (s, 2) metres.
+
+        Vertex i of a start moves straight to vertex i of the end. Where nothing changes on any leg the end is the same
+        array as the start.
+
+        track, waypoint : (m,) rows of the legs' tracks, and of their first waypoints
+        """
+        if not self.grow_mps.any() and not len(self.outlines_m):
+            offset, index = ragged_rows(self.outline_offset, track)
+            start = self.outline_m[index]
+            return offset, start, start
+        grows = self.grow_mps > 0.0
+        growing, steady = np.flatnonzero(grows), np.flatnonzero(~grows)
+        corners, rate, corner_offset = mitred(*_taken(self.outline_offset, self.outline_m, growing))
+        count = np.diff(self.outline_offset)
+        count[growing] = np.diff(corner_offset)
+        body = _offsets(count)
+        of_growing, of_steady = (ragged_rows(body, rows)[1] for rows in (growing, steady))
+        outline, speed = np.empty((body[-1], 2)), np.zeros((body[-1], 2))
+        outline[of_growing], outline[of_steady] = corners, _taken(self.outline_offset, self.outline_m, steady)[0]
+        speed[of_growing] = rate * np.repeat(self.grow_mps[growing], count[growing])[:, None]
+
+        offset, index = ragged_rows(body, track)
+        leg = np.repeat(np.arange(len(track)), np.diff(offset))
+        first = self.waypoint_offset[track]
+        ends = []
+        for at in (waypoint, waypoint + 1):
+            age_s = (self.times_us[at] - self.times_us[first]) / 1e6
+            vertices = outline[index] + speed[index] * age_s[leg, None]
+            given = np.flatnonzero((np.diff(self.outlines_offset)[track] > 0)[leg])
+            of = leg[given]
+            nth = given - offset[of] + (at - first)[of] * count[track[of]]
+            vertices[given] = self.outlines_m[self.outlines_offset[track[of]] + nth]
+            ends.append(vertices)
+        start, end = ends
+        return offset, start, start if np.array_equal(start, end) else end
+
+
+def _taken(
+    offset: NDArray[np.int64], items: NDArray[np.float64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    taken, index = ragged_rows(offset, rows)
+    return items[index], taken
 
 
 def _offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
@@ -124,7 +181,8 @@ class Pieces:
     hull_xy, hull_offset : (h, 2) float64, (n + 1,) int64   padded convex hull of everything the piece covers, closed
         ring, plane coordinates in metres, shifted by `turn`
     shape_xy, shape_offset : (s, 2) float64, (n + 1,) int64  open ring, counter-clockwise, not shifted. Area: the exact
-        convex part in the plane, metres. Track: the outline (starboard, forward), metres
+        convex part in the plane, metres. Track: the outline (starboard, forward) at the start of the leg, metres
+    shape_to_xy : (s, 2) float64  the same vertices at the end of the leg; the very same array where nothing changes
     leg_start_us, leg_end_us : (n,) int64   tracks: the whole leg that the slice is cut from (areas: 0)
     leg_start_deg, leg_end_deg : (n, 2) float64   tracks: longitude (unwrapped, not shifted) and latitude (areas: 0)
     bearing_deg : (n,) float64    tracks: heading of the haven, clockwise from north (areas: 0)
@@ -144,6 +202,7 @@ class Pieces:
     hull_xy: NDArray[np.float64]
     hull_offset: NDArray[np.int64]
     shape_xy: NDArray[np.float64]
+    shape_to_xy: NDArray[np.float64]
     shape_offset: NDArray[np.int64]
     leg_start_us: NDArray[np.int64]
     leg_end_us: NDArray[np.int64]
@@ -154,6 +213,11 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.piece_id)
 
+    @property
+    def changes(self) -> bool:
+        """Whether any haven has another outline at the end of its leg than at the start."""
+        return self.shape_to_xy is not self.shape_xy
+
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the pieces of some rows."""
         columns: dict[str, Any] = {}
@@ -162,6 +226,8 @@ class Pieces:
                 ragged = column.name.replace("_offset", "_xy")
                 columns[column.name], index = ragged_rows(getattr(self, column.name), rows)
                 columns[ragged] = getattr(self, ragged)[index]
+                if ragged == "shape_xy":
+                    columns["shape_to_xy"] = self.shape_to_xy[index] if self.changes else columns[ragged]
             elif not column.name.endswith("_xy"):
                 columns[column.name] = getattr(self, column.name)[rows]
         return type(self)(**columns)
@@ -176,6 +242,8 @@ class Pieces:
                 ends = np.cumsum([0, *(part[-1] for part in parts)])
                 parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
             columns[column.name] = np.concatenate(parts)
+        if not any(batch.changes for batch in batches):
+            columns["shape_to_xy"] = columns["shape_xy"]
         return cls(**columns)
 
 
@@ -204,7 +272,7 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class Conflicts:
-    """n pairs of objects that interfere, or might.
+    """n pairs of objects that interfere, or might, or come near each other (these have no periods).
 
     The order of a and b within a pair is free: the store puts the area, else the smaller key, first.
 
@@ -215,6 +283,11 @@ class Conflicts:
     verdict : (n,) int8            index into list(Verdict)
     first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
     time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
+    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US where there is none
+    closest_m, closest_error_m : (n,) float64   distance then, metres on the earth, and how much less the least distance
+        may be; NaN if not computed
+    closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
+        computed
     """
 
     a_kind: NDArray[np.int8]
@@ -228,6 +301,11 @@ class Conflicts:
     verdict: NDArray[np.int8]
     first_contact_deg: NDArray[np.float64]
     time_error_s: NDArray[np.float64]
+    closest_us: NDArray[np.int64]
+    closest_m: NDArray[np.float64]
+    closest_error_m: NDArray[np.float64]
+    closest_a_deg: NDArray[np.float64]
+    closest_b_deg: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.a_id)

@@ -259,6 +259,7 @@ class Database:
         method: Method | str | None = None,
         tolerance_m: float | None = None,
         separation_m: float | None = None,
+        nearest_m: float | None = None,
         full: bool = False,
         jobs: int | None = 1,
         progress: "Progress | None" = None,
@@ -267,7 +268,7 @@ class Database:
 
         Parameters
         ----------
-        method, tolerance_m, separation_m : optional
+        method, tolerance_m, separation_m, nearest_m : optional
             New settings of the scene; they stay, and other settings mean that everything is computed again.
         full : bool
             Compute everything again, also what did not change.
@@ -277,7 +278,12 @@ class Database:
         progress : callable, optional
             Called now and then with what is done and how much there is.
         """
-        given: dict[str, Any] = {"method": method, "tolerance_m": tolerance_m, "separation_m": separation_m}
+        given: dict[str, Any] = {
+            "method": method,
+            "tolerance_m": tolerance_m,
+            "separation_m": separation_m,
+            "nearest_m": nearest_m,
+        }
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
@@ -295,6 +301,11 @@ class Database:
             raise InvalidInput("conflicts", "at", f"needs an offset from UTC; got {at.isoformat()}")
         with self._transaction():
             return store.conflicts(self.connection, scene, at, with_region=with_region)
+
+    def approaches(self, scene: str) -> list[store.Approach]:
+        """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`."""
+        with self._transaction():
+            return store.approaches(self.connection, scene)
 
     def export(self, scene: str, path: str | Path) -> None:
         """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.

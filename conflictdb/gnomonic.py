@@ -46,6 +46,10 @@ class Gnomonic:
         """There is no seam."""
         return 0.0
 
+    @property
+    def is_conformal(self) -> bool:
+        return False
+
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres; NaN for points that are not within 90 degrees of the centre."""
         east, north, up = self.vectors(lon_deg, lat_deg)

@@ -17,12 +17,17 @@ from conflictdb.settle import needs_regions, settle
 
 @dataclass(frozen=True, slots=True)
 class Interference:
-    """A pair that interferes, or might, as `solve` reports it.
+    """A pair that interferes, or might, or comes near, as `solve` reports it.
 
     a_key, b_key : the area first if there is one, else the smaller key
     periods_us : (start, end) inclusive, microseconds since 1970; None where unbounded
     first_contact_deg : longitude and latitude of the first contact, None if the method does not tell
     time_error_s : bound on the error of every end of every period, seconds
+    closest_us : instant of the closest approach, microseconds since 1970; None where the method does not tell, and for
+        areas that are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be; None
+        where the method does not tell
+    closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
     """
 
     a_key: str
@@ -33,11 +38,17 @@ class Interference:
     periods_us: tuple[tuple[int | None, int | None], ...]
     first_contact_deg: tuple[float, float] | None
     time_error_s: float
+    closest_us: int | None = None
+    closest_m: float | None = None
+    closest_error_m: float | None = None
+    closest_a_deg: tuple[float, float] | None = None
+    closest_b_deg: tuple[float, float] | None = None
 
 
 def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
+    With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
     that the scene's plane cannot hold, and for keys that occur twice.
     """
@@ -57,7 +68,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     found, _ = settle(
         scene,
         pieces,
-        _pairs_in_memory(pieces, regions=needs_regions(scene.method)),
+        pairs_in_memory(pieces, regions=needs_regions(scene.method)),
         lambda numbers: batch.footprint[numbers],
     )
     objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
@@ -68,7 +79,10 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
             for kind, number in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         ]
         (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0], member[1].encode()))
-        lon, lat = found.first_contact_deg[k].tolist()
+        ends_deg = [found.closest_a_deg[k], found.closest_b_deg[k]]
+        if (a_kind, a_key) != pair[0]:
+            ends_deg.reverse()
+        closest_us = int(found.closest_us[k])
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
         answer.append(
             Interference(
@@ -78,14 +92,28 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
                 b_kind,
                 list(Verdict)[found.verdict[k]],
                 tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
-                None if np.isnan(lon) else (lon, lat),
+                _point(found.first_contact_deg[k]),
                 float(found.time_error_s[k]),
+                None if closest_us == SINCE_EVER_US else closest_us,
+                _number(found.closest_m[k]),
+                _number(found.closest_error_m[k]),
+                _point(ends_deg[0]),
+                _point(ends_deg[1]),
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
 
 
-def _pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
+def _number(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _point(position_deg: NDArray[np.float64]) -> tuple[float, float] | None:
+    lon, lat = position_deg.tolist()
+    return None if np.isnan(lon) else (lon, lat)
+
+
+def pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
     hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
     a, b = shapely.STRtree(hulls).query(hulls)

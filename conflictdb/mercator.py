@@ -7,13 +7,13 @@ reference point by a (f S1 (e, n) + s S2 (n, -e)): no bearing is special, and no
 
 S1 and S2 depend on time through the latitude mu of the reference point alone. As power series in the haven's size
 their coefficients are one number per haven; only havens that are large against their distance to the pole take the
-closed form.
+closed form. A haven may change along its leg: then f and s are themselves linear in time (`Growth`).
 
 Reference: Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
 section III (constraints on the haven); corrected in that the haven's image in the Mercator plane is not rigid.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, Self
 
 import numpy as np
@@ -42,6 +42,8 @@ EDGE_SHARE: Final = 0.02
 NEAREST_STEPS: Final = 4
 # Where distance * tan(latitude) / radius is beyond this, the nearest place is only bounded.
 MAX_TURN: Final = 0.3
+# In `Mercator.variety`: beyond all numbers of series and dents.
+CHANGES: Final = 8
 # A corner counts as one in the plane if it turns by so many times what its sides bend.
 CORNER_SLACK: Final = 4.0
 # What numpy holds at once when distances between all vertices and edges are taken, numbers.
@@ -57,6 +59,10 @@ class Mercator:
     @property
     def turn_m(self) -> float:
         return float(2.0 * np.pi * self.earth.radius_m)
+
+    @property
+    def is_conformal(self) -> bool:
+        return True
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)
@@ -85,11 +91,12 @@ class Mercator:
     def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
         east, north = direction_of(pieces.bearing_deg)
         of_vertex = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
-        outline = pieces.shape_xy / self.earth.rectifying_m
-        first = outline[:, 1] * north[of_vertex]
-        second = first - outline[:, 0] * east[of_vertex]
         highest = np.zeros(len(pieces))
-        for ends in (pieces.leg_start_deg, pieces.leg_end_deg):
+        # Latitudes are linear in time, also of havens that grow.
+        for ends, shape in ((pieces.leg_start_deg, pieces.shape_xy), (pieces.leg_end_deg, pieces.shape_to_xy)):
+            outline = shape / self.earth.rectifying_m
+            first = outline[:, 1] * north[of_vertex]
+            second = first - outline[:, 0] * east[of_vertex]
             mu = self.earth.rectifying(np.radians(ends[:, 1]))[of_vertex]
             np.maximum.at(highest, of_vertex, np.maximum(np.abs(mu + first), np.abs(mu + second)))
         return np.asarray(np.degrees(highest) <= MAX_HAVEN_LATITUDE_DEG)
@@ -132,7 +139,10 @@ class Mercator:
         return found
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) twice the number of the power series that a haven takes, plus 1 if it may not be convex."""
+        """Return (n,) twice the number of the power series that a haven takes, plus 1 if it may not be convex.
+
+        And plus CHANGES if it has another outline at the end of its leg.
+        """
         variety = np.zeros(len(pieces), np.int64)
         rows = np.flatnonzero(pieces.kind == Kind.TRACK)
         if rows.size:
@@ -141,8 +151,15 @@ class Mercator:
             offset, index = ragged_rows(pieces.shape_offset, rows)
             outline = pieces.shape_xy[index] / self.earth.rectifying_m
             size = np.maximum.reduceat(np.hypot(outline[:, 0], outline[:, 1]), offset[:-1])
+            outline_to = outline
+            if pieces.changes:
+                outline_to = pieces.shape_to_xy[index] / self.earth.rectifying_m
+                size = np.maximum(size, np.maximum.reduceat(np.hypot(outline_to[:, 0], outline_to[:, 1]), offset[:-1]))
+                differs = np.logical_or.reduceat((outline_to != outline).any(axis=1), offset[:-1])
+                variety[rows] = np.where(differs, CHANGES, 0)
             series = np.searchsorted([limit for _, limit in SERIES], size / (0.5 * np.pi - highest))
-            variety[rows] = 2 * series + _may_dent(outline, offset, np.tan(np.minimum(highest + size, 1.57)))
+            tangent = np.tan(np.minimum(highest + size, 1.57))
+            variety[rows] += 2 * series + _may_dent(outline, outline_to, offset, tangent)
         return variety
 
     def shapes(
@@ -156,7 +173,10 @@ class Mercator:
         outline = shape_vertices(pieces, rows) / earth.rectifying_m
         leg_start = pieces.leg_start_us[rows]
         varieties = self.variety(pieces.take(np.unique(rows)))
-        variety, convex = int(varieties.max(initial=0)), not (varieties % 2).any()
+        series, convex = int((varieties % CHANGES // 2).max(initial=0)), not (varieties % 2).any()
+        change = None
+        if (varieties >= CHANGES).any():
+            change = shape_vertices(pieces, rows, at_end=True) / earth.rectifying_m - outline
         lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn[rows]
         return rhumb_shapes(
             earth,
@@ -168,8 +188,9 @@ class Mercator:
             (pieces.leg_end_us[rows] - leg_start) / 1e6,
             direction_of(pieces.bearing_deg[rows]),
             outline,
-            SERIES[variety // 2][0] if variety // 2 < len(SERIES) else 0,
+            SERIES[series][0] if series < len(SERIES) else 0,
             is_convex=bool(convex),
+            change=change,
         )
 
     def _scale(self, y_m: Floats) -> Floats:
@@ -214,6 +235,31 @@ class Mercator:
 
 
 @dataclass(frozen=True, slots=True)
+class Growth:
+    """How havens change on their legs, all per second of the leg.
+
+    forward, starboard : (v, n) change of the vertices, radians
+    up, down, step : (n,) change of the numbers of that name in `RhumbShapes`, along their chords over the leg: the
+        largest of what is linear in time is convex, so that these bound it
+    fastest : (n,) the largest rate of any latitude: of the reference point, after the first and after the second step
+    climb : (n,) the largest rate of a vertex's latitude against that of the reference point
+    spread : (n,) the largest rate at which a vertex's two steps to the east or west grow
+    """
+
+    forward: Floats
+    starboard: Floats
+    up: Floats
+    down: Floats
+    step: Floats
+    fastest: Floats
+    climb: Floats
+    spread: Floats
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        return type(self)(*(getattr(self, field.name)[..., rows] for field in fields(self)))
+
+
+@dataclass(frozen=True, slots=True)
 class RhumbShapes:
     """Havens on one rhumb leg each.
 
@@ -223,11 +269,13 @@ class RhumbShapes:
     into_leg_s : (n,) seconds of the leg gone at t = 0
     leg_s : (n,) seconds the leg takes
     east, north : (n,) components of the heading
-    forward, starboard : (v, n) haven vertices, radians of rectifying latitude (metres over rectifying_m)
+    forward, starboard : (v, n) haven vertices, radians of rectifying latitude (metres over rectifying_m); at the start
+        of the leg, as up, down and step are
     up, down : (n,) the latitude of the northernmost and southernmost vertex or step, less that of the reference point
     step : (n,) the longest way that any vertex goes to the east or west by its two steps, radians
     order : terms of the power series; 0 is the closed form
     is_convex : whether the vertices are known to be in convex position
+    growth : how the havens change on the leg; None where none does
     """
 
     earth: Earth
@@ -246,6 +294,7 @@ class RhumbShapes:
     step: Floats
     order: int
     is_convex: bool
+    growth: Growth | None = None
 
     @property
     def vertex_count(self) -> int:
@@ -269,6 +318,7 @@ class RhumbShapes:
             self.step[rows],
             self.order,
             self.is_convex,
+            None if self.growth is None else self.growth.take(rows),
         )
 
     def reference(self, t: Floats) -> Floats:
@@ -279,9 +329,10 @@ class RhumbShapes:
         progress = (self.into_leg_s + t) / self.leg_s
         mu = self.start_mu + progress * self.delta_mu
         reference = self._on_leg(progress, mu)
-        first, second = self._stretches(mu)
-        first *= self.earth.radius_m * self.forward
-        second *= self.earth.radius_m * self.starboard
+        forward, starboard = self._body(t)
+        first, second = self._stretches(mu, forward, starboard)
+        first *= self.earth.radius_m * forward
+        second *= self.earth.radius_m * starboard
         found = np.empty((2, *first.shape))
         np.multiply(first, self.east, out=found[0])
         np.multiply(first, self.north, out=found[1])
@@ -291,15 +342,32 @@ class RhumbShapes:
         return found
 
     def velocities(self, t: Floats) -> Floats:
-        earth = self.earth
+        """Return the vertices' velocities (see `Shapes`).
+
+        A step f from mu0 to mu1 = mu0 + f n takes x by a e f D(mu0, mu1), D the divided difference of psi. With mu0 at
+        rate r, and f itself at rate f', that changes by a e (f r D'(mu0, mu1) + f' psi'(mu1)), D' the divided
+        difference of psi': what a growing step adds, it adds at its far end. The second step follows in the same way
+        from mu1, which has the rate r + f' n.
+        """
+        earth, growth = self.earth, self.growth
         rate = self.delta_mu / self.leg_s
         mu = self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu
-        mu0, mu1, mu2 = self._steps(mu)
-        ahead = self.forward * self.east * earth.slope_change(mu0, mu1)
-        across = self.starboard * self.north * earth.slope_change(mu1, mu2)
+        forward, starboard = self._body(t)
+        mu0, mu1, mu2 = self._steps(mu, forward, starboard)
+        ahead = forward * self.east * earth.slope_change(mu0, mu1)
+        across = starboard * self.north * earth.slope_change(mu1, mu2)
         found = np.empty((2, *mu2.shape))
-        found[0] = self.rate_x / self.leg_s * earth.slope(mu) + earth.radius_m * rate * (ahead + across)
-        found[1] = earth.radius_m * rate * earth.slope(mu2)
+        found[0] = self.rate_x / self.leg_s * earth.slope(mu)
+        slope2 = earth.slope(mu2)
+        if growth is None:
+            found[0] += earth.radius_m * rate * (ahead + across)
+            found[1] = earth.radius_m * rate * slope2
+            return found
+        rate1 = rate + growth.forward * self.north
+        ahead = rate * ahead + growth.forward * self.east * earth.slope(mu1)
+        across = rate1 * across + growth.starboard * self.north * slope2
+        found[0] += earth.radius_m * (ahead + across)
+        found[1] = earth.radius_m * (rate1 - growth.starboard * self.east) * slope2
         return found
 
     def velocity(self, t: Floats) -> Floats:
@@ -309,36 +377,47 @@ class RhumbShapes:
     def bend(self, t0: Floats, t1: Floats) -> Floats:
         """Return bounds on the second derivative of every vertex (see `Shapes`).
 
-        With mu linear in time at rate w, y = a psi(mu) has y'' = a w^2 sec tan, the reference point
-        x'' = rate_x w sec tan / leg_s, and a step's x'' = a w^2 step (sec)'' with (sec)'' = sec (1 + 2 tan^2): all
-        increase with latitude, so the highest one reached bounds them.
+        All latitudes are linear in time. With w the largest rate of one, y = a psi(mu) has y'' = a mu'^2 sec tan, the
+        reference point x'' = rate_x mu' sec tan / leg_s. A step f goes x = a f e D, D the mean of sec over its way:
+        |D'| <= w (sec)', |D''| <= w^2 (sec)'' with (sec)' = sec tan and (sec)'' = sec (1 + 2 tan^2), and as f is linear
+        (f D)'' = 2 f' D' + f D''. All increase with latitude, so the highest one reached bounds them.
         """
-        w = np.abs(self.delta_mu) / self.leg_s
+        own = np.abs(self.delta_mu) / self.leg_s
+        w = own if self.growth is None else self.growth.fastest
         secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
-        radius = self.earth.radius_m
-        y = radius * w**2 * secant * tangent
-        x = np.abs(self.rate_x) * w / self.leg_s * secant * tangent
-        x += radius * w**2 * self.step * secant * (1.0 + 2.0 * tangent**2)
+        y = self.earth.radius_m * w**2 * secant * tangent
+        x = np.abs(self.rate_x) * own / self.leg_s * secant * tangent
+        x += self._step_bend(t0, t1, secant, tangent)
         return np.asarray(ELLIPSOID_SLACK * np.sqrt(x**2 + y**2))
 
     def uneven(self, t0: Floats, t1: Floats) -> Floats:
         """Return how far any vertex's velocity is from that of the reference point in the middle (see `Shapes`).
 
         The offset of a vertex changes by at most a w step (sec)' in x and a w max(up, -down) (sec)' in y, where
-        (sec)' = sec tan; the velocity of the reference point by half of its bend times the time.
+        (sec)' = sec tan, and by a sec times what its steps and its latitude grow by themselves; the velocity of the
+        reference point by half of its bend times the time.
         """
-        w = np.abs(self.delta_mu) / self.leg_s
+        growth = self.growth
+        own = np.abs(self.delta_mu) / self.leg_s
+        w = own if growth is None else growth.fastest
         secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
-        spread = (
-            self.earth.radius_m * w * secant * tangent * np.sqrt(self.step**2 + np.maximum(self.up, -self.down) ** 2)
-        )
+        up, down, step = self._extent(t0, t1)
+        x, y = w * step * tangent, own * np.maximum(up, -down) * tangent
+        if growth is not None:
+            x, y = x + growth.spread, y + growth.climb
+        spread = self.earth.radius_m * secant * np.sqrt(x**2 + y**2)
         return np.asarray(ELLIPSOID_SLACK * spread + 0.5 * self.bend(t0, t1) * (t1 - t0))
 
     def highest_latitude(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) the highest absolute latitude (rectifying, radians) of any vertex or step during [t0, t1]."""
         # Latitudes are linear in time, so that each is furthest from the equator at one end.
         ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
-        north, south = np.maximum(*ends) + self.up, np.minimum(*ends) + self.down
+        if self.growth is None:
+            north, south = np.maximum(*ends) + self.up, np.minimum(*ends) + self.down
+        else:
+            extents = [self._extent(t, t) for t in (t0, t1)]
+            north = np.maximum(*(mu + up for mu, (up, _, _) in zip(ends, extents, strict=True)))
+            south = np.minimum(*(mu + down for mu, (_, down, _) in zip(ends, extents, strict=True)))
         return np.asarray(np.maximum(north, -south))
 
     def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
@@ -366,6 +445,8 @@ class RhumbShapes:
         x offset = a step sec: second derivative at most a step (c^2 sec M (1 + 2 tan^2 M) + c sec M tan M);
         y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
         """
+        if self.growth is not None:
+            return self._growing_departure(self.growth, t0, t1)
         ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
         way = self.earth.isometric(ends[1]) - self.earth.isometric(ends[0])
         crosses = ends[0] * ends[1] <= 0.0
@@ -376,6 +457,55 @@ class RhumbShapes:
         y = cosine * np.sin(np.maximum(self.up, -self.down)) * secant**2
         return np.asarray(ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y) * way**2 / 8.0)
 
+    def _growing_departure(self, growth: Growth, t0: Floats, t1: Floats) -> Floats:
+        """Return `departure` of havens that change.
+
+        In time, an offset o leaves its own chord by at most |o''| h^2 / 8. Its x is the steps of `bend`; its y is
+        a (psi(mu2) - psi(mu)) with y'' = a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most a (|mu2' - mu'| 2 w sec tan +
+        mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of its way that the reference point
+        has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord
+        by as much of how far the offset changes.
+        """
+        h, mu0, mu1 = t1 - t0, *(self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1))
+        secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
+        up, down, _ = self._extent(t0, t1)
+        y = 2.0 * growth.climb * growth.fastest * tangent
+        y += (self.delta_mu / self.leg_s) ** 2 * np.maximum(up, -down) * (1.0 + 2.0 * tangent**2)
+        own = np.hypot(self._step_bend(t0, t1, secant, tangent), self.earth.radius_m * secant * y) * h**2 / 8.0
+        furthest = np.maximum(np.abs(mu0), np.abs(mu1))
+        ahead = np.abs(mu1 - mu0) * np.tan(furthest) / np.cos(furthest) / self.earth.stretch(mu0, mu1) / 8.0
+        offset0, offset1 = (self.positions(t) - self.reference(t)[:, None, :] for t in (t0, t1))
+        change = np.hypot(*(offset1 - offset0)).max(axis=0)
+        return np.asarray(ELLIPSOID_SLACK * (own + np.minimum(ahead, 1.0) * change))
+
+    def _step_bend(self, t0: Floats, t1: Floats, secant: Floats, tangent: Floats) -> Floats:
+        """Return (n,) bounds on the second derivative of the steps' x during [t0, t1] (see `bend`), plane m/s^2."""
+        own = np.abs(self.delta_mu) / self.leg_s
+        w = own if self.growth is None else self.growth.fastest
+        bend = w**2 * self._extent(t0, t1)[2] * secant * (1.0 + 2.0 * tangent**2)
+        if self.growth is not None:
+            bend += 2.0 * self.growth.spread * w * secant * tangent
+        return np.asarray(self.earth.radius_m * bend)
+
+    def _extent(self, t0: Floats, t1: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return up, down and step (see the class) over [t0, t1], (n,) each."""
+        growth = self.growth
+        if growth is None:
+            return self.up, self.down, self.step
+        first, last = self.into_leg_s + t0, self.into_leg_s + t1
+        return (
+            self.up + np.maximum(growth.up * first, growth.up * last),
+            self.down + np.minimum(growth.down * first, growth.down * last),
+            self.step + np.maximum(growth.step * first, growth.step * last),
+        )
+
+    def _body(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return the havens' forward and starboard steps (v, n) at times t, radians."""
+        if self.growth is None:
+            return self.forward, self.starboard
+        into = self.into_leg_s + t
+        return self.forward + self.growth.forward * into, self.starboard + self.growth.starboard * into
+
     def _on_leg(self, progress: Floats, mu: Floats) -> Floats:
         """Return (2, n) the reference points, metres from the origin."""
         way = progress * self.earth.stretch(self.start_mu, mu)
@@ -385,14 +515,14 @@ class RhumbShapes:
         found += self.start
         return found
 
-    def _stretches(self, mu: Floats) -> tuple[Floats, Floats]:
+    def _stretches(self, mu: Floats, forward: Floats, starboard: Floats) -> tuple[Floats, Floats]:
         """Return the divided differences of psi over the first and the second step of each vertex, (v, n)."""
         if not self.order:
-            mu0, mu1, mu2 = self._steps(mu)
+            mu0, mu1, mu2 = self._steps(mu, forward, starboard)
             return self.earth.stretch(mu0, mu1), self.earth.stretch(mu1, mu2)
         series = self.earth.isometric_series(mu, self.order)
-        d1 = self.forward * self.north
-        d2 = d1 - self.starboard * self.east
+        d1 = forward * self.north
+        d2 = d1 - starboard * self.east
         # Horner's rule for the series at 0 and d1, and with its steps again for the divided difference at 0, d1, d2.
         first = np.empty_like(d1)
         first[:] = series[-1]
@@ -404,11 +534,11 @@ class RhumbShapes:
             second += first
         return first, second
 
-    def _steps(self, mu: Floats) -> tuple[Floats, Floats, Floats]:
+    def _steps(self, mu: Floats, forward: Floats, starboard: Floats) -> tuple[Floats, Floats, Floats]:
         """Return rectifying latitudes (v, n) of the reference point, after the first and after the second step."""
-        mu0 = np.broadcast_to(mu, self.forward.shape)
-        mu1 = mu0 + self.forward * self.north
-        return mu0, mu1, mu1 - self.starboard * self.east
+        mu0 = np.broadcast_to(mu, forward.shape)
+        mu1 = mu0 + forward * self.north
+        return mu0, mu1, mu1 - starboard * self.east
 
 
 def rhumb_shapes(
@@ -424,13 +554,32 @@ def rhumb_shapes(
     order: int,
     *,
     is_convex: bool,
+    change: Floats | None = None,
 ) -> RhumbShapes:
-    """Return havens on rhumb legs; heading : (east, north), outline : (2, v, n) starboard and forward, radians."""
+    """Return havens on rhumb legs; heading : (east, north), outline : (2, v, n) starboard and forward, radians.
+
+    change : (2, v, n) by how much the outline differs at the end of the leg; None where none does
+    """
     east, north = heading
     starboard, forward = outline
-    d1 = forward * north
-    offsets = np.concatenate([np.zeros_like(d1[:1]), d1, d1 - starboard * east])
-    step = (np.abs(forward * east) + np.abs(starboard * north)).max(axis=0)
+    up, down, step = _extents(outline, heading)
+    growth = None
+    if change is not None:
+        later = _extents(outline + change, heading)
+        rate = change / leg_s
+        climb1 = rate[1] * north
+        climb2 = climb1 - rate[0] * east
+        own = delta_mu / leg_s
+        growth = Growth(
+            forward=rate[1],
+            starboard=rate[0],
+            up=(later[0] - up) / leg_s,
+            down=(later[1] - down) / leg_s,
+            step=(later[2] - step) / leg_s,
+            fastest=np.abs(np.stack([np.broadcast_to(own, climb1.shape), own + climb1, own + climb2])).max(axis=(0, 1)),
+            climb=np.abs(climb2).max(axis=0),
+            spread=(np.abs(rate[1] * east) + np.abs(rate[0] * north)).max(axis=0),
+        )
     return RhumbShapes(
         earth,
         start,
@@ -443,29 +592,54 @@ def rhumb_shapes(
         north,
         forward,
         starboard,
-        offsets.max(axis=0),
-        offsets.min(axis=0),
+        up,
+        down,
         step,
         order,
         is_convex,
+        growth,
     )
 
 
-def _may_dent(outline: Floats, offset: NDArray[np.int64], tangent: Floats) -> NDArray[np.bool_]:
+def _extents(outline: Floats, heading: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+    """Return up, down and step (see `RhumbShapes`) of outlines (2, v, n), radians."""
+    east, north = heading
+    starboard, forward = outline
+    d1 = forward * north
+    offsets = np.concatenate([np.zeros_like(d1[:1]), d1, d1 - starboard * east])
+    step = (np.abs(forward * east) + np.abs(starboard * north)).max(axis=0)
+    return offsets.max(axis=0), offsets.min(axis=0), step
+
+
+def _may_dent(start: Floats, end: Floats, offset: NDArray[np.int64], tangent: Floats) -> NDArray[np.bool_]:
     """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
 
     On the way along a side of length d the plane's axes turn against the haven's, and its scale changes, by at most
-    d tan(latitude): a corner that is turned by more than its two sides are worth stays one.
+    d tan(latitude): a corner that is turned by more than its two sides are worth stays one. Where the outline changes
+    from start to end, a side is longest at one of them, and a turn is a quadratic in time that its Bernstein
+    coefficients bound.
     """
-    after = np.arange(len(outline)) + 1
+    after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]
-    side = outline[after] - outline
+    side = start[after] - start
     length = np.hypot(side[:, 0], side[:, 1])
     # Towards the corner where the next side starts.
-    turn = side[:, 0] * side[after, 1] - side[:, 1] * side[after, 0]
+    turn = np.abs(_cross(side, side[after]))
+    if end is not start:
+        last = end[after] - end
+        length = np.maximum(length, np.hypot(last[:, 0], last[:, 1]))
+        between = 0.5 * (_cross(side, last[after]) + _cross(last, side[after]))
+        # Both turn counter-clockwise.
+        least = np.minimum(np.minimum(_cross(side, side[after]), _cross(last, last[after])), between)
+        changes = (last != side).any(axis=1)
+        turn = np.where(changes | changes[after], least, turn)
     allowed = CORNER_SLACK * (length + length[after]) * np.repeat(tangent, np.diff(offset)) + CORNER_SLACK * 1e-9
-    flat = np.abs(turn) <= allowed * length * length[after]
+    flat = turn <= allowed * length * length[after]
     return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 3))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _secant_tangent(latitude: Floats) -> tuple[Floats, Floats]:

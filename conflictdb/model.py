@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 MPS_PER_KNOT: Final = METRES_PER_NMI / 3600.0
@@ -24,6 +25,9 @@ MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but n
 MAX_LATITUDE_DEG: Final = 90.0
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
+
+# No position is that uncertain; what grows faster is a mistake in its units.
+MAX_GROWTH_MPS: Final = 1e6
 
 # Instants are kept within these (years 0001 and 9999): what a timestamp, ISO 8601 and Python can all express.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
@@ -66,6 +70,7 @@ class Verdict(StrEnum):
     CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
     GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
     UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
+    NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
 
 
 class Kind(IntEnum):
@@ -81,6 +86,8 @@ class Scene:
 
     tolerance_m : closeness that is too close to call, metres, >= 0
     separation_m : minimum distance wanted between polygons, metres, >= 0 (0: they must touch to conflict)
+    nearest_m : pairs without conflict that come within this are reported with their closest approach, metres, >= 0
+        (0: they are not); methods that stop before stage 4 report none
     earth : by default wgs84, or for great circles sphere, the only one they are on
     centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until the
         first objects settle it
@@ -92,6 +99,7 @@ class Scene:
     method: Method = Method.EXACT
     tolerance_m: float = 1.0
     separation_m: float = 0.0
+    nearest_m: float = 0.0
     centre: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -107,7 +115,7 @@ class Scene:
             except ValueError:
                 known = ", ".join(choice.value for choice in choices)
                 raise InvalidInput(who, name, f"must be one of {known}; got {getattr(self, name)!r}") from None
-        for name in ("tolerance_m", "separation_m"):
+        for name in ("tolerance_m", "separation_m", "nearest_m"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
                 raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
@@ -130,6 +138,12 @@ class Scene:
             rule = "must be [longitude, latitude] in degrees, within +-180 and +-90"
             raise InvalidInput(who, "centre", f"{rule}; got {self.centre!r:.60}")
         return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0
+
+    @property
+    def reach_m(self) -> float:
+        """How close two polygons must come to be of any interest, metres."""
+        conflict_m = self.tolerance_m + self.separation_m
+        return conflict_m if self.method in (Method.SCREEN, Method.WINDOW) else max(conflict_m, self.nearest_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +184,12 @@ class Track:
     positions_deg : (n, 2) float64, longitude and latitude of the waypoints, n >= 2
     times_us : (n,) int64, strictly increasing, microseconds since 1970
     outline_m : (m, 2) float64, convex haven as (starboard, forward) metres about the reference point, not closed;
-        one vertex (usually the origin) is a point haven, two are a line
+        one vertex (usually the origin) is a point haven, two are a line; of a haven that changes: at the first waypoint
     floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
     properties : what the file said beyond these, given back on export
+    grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
+    outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
+        moves straight, and steadily, from its place in one to that in the next; None: it keeps its outline, or grows
     """
 
     key: str
@@ -183,6 +200,8 @@ class Track:
     floor_m: float | None = None
     ceiling_m: float | None = None
     properties: Mapping[str, Any] = field(default_factory=dict)
+    grow_mps: float = 0.0
+    outlines_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         who = _named("track", self.key)
@@ -202,7 +221,11 @@ class Track:
             moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
             rule = "is at two places at the same time" if moved else "must be later than the time before it"
             raise InvalidInput(who, f"times[{i + 1}]", rule)
-        _check_outline(who, outline)
+        _check_outline(who, "outline_m", outline)
+        if self.grow_mps != 0.0:
+            _check_growth(who, self)
+        if self.outlines_m is not None:
+            _check_outlines(who, self)
         _check_heights(who, self.floor_m, self.ceiling_m)
 
 
@@ -252,15 +275,47 @@ def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> 
         raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
 
 
-def _check_outline(who: str, outline: NDArray[np.float64]) -> None:
+def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1:
-        raise InvalidInput(who, "outline_m", "must be a ring of [starboard, forward] metres")
+        raise InvalidInput(who, where, "must be a ring of [starboard, forward] metres")
     if not np.isfinite(outline).all():
-        raise InvalidInput(who, "outline_m", "must be finite numbers of metres")
+        raise InvalidInput(who, where, "must be finite numbers of metres")
     if len(outline) < 3:
         return
     if not _is_convex(outline.tolist()):
-        raise InvalidInput(who, "outline_m", "must be a convex ring; split it, or use its convex hull")
+        raise InvalidInput(who, where, "must be a convex ring; split it, or use its convex hull")
+
+
+def _check_growth(who: str, track: Track) -> None:
+    speed = track.grow_mps
+    if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0.0 <= speed <= MAX_GROWTH_MPS:
+        rule = f"must be a number of metres per second from 0 to {MAX_GROWTH_MPS:g}; got {speed!r}"
+        raise InvalidInput(who, "grow_mps", f"{rule} (a haven that shrinks takes outlines_m)")
+    if track.outlines_m is not None:
+        raise InvalidInput(who, "grow_mps", "must not be given together with outlines_m")
+    _, rate, _ = mitred(track.outline_m, np.array([0, len(track.outline_m)]))
+    if not (np.hypot(rate[:, 0], rate[:, 1]) <= FASTEST_TIP).all():
+        rule = f"has a corner sharper than {SHARPEST_CORNER_DEG:g} degree, which would grow into a spike"
+        raise InvalidInput(who, "outline_m", f"{rule}: blunt it, or give outlines_m instead of grow_mps")
+
+
+def _check_outlines(who: str, track: Track) -> None:
+    outlines, waypoints = track.outlines_m, len(track.positions_deg)
+    assert outlines is not None  # noqa: S101
+    if outlines.ndim != 3 or outlines.shape[2] != 2:
+        raise InvalidInput(who, "outlines_m", "must be rings of [starboard, forward] metres with equal vertex counts")
+    if len(outlines) != waypoints:
+        rule = f"must be one per waypoint: {waypoints} waypoints, {len(outlines)} outlines"
+        raise InvalidInput(who, "outlines_m", rule)
+    for k, outline in enumerate(outlines):
+        _check_outline(who, f"outlines_m[{k}]", outline)
+    if not np.array_equal(outlines[0], track.outline_m):
+        raise InvalidInput(who, "outline_m", "must be the first of outlines_m")
+    rings = outlines.tolist()
+    for k in range(1, waypoints):
+        if not stays_convex(rings[k - 1], rings[k]):
+            rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
+            raise InvalidInput(who, f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint")
 
 
 def _is_convex(outline: list[list[float]]) -> bool:

@@ -74,6 +74,10 @@ class Plane(Protocol):
     def turn_m(self) -> float:
         """Plane metres of one turn of longitude; 0 where the plane has no seam."""
 
+    @property
+    def is_conformal(self) -> bool:
+        """Whether angles in the plane are those on the earth."""
+
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y of longitudes and latitudes."""
 
@@ -190,13 +194,17 @@ def likeness(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
     return 2 * (vertex_slots(pieces) * 64 + plane.variety(pieces)) + pieces.kind
 
 
-def shape_vertices(pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
-    """Return the shapes of some pieces of equal slots, (2, v, n); shorter ones repeat their last vertex."""
+def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:
+    """Return the shapes of some pieces of equal slots, (2, v, n); shorter ones repeat their last vertex.
+
+    at_end : at the end of the leg, not at its start
+    """
     first = pieces.shape_offset[rows]
     count = pieces.shape_offset[rows + 1] - first
     slots = int(_slots(count).max(initial=1))
     index = first + np.minimum(np.arange(slots)[:, None], count - 1)
-    return np.stack([pieces.shape_xy[index, 0], pieces.shape_xy[index, 1]])
+    xy = pieces.shape_to_xy if at_end else pieces.shape_xy
+    return np.stack([xy[index, 0], xy[index, 1]])
 
 
 def shapes_of(

@@ -1,7 +1,7 @@
 """Objects cut into pieces: convex, in the scene's plane, with boxes tight in space and time.
 
 An area becomes convex parts, a track leg one or more time slices. Each piece carries a convex hull that covers all it
-does, padded so that two pieces can only come within the scene's tolerance and separation where their hulls meet: the
+does, padded so that two pieces can only come within the scene's reach (`Scene.reach_m`) where their hulls meet: the
 database joins hulls, and never misses. Slices serve the boxes, not the accuracy: stage 4 works on the true motion.
 """
 
@@ -54,7 +54,9 @@ def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
     whole, _ = _slices(batch, legs, np.ones(len(legs.track), np.int64))
     beyond = np.flatnonzero(~plane.holds_havens(whole))
     if beyond.size:
-        raise InvalidInput(f"track {tracks[int(legs.track[beyond[0]])].key!r}", "outline_m", plane.haven_limit)
+        track = tracks[int(legs.track[beyond[0]])]
+        field = "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m"
+        raise InvalidInput(f"track {track.key!r}", field, plane.haven_limit)
 
 
 def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
@@ -88,7 +90,7 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     of_vertex = np.repeat(np.arange(n), np.diff(offset))
     scale = np.zeros(n)
     np.maximum.at(scale, of_vertex, plane.largest_scale(xy.T[:, None, :]))
-    pad = padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
+    pad = padding_m(plane, scale, scene.reach_m)
     hull_xy, hull_offset = _padded_hulls(xy, of_vertex, n, pad)
     # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
     shift = -plane.turn_m * _turns_from_home(plane, hull_xy, hull_offset)
@@ -110,6 +112,7 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
         hull_xy=hull_xy,
         hull_offset=hull_offset,
         shape_xy=xy,
+        shape_to_xy=xy,
         shape_offset=offset,
         leg_start_us=none_us,
         leg_end_us=none_us,
@@ -124,7 +127,7 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
     plane = plane_of(scene)
     legs = _legs(plane, tracks)
-    count = _slice_counts(tracks, legs)
+    count = _slice_counts(legs)
     while True:
         pieces, leg = _slices(tracks, legs, count)
         bend, reach = _swept_bend(plane, pieces)
@@ -155,8 +158,9 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
     nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
     n = len(leg)
     track = legs.track[leg]
-    outline, outline_offset = _ccw_outlines(tracks)
-    shape_offset, index = ragged_rows(outline_offset, track)
+    shape_offset, index = ragged_rows(legs.outline_offset, leg)
+    shape = legs.outline_m[index]
+    changes = legs.outline_to_m is not legs.outline_m
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
         kind=np.full(n, Kind.TRACK, np.int8),
@@ -171,7 +175,8 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         ceiling_m=tracks.ceiling_m[track],
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
-        shape_xy=outline[index],
+        shape_xy=shape,
+        shape_to_xy=legs.outline_to_m[index] if changes else shape,
         shape_offset=shape_offset,
         leg_start_us=legs.start_us[leg],
         leg_end_us=legs.end_us[leg],
@@ -184,7 +189,11 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
 
 @dataclass(frozen=True, slots=True)
 class _Legs:
-    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing."""
+    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing.
+
+    outline_m, outline_to_m, outline_offset : ragged, (starboard, forward) metres at the leg's start and end,
+        counter-clockwise; the very same array where nothing changes
+    """
 
     track: NDArray[np.int64]
     start_us: NDArray[np.int64]
@@ -193,6 +202,9 @@ class _Legs:
     end_deg: Floats
     bearing_deg: Floats
     length_m: Floats
+    outline_m: Floats
+    outline_to_m: Floats
+    outline_offset: NDArray[np.int64]
 
 
 def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
@@ -209,6 +221,7 @@ def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
     start, end = positions[inner], positions[inner + 1]
     length_m, first_deg, last_deg = plane.courses(start, end)
     track = of_waypoint[inner]
+    outline_offset, outline, outline_to = _counter_clockwise(*tracks.outlines_on(track, inner))
     return _Legs(
         track=track,
         start_us=tracks.times_us[inner],
@@ -217,6 +230,9 @@ def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
         end_deg=end,
         bearing_deg=_headings(track, start, end, first_deg, last_deg, length_m > 0.0),
         length_m=length_m,
+        outline_m=outline,
+        outline_to_m=outline_to,
+        outline_offset=outline_offset,
     )
 
 
@@ -248,10 +264,14 @@ def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
     return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 
-def _slice_counts(tracks: TrackBatch, legs: _Legs) -> NDArray[np.int64]:
-    """Return (m,) in how many slices each leg is cut: by its length against its haven's."""
-    radius = np.hypot(tracks.outline_m[:, 0], tracks.outline_m[:, 1])
-    haven = 2.0 * np.maximum.reduceat(radius, tracks.outline_offset[:-1])[legs.track]
+def _slice_counts(legs: _Legs) -> NDArray[np.int64]:
+    """Return (m,) in how many slices each leg is cut: by its length against its haven's (the mean of both ends)."""
+    radius = np.hypot(legs.outline_m[:, 0], legs.outline_m[:, 1])
+    first = legs.outline_offset[:-1]
+    haven = 2.0 * np.maximum.reduceat(radius, first)
+    if legs.outline_to_m is not legs.outline_m:
+        radius_to = np.hypot(legs.outline_to_m[:, 0], legs.outline_to_m[:, 1])
+        haven = 0.5 * haven + np.maximum.reduceat(radius_to, first)
     with np.errstate(divide="ignore", invalid="ignore"):
         wanted = np.ceil(legs.length_m / (SLICE_LENGTH_HAVENS * haven + legs.length_m / MAX_SLICES))
     wanted = np.where(legs.length_m > 0.0, np.maximum(wanted, 1.0), 1.0).astype(np.int64)
@@ -264,19 +284,21 @@ def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDA
     return legs.start_us[leg] + whole * nth + rest * nth // count[leg]
 
 
-def _ccw_outlines(tracks: TrackBatch) -> tuple[Floats, NDArray[np.int64]]:
-    """Return all outlines turned counter-clockwise, and their offsets."""
-    outline = tracks.outline_m.copy()
-    offset = tracks.outline_offset
-    of_vertex = np.repeat(np.arange(len(tracks)), np.diff(offset))
-    after = np.arange(len(outline)) + 1
+def _counter_clockwise(
+    offset: NDArray[np.int64], start: Floats, end: Floats
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Return outlines (at the start and end of legs) with both turned counter-clockwise; the same array stays one."""
+    owner = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
+    after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]
-    doubled = np.zeros(len(tracks))
-    cross = outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0]
-    np.add.at(doubled, of_vertex, cross)
-    mirrored = offset[:-1][of_vertex] + offset[1:][of_vertex] - 1 - np.arange(len(outline))
-    clockwise = (doubled < 0.0)[of_vertex]
-    return np.where(clockwise[:, None], outline[mirrored], outline), offset
+    doubled = np.zeros(len(offset) - 1)
+    # Both ends turn the same way, if they are more than a line: what stays convex does not turn over.
+    for outline in (start,) if end is start else (start, end):
+        np.add.at(doubled, owner, outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0])
+    mirrored = offset[:-1][owner] + offset[1:][owner] - 1 - np.arange(len(start))
+    order = np.where((doubled < 0.0)[owner], mirrored, np.arange(len(start)))
+    turned = start[order]
+    return offset, turned, turned if end is start else end[order]
 
 
 def _swept_bend(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
@@ -303,7 +325,7 @@ def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, bend: Floats) -> tu
     for rows, shapes, duration in _alike(plane, pieces):
         nought = np.zeros(len(rows))
         scale = shapes.largest_scale(nought, duration)
-        pad[rows] += padding_m(plane, scale, scene.tolerance_m + scene.separation_m)
+        pad[rows] += padding_m(plane, scale, scene.reach_m)
         for t in (nought, duration):
             points.append(shapes.positions(t).reshape(2, -1).T)
             owners.append(np.tile(rows, shapes.vertex_count))

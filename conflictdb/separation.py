@@ -139,7 +139,7 @@ def _distance_m(
     """Return (n,) gaps in the plane as metres on the earth, by the shortest way where the pairs are apart."""
     plane = pairs.plane
     metres = 2.0 * gap / (plane.largest_scale(point_a[:, None, :]) + plane.largest_scale(point_b[:, None, :]))
-    apart = np.flatnonzero(metres > SHORT_M)
+    apart = np.flatnonzero(metres > short_m(plane))
     if not apart.size:
         return np.asarray(metres)
     if np.isfinite(within_m):
@@ -150,6 +150,14 @@ def _distance_m(
     origin = pairs.origin[:, None, apart]
     metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin)
     return np.asarray(metres)
+
+
+def short_m(plane: Plane) -> float:
+    """Return up to how many metres on the earth the nearest points in the plane are those on the earth.
+
+    In a plane that does not keep angles they never are: only what touches is no nearer for that.
+    """
+    return SHORT_M if plane.is_conformal else TOUCH_M
 
 
 def gap_along(axis: Floats, a: Floats, b: Floats) -> Floats:
@@ -203,7 +211,10 @@ def edge_gaps(pairs: Encounters, a: Floats, b: Floats) -> list[tuple[Floats, Flo
 
 
 def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
-    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation."""
+    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation.
+
+    NaN where neither polygon has an edge, for both have yet to grow from a point.
+    """
     widest = np.full(a.shape[2], -np.inf)
     for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
         count = mine.shape[1]
@@ -218,7 +229,7 @@ def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
             # No edge between vertices that coincide.
             gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
             np.fmax(widest, gap, out=widest)
-    return widest
+    return np.where(widest > -np.inf, widest, np.nan)
 
 
 def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:

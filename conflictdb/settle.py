@@ -14,19 +14,30 @@ from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
 from conflictdb.geodesy import Floats
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene, Verdict
 from conflictdb.motion import Plane, shapes_of
 from conflictdb.pieces import planar
 from conflictdb.planes import plane_of
 from conflictdb.separation import TOUCH_M
 from conflictdb.stage3_projection import shared_span, windows
-from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, Effort, contacts, meeting_points, still_pairs
+from conflictdb.stage4_approach import approaches
+from conflictdb.stage4_contacts import (
+    CONFLICT,
+    GRAZING,
+    UNRESOLVED,
+    Effort,
+    contacts,
+    meeting_points,
+    still_pairs,
+)
 
 # Told how many pairs are settled, and of how many.
 Progress = Callable[[int, int], None]
 
 # Given numbers of areas, returns their footprints (degrees).
 Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
+
+NEAR: Final = list(Verdict).index(Verdict.NEAR)
 
 # Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
 PAIRS_PER_JOB: Final = {Method.EXACT: 200_000, Method.NLP: 2_000}
@@ -100,6 +111,8 @@ def settle(
     all_found = Contacts.concatenate(found)
     funnel.met_pairs = len(np.unique(all_found.pair))
     conflicts = _by_object(scene, pieces, pairs, all_found, footprints)
+    if scene.method not in (Method.SCREEN, Method.WINDOW):
+        conflicts = with_approaches(scene, pieces, pairs, conflicts)
     funnel.stage4_s = time.perf_counter() - started
     return conflicts, funnel
 
@@ -179,9 +192,7 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
     """Return the contacts of pieces, merged into one row per pair of objects with its periods."""
     shared_start, shared_end = shared_span(pieces, pairs)
     a, b = pairs.a[found.pair], pairs.b[found.pair]
-    swap = (pieces.kind[a] > pieces.kind[b]) | (
-        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
-    )
+    swap = _is_swapped(pieces, a, b)
     a, b = np.where(swap, b, a), np.where(swap, a, b)
     start, end = _instants(found, shared_start[found.pair], shared_end[found.pair])
     keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
@@ -238,6 +249,89 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
         verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], GRAZING).astype(np.int8),
         first_contact_deg=points,
         time_error_s=time_error,
+        closest_us=np.full(n, SINCE_EVER_US),
+        closest_m=np.full(n, np.nan),
+        closest_error_m=np.full(n, np.nan),
+        closest_a_deg=np.full((n, 2), np.nan),
+        closest_b_deg=np.full((n, 2), np.nan),
+    )
+
+
+def _is_swapped(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return whether pieces a belong to the second object of a row of `Conflicts`."""
+    return (pieces.kind[a] > pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
+    )
+
+
+def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts) -> Conflicts:
+    """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
+    # Objects that meet are closest when they first do.
+    meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
+    swap = _is_swapped(pieces, pairs.a, pairs.b)
+    a, b = np.where(swap, pairs.b, pairs.a), np.where(swap, pairs.a, pairs.b)
+    if scene.nearest_m == 0.0:
+        some = np.flatnonzero(
+            np.isin(pieces.object_id[a], conflicts.a_id[~meets]) & np.isin(pieces.object_id[b], conflicts.b_id[~meets])
+        )
+        pairs, swap, a, b = pairs.take(some), swap[some], a[some], b[some]
+    known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
+    keys = np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
+    unique, number = np.unique(np.concatenate([known, keys], axis=1), axis=1, return_inverse=True)
+    known_number, number = number[: len(conflicts)], number[len(conflicts) :]
+
+    closest_us = np.where(meets, conflicts.period_us[conflicts.period_offset[:-1], 0], SINCE_EVER_US)
+    closest_m, error_m = np.where(meets, 0.0, np.nan), np.where(meets, 0.0, np.nan)
+    first = np.where(meets[:, None], conflicts.first_contact_deg, np.nan)
+    a_deg, b_deg = first.copy(), first.copy()
+
+    wanted = np.full(unique.shape[1], scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
+    wanted[known_number] = np.where(meets, -np.inf, np.inf)
+    rows = np.flatnonzero(wanted[number] >= 0.0)
+    asked, group = np.unique(number[rows], return_inverse=True)
+    candidates = pairs.take(rows)
+    found = approaches(scene, pieces, candidates, group, wanted[asked])
+    of_b = swap[rows[found.pair]] if len(asked) else np.zeros(0, np.bool_)
+    touch = np.flatnonzero(found.distance_m == 0.0)
+    where = meeting_points(scene, pieces, candidates.take(found.pair[touch]), found.at_s[touch])
+    found.a_deg[touch] = found.b_deg[touch] = where
+    found_a = np.where(of_b[:, None], found.b_deg, found.a_deg)
+    found_b = np.where(of_b[:, None], found.a_deg, found.b_deg)
+
+    place = np.full(unique.shape[1], -1)
+    place[asked] = np.arange(len(asked))
+    mine = np.flatnonzero(place[known_number] >= 0)
+    theirs = place[known_number[mine]]
+    closest_us[mine], closest_m[mine], error_m[mine] = (
+        found.at_us[theirs],
+        found.distance_m[theirs],
+        found.error_m[theirs],
+    )
+    a_deg[mine], b_deg[mine] = found_a[theirs], found_b[theirs]
+
+    is_known = np.zeros(unique.shape[1], np.bool_)
+    is_known[known_number] = True
+    near = np.flatnonzero(~is_known[asked] & np.isfinite(found.distance_m))
+    pair = rows[found.pair[near]]
+    member_a, member_b = a[pair], b[pair]
+    n = len(near)
+    return Conflicts(
+        a_kind=np.concatenate([conflicts.a_kind, pieces.kind[member_a]]),
+        a_id=np.concatenate([conflicts.a_id, pieces.object_id[member_a]]),
+        a_version=np.concatenate([conflicts.a_version, pieces.version[member_a]]),
+        b_kind=np.concatenate([conflicts.b_kind, pieces.kind[member_b]]),
+        b_id=np.concatenate([conflicts.b_id, pieces.object_id[member_b]]),
+        b_version=np.concatenate([conflicts.b_version, pieces.version[member_b]]),
+        period_us=conflicts.period_us,
+        period_offset=np.concatenate([conflicts.period_offset, np.full(n, len(conflicts.period_us), np.int64)]),
+        verdict=np.concatenate([conflicts.verdict, np.full(n, NEAR, np.int8)]),
+        first_contact_deg=np.concatenate([conflicts.first_contact_deg, np.full((n, 2), np.nan)]),
+        time_error_s=np.concatenate([conflicts.time_error_s, np.zeros(n)]),
+        closest_us=np.concatenate([closest_us, found.at_us[near]]),
+        closest_m=np.concatenate([closest_m, found.distance_m[near]]),
+        closest_error_m=np.concatenate([error_m, found.error_m[near]]),
+        closest_a_deg=np.concatenate([a_deg, found_a[near]]),
+        closest_b_deg=np.concatenate([b_deg, found_b[near]]),
     )
 
 

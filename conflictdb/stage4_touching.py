@@ -71,7 +71,8 @@ class Touching(Block):
             at = 0.5 * (sure_start + sure_end) - middle
             for gap, slope in gaps:
                 deepest = np.fmax(deepest, gap + slope * at)
-            solved = ~clear & (sure_start < sure_end) & (deepest < -apart)
+            # Of polygons that are points, for they have yet to grow, there is no depth.
+            solved = ~clear & (sure_start < sure_end) & (deepest < -apart) & (deepest > -np.inf)
             error = np.maximum(sure_start - start, end - sure_end)
         self._keep(rows, clear, solved, start, end, error)
 

@@ -16,8 +16,6 @@ from conflictdb.geodesy import Floats
 from conflictdb.proofs import clear_window
 from conflictdb.separation import TOUCH_M, Encounters
 
-# Rounds of window and witness; each shrinks the slack by the square of how much the window shrank.
-MAX_WINDOWS: Final = 6
 # Steps of regula falsi, and of widening the bracket around the answer by BRACKET_GROWTH each.
 MAX_STEPS: Final = 12
 MAX_BRACKETS: Final = 4
@@ -89,9 +87,11 @@ class Block(ABC):
     """Pairs settled together; rows number them.
 
     least_windows : how often windows are shrunk, also where the pair is known to be in conflict
+    most_windows : rounds of window and witness; each shrinks the slack by the square of how much the window shrank
     """
 
     least_windows: ClassVar[int] = 1
+    most_windows: ClassVar[int] = 6
 
     def __init__(self, pairs: Encounters, low: Floats, high: Floats, margin_m: float, work: Work) -> None:
         n = len(pairs)
@@ -134,7 +134,7 @@ class Block(ABC):
         """Settle pairs by certified windows, an instant of conflict in them, and their ends."""
         pairs = self.pairs if len(rows) == len(self.low) else self.pairs.take(rows)
         start, end = self.low[rows], self.high[rows]
-        for turn in range(MAX_WINDOWS):
+        for turn in range(self.most_windows):
             a0, b0, a1, b1 = (
                 pairs.a.positions(start),
                 pairs.b.positions(start),

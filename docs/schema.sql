@@ -62,7 +62,12 @@ TABLE conflict (
     first_contact_point geometry(Point,4326),
     method text NOT NULL,
     time_error_s double precision NOT NULL,
-    found_at timestamp with time zone NOT NULL
+    found_at timestamp with time zone NOT NULL,
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision,
+    closest_a_point geometry(Point,4326),
+    closest_b_point geometry(Point,4326)
 );
 
 TABLE object_key (
@@ -90,7 +95,8 @@ TABLE piece (
     start_lat_deg double precision,
     end_lon_deg double precision,
     end_lat_deg double precision,
-    bearing_deg double precision
+    bearing_deg double precision,
+    shape_to geometry(Polygon)
 );
 
 TABLE run (
@@ -127,6 +133,7 @@ TABLE scene (
     method text NOT NULL DEFAULT 'exact'::text,
     tolerance_m double precision NOT NULL DEFAULT 1.0,
     separation_m double precision NOT NULL DEFAULT 0.0,
+    nearest_m double precision NOT NULL DEFAULT 0.0,
     centre_lon double precision,
     centre_lat double precision
 );
@@ -141,7 +148,26 @@ TABLE track (
     floor_m double precision,
     ceiling_m double precision,
     properties jsonb NOT NULL DEFAULT '{}'::jsonb,
-    version bigint NOT NULL
+    version bigint NOT NULL,
+    grow_mps double precision NOT NULL DEFAULT 0,
+    outlines geometry(MultiPolygon)
+);
+
+VIEW approaches (
+    scene text COLLATE C,
+    a_key text COLLATE C,
+    a_kind text,
+    b_key text COLLATE C,
+    b_kind text,
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision,
+    a_point geometry(Point,4326),
+    b_point geometry(Point,4326),
+    verdict text,
+    is_current boolean,
+    run_id bigint,
+    found_at timestamp with time zone
 );
 
 VIEW conflicts (
@@ -160,7 +186,12 @@ VIEW conflicts (
     time_error_s double precision,
     is_current boolean,
     run_id bigint,
-    found_at timestamp with time zone
+    found_at timestamp with time zone,
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision,
+    closest_a_point geometry(Point,4326),
+    closest_b_point geometry(Point,4326)
 );
 
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
@@ -175,15 +206,17 @@ CONSTRAINT area_span_not_empty ON area: CHECK ((NOT isempty(active_span)));
 CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT change_pkey ON change: PRIMARY KEY (change_id);
 CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, closest_error_m, closest_a_point, closest_b_point) = ANY (ARRAY[0, 4])) AND ((closest_at IS NULL) OR (closest_m IS NOT NULL)) AND ((verdict <> 'near'::text) OR (closest_m IS NOT NULL))));
+CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
 CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
 CONSTRAINT conflict_members_ordered ON conflict: CHECK (((a_kind < b_kind) OR ((a_kind = b_kind) AND (a_key < b_key))));
 CONSTRAINT conflict_pair_unique ON conflict: UNIQUE (a_kind, a_id, b_kind, b_id);
-CONSTRAINT conflict_periods_not_empty ON conflict: CHECK ((NOT isempty(periods)));
+CONSTRAINT conflict_periods_unless_near ON conflict: CHECK ((isempty(periods) = (verdict = 'near'::text)));
 CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (conflict_id);
 CONSTRAINT conflict_run_fkey ON conflict: FOREIGN KEY (run_id) REFERENCES run(run_id) DEFERRABLE INITIALLY DEFERRED;
 CONSTRAINT conflict_scene_fkey ON conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)::double precision));
-CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text])));
+CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text, 'near'::text])));
 CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT object_key_pkey ON object_key: PRIMARY KEY (scene_id, key);
 CONSTRAINT object_key_scene_fkey ON object_key: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -205,10 +238,13 @@ CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::te
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
 CONSTRAINT scene_name_speakable ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
+CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double precision) AND (nearest_m < 'Infinity'::double precision)));
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
 CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
+CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double precision) OR (outlines IS NULL)));
+CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
 CONSTRAINT track_heights_finite ON track: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
 CONSTRAINT track_key_speakable ON track: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT track_key_unique ON track: UNIQUE (scene_id, key);
@@ -229,7 +265,7 @@ CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TAB
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
 CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before();
-CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN ((((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_change();
+CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m)) OR (old.nearest_m IS DISTINCT FROM new.nearest_m)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_change();
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
@@ -242,6 +278,9 @@ FUNCTION _after_object_change()
 
 FUNCTION _after_scene_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _approaches(p_scene text)
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -258,7 +297,7 @@ FUNCTION _begin_write()
 FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT path bytea, OUT outline bytea)
+FUNCTION _changed_tracks(p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
@@ -267,7 +306,10 @@ FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_cei
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text)
+FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
+    RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision)
@@ -276,7 +318,7 @@ FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometr
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _check_outline(p_who text, p_outline geometry)
+FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text)
@@ -298,7 +340,10 @@ FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
+    RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _end_pieces(p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
@@ -321,13 +366,16 @@ FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
 FUNCTION _from_plane(p_geometry geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _intersecting_pairs(OUT a_piece_id bigint, OUT b_piece_id bigint)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT shape bytea)
+FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT shape bytea, OUT shape_to bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
@@ -345,7 +393,7 @@ FUNCTION _latitude(p_rectifying double precision, p_earth text)
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
+FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off;
 
 FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
@@ -366,7 +414,13 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _not_tiny(p_m double precision)
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _off_the_pole(p_part geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _pending_scenes()
@@ -387,7 +441,7 @@ FUNCTION _radius_m(p_earth text)
 FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT path bytea, OUT outline bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
@@ -412,7 +466,7 @@ FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _scene(p_scene_id bigint)
-    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -424,10 +478,10 @@ FUNCTION _scene_id(p_scene text)
     RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_named(p_scene text)
-    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scenes()
-    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -435,7 +489,7 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision)
+FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _settle_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
@@ -459,6 +513,9 @@ FUNCTION _wrapped(p_geometry geometry)
 FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
+FUNCTION approaches_of(p_scene text, p_key text)
+    RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -471,7 +528,7 @@ FUNCTION conflicts_of(p_scene text, p_key text)
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
@@ -483,7 +540,7 @@ FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzr
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)

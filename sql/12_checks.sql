@@ -191,7 +191,7 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Refuses a path whose M (Unix seconds) is outside the years 1 to 9999 or does not increase by a microsecond at least.';
 
-CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry) RETURNS void
+CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_left boolean;
@@ -219,10 +219,103 @@ BEGIN
            (SELECT abs(sum(h.step - 2 * pi() * round((h.step / (2 * pi()))::numeric)::double precision)) FROM heading h)
         INTO v_left, v_right, v_turns FROM corner c;
     IF (v_left AND v_right) OR v_turns > 2 * pi() + 1e-9 THEN
-        PERFORM _refuse('ZC006', p_who, 'outline', 'must be a convex ring', 'outline_convex',
+        PERFORM _refuse('ZC006', p_who, p_field, 'must be a convex ring', 'outline_convex',
                         'Split it into several tracks, or use ST_ConvexHull.');
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_outline(text, geometry) IS
+COMMENT ON FUNCTION _check_outline(text, geometry, text) IS
 'Refuses an outline (starboard and forward metres) that turns both ways or more than once round.';
+
+CREATE OR REPLACE FUNCTION _check_growth(
+    p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry
+) RETURNS void
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_nr integer;
+BEGIN
+    IF (p_grow_mps BETWEEN 0 AND 1e6) IS NOT TRUE THEN
+        PERFORM _refuse('ZC006', p_who, 'grow_mps',
+                        format('must be a number of metres per second from 0 to 1e6; got %s', p_grow_mps),
+                        'track_growth_in_range', 'A haven that shrinks takes outlines.');
+    END IF;
+    IF p_grow_mps > 0 AND p_outlines IS NOT NULL THEN
+        PERFORM _refuse('ZC006', p_who, 'grow_mps', 'must not be given together with outlines',
+                        'track_growth_given_once');
+    END IF;
+    -- A corner of one degree runs 1 / sin(half of it) times as fast as the sides that meet there.
+    IF p_grow_mps > 0 AND (SELECT bool_or((c.dx ^ 2 + c.dy ^ 2 <= 1 / sind(0.5) ^ 2) IS NOT TRUE)
+                           FROM _corners(p_outline) c) THEN
+        PERFORM _refuse('ZC006', p_who, 'outline', 'has a corner sharper than 1 degree, which would grow into a spike',
+                        'outline_not_sharp', 'Blunt it, or give outlines instead of grow_mps.');
+    END IF;
+    IF p_outlines IS NULL THEN
+        RETURN;
+    END IF;
+    IF ST_NumGeometries(p_outlines) <> ST_NPoints(p_path) THEN
+        PERFORM _refuse('ZC006', p_who, 'outlines',
+                        format('must be one per waypoint: %s waypoints, %s outlines', ST_NPoints(p_path),
+                               ST_NumGeometries(p_outlines)), 'outline_per_waypoint');
+    END IF;
+    SELECT min(d.path[1]) INTO v_nr FROM ST_Dump(p_outlines) d
+        WHERE ST_IsEmpty(d.geom) OR ST_NumInteriorRings(d.geom) > 0 OR ST_SRID(d.geom) <> 0
+           OR NOT ST_Length(ST_ExteriorRing(d.geom)) < 'infinity';
+    IF v_nr IS NOT NULL THEN
+        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr),
+                        'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
+    END IF;
+    SELECT min(d.path[1]) INTO v_nr FROM ST_Dump(p_outlines) d
+        WHERE ST_NPoints(d.geom) <> ST_NPoints(ST_GeometryN(p_outlines, 1));
+    IF v_nr IS NOT NULL THEN
+        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr), 'must have as many vertices as the first',
+                        'outlines_alike', 'A vertex may be given twice.');
+    END IF;
+    IF p_outline IS DISTINCT FROM ST_GeometryN(p_outlines, 1) THEN
+        PERFORM _refuse('ZC006', p_who, 'outline', 'must be the first of outlines, or null', 'outline_is_first');
+    END IF;
+    PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
+        WHERE abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > 1e-12 * ST_Area(d.geom);
+    -- As conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time, by its Bernstein coefficients.
+    WITH vertex AS (
+        SELECT o.path[1] AS leg, v.path[2] AS n, _not_tiny(ST_X(v.geom)) AS x, _not_tiny(ST_Y(v.geom)) AS y
+        FROM ST_Dump(p_outlines) o CROSS JOIN LATERAL ST_DumpPoints(o.geom) v
+    ), edge AS (
+        SELECT v.leg, v.n, lead(v.x) OVER w - v.x AS dx, lead(v.y) OVER w - v.y AS dy,
+               greatest(abs(v.x), abs(v.y)) AS size
+        FROM vertex v WINDOW w AS (PARTITION BY v.leg ORDER BY v.n)
+    ), pair AS (
+        SELECT a.leg, a.n, a.dx AS ax, a.dy AS ay, b.dx AS bx, b.dy AS by,
+               max(greatest(a.size, b.size)) OVER (PARTITION BY a.leg) AS size
+        FROM edge a JOIN edge b ON b.leg = a.leg + 1 AND b.n = a.n
+        WHERE a.dx <> 0 OR a.dy <> 0 OR b.dx <> 0 OR b.dy <> 0
+    ), next AS (
+        SELECT p.*, coalesce(lead(p.ax) OVER w, first_value(p.ax) OVER w) AS ax2,
+               coalesce(lead(p.ay) OVER w, first_value(p.ay) OVER w) AS ay2,
+               coalesce(lead(p.bx) OVER w, first_value(p.bx) OVER w) AS bx2,
+               coalesce(lead(p.by) OVER w, first_value(p.by) OVER w) AS by2,
+               count(*) OVER (PARTITION BY p.leg) AS edges
+        FROM pair p WINDOW w AS (PARTITION BY p.leg ORDER BY p.n)
+    ), turn AS (
+        SELECT n.leg, n.size, n.ax * n.ay2 - n.ay * n.ax2 AS first, n.bx * n.by2 - n.by * n.bx2 AS last,
+               n.ax * n.by2 - n.ay * n.bx2 + n.bx * n.ay2 - n.by * n.ax2 AS middle
+        FROM next n WHERE n.edges > 2
+    ), corner AS (
+        SELECT t.leg, t.first * s.way AS first, t.middle * s.way AS middle, t.last * s.way AS last,
+               32 * 2.220446049250313e-16 * t.size ^ 2 AS slack
+        FROM turn t
+        JOIN (SELECT u.leg, CASE WHEN sum(5 * u.first + u.middle + 5 * u.last) < 0 THEN -1 ELSE 1 END AS way
+              FROM turn u GROUP BY u.leg) s USING (leg)
+    )
+    SELECT min(c.leg) INTO v_nr FROM corner c
+        WHERE c.first < -c.slack OR c.last < -c.slack
+           OR c.middle < -2 * sqrt(greatest(c.first, 0)) * sqrt(greatest(c.last, 0)) - c.slack;
+    IF v_nr IS NOT NULL THEN
+        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr + 1),
+                        format('does not stay convex on the way from outlines[%s]', v_nr), 'outlines_stay_convex',
+                        'Each vertex moves straight to its like: order them alike, or add a waypoint.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_growth(text, geometry, geometry, double precision, geometry) IS
+'Refuses an outward speed (metres per second) that is out of range or makes spikes, and outlines per waypoint that are '
+'no rings, unlike each other, or not convex at all times. Outlines are counted from 1.';

@@ -89,16 +89,19 @@ DECLARE
     v_who text := format('track %L', NEW.key);
     v_times geometry;
     v_scene record;
+    v_widest geometry;
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
+    NEW.grow_mps := coalesce(NEW.grow_mps, 0);
+    NEW.outline := coalesce(NEW.outline, ST_GeometryN(NEW.outlines, 1));
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
             PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the object and put it anew',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
-        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m)
-           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m)
+        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines)
+           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines)
            AND jsonb_typeof(NEW.properties) = 'object' THEN
             RETURN NEW;
         END IF;
@@ -134,6 +137,12 @@ BEGIN
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
+    v_widest := NEW.outline;
+    IF NEW.grow_mps <> 0 OR NEW.outlines IS NOT NULL THEN
+        PERFORM _check_growth(v_who, NEW.path, NEW.outline, NEW.grow_mps, NEW.outlines);
+        v_widest := coalesce(NEW.outlines, _grown_outline(
+            NEW.outline, NEW.grow_mps * (ST_M(ST_EndPoint(NEW.path)) - ST_M(ST_StartPoint(NEW.path)))));
+    END IF;
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     IF v_scene.motion = 'great_circle' THEN
         IF v_scene.centre_lon IS NULL THEN
@@ -143,8 +152,8 @@ BEGIN
         PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat);
     -- A degree of latitude has 110,574 m at least.
     ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
-       + ST_MaxDistance(ST_MakePoint(0, 0), NEW.outline) / 110574 > 89.5 THEN
-        PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth);
+       + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
+        PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
     END IF;
     NEW.version := nextval('version_seq');
     RETURN NEW;
@@ -206,6 +215,10 @@ BEGIN
         PERFORM _refuse('ZC009', v_who, 'separation_m', 'must be a finite number of metres, 0 or more',
                         'scene_separation_finite');
     END IF;
+    IF (NEW.nearest_m >= 0 AND NEW.nearest_m < 'infinity') IS NOT TRUE THEN
+        PERFORM _refuse('ZC009', v_who, 'nearest_m', 'must be a finite number of metres, 0 or more',
+                        'scene_nearest_finite');
+    END IF;
     RETURN NEW;
 END
 $$;
@@ -229,7 +242,7 @@ BEGIN
         PERFORM _check_coordinates(format('area %L', a.key), 'footprint', a.footprint, v_scene.scene_id)
             FROM area a WHERE a.scene_id = v_scene.scene_id;
         PERFORM _check_coordinates(format('track %L', t.key), 'path', t.path, v_scene.scene_id),
-                _check_haven(format('track %L', t.key), t.path, t.outline, v_scene.earth)
+                _check_haven(format('track %L', t.key), t.path, t.outline, v_scene.earth, t.grow_mps, t.outlines)
             FROM track t WHERE t.scene_id = v_scene.scene_id;
     END IF;
     PERFORM _check_planar(format('area %L', a.key), a.footprint,

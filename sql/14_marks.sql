@@ -83,9 +83,10 @@ COMMENT ON FUNCTION _after_scene_change() IS
 
 CREATE OR REPLACE TRIGGER scene_changed AFTER UPDATE ON scene
     FOR EACH ROW
-    WHEN ((OLD.motion, OLD.earth, OLD.method, OLD.tolerance_m, OLD.separation_m, OLD.centre_lon, OLD.centre_lat)
-          IS DISTINCT FROM (NEW.motion, NEW.earth, NEW.method, NEW.tolerance_m, NEW.separation_m, NEW.centre_lon,
-                            NEW.centre_lat))
+    WHEN ((OLD.motion, OLD.earth, OLD.method, OLD.tolerance_m, OLD.separation_m, OLD.nearest_m, OLD.centre_lon,
+           OLD.centre_lat)
+          IS DISTINCT FROM (NEW.motion, NEW.earth, NEW.method, NEW.tolerance_m, NEW.separation_m, NEW.nearest_m,
+                            NEW.centre_lon, NEW.centre_lat))
     EXECUTE FUNCTION _after_scene_change();
 
 CREATE OR REPLACE TRIGGER area_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS new_rows

@@ -3,7 +3,8 @@
 
 CREATE OR REPLACE FUNCTION _set_scene(
     p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
-    p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision
+    p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision,
+    p_centre_lat double precision
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -13,24 +14,27 @@ DECLARE
 BEGIN
     LOOP
         UPDATE scene s SET motion = n.motion, earth = n.earth, method = n.method, tolerance_m = n.tolerance_m,
-                           separation_m = n.separation_m, centre_lon = n.centre_lon, centre_lat = n.centre_lat
+                           separation_m = n.separation_m, nearest_m = n.nearest_m, centre_lon = n.centre_lon,
+                           centre_lat = n.centre_lat
             FROM (SELECT o.scene_id, coalesce(p_motion, o.motion) AS motion, coalesce(v_earth, o.earth) AS earth,
                          coalesce(p_method, o.method) AS method, coalesce(p_tolerance_m, o.tolerance_m) AS tolerance_m,
                          coalesce(p_separation_m, o.separation_m) AS separation_m,
+                         coalesce(p_nearest_m, o.nearest_m) AS nearest_m,
                          coalesce(p_centre_lon, o.centre_lon) AS centre_lon,
                          coalesce(p_centre_lat, o.centre_lat) AS centre_lat
                   FROM scene o WHERE o.name = p_name) n
             WHERE s.scene_id = n.scene_id
-              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat)
+              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat)
                   IS DISTINCT FROM
-                  (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.centre_lon, n.centre_lat);
+                  (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.nearest_m, n.centre_lon, n.centre_lat);
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
             RETURN v_scene_id;
         END IF;
-        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, centre_lon, centre_lat)
+        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)
             VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(v_earth, 'wgs84'), coalesce(p_method, 'exact'),
-                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), p_centre_lon, p_centre_lat)
+                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), coalesce(p_nearest_m, 0.0),
+                    p_centre_lon, p_centre_lat)
             ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
         IF FOUND THEN
             RETURN v_scene_id;
@@ -40,18 +44,19 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _set_scene(text, text, text, text, double precision, double precision, double precision,
-                               double precision) IS
+                               double precision, double precision) IS
 'What create_scene does, but that objects may follow before they must fit the settings.';
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
     p_tolerance_m double precision DEFAULT NULL, p_separation_m double precision DEFAULT NULL,
-    p_centre_lon double precision DEFAULT NULL, p_centre_lat double precision DEFAULT NULL
+    p_nearest_m double precision DEFAULT NULL, p_centre_lon double precision DEFAULT NULL,
+    p_centre_lat double precision DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_centre_lon,
-                                    p_centre_lat);
+    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
+                                    p_centre_lon, p_centre_lat);
 BEGIN
     SET CONSTRAINTS scene_holds_objects IMMEDIATE;
     SET CONSTRAINTS scene_holds_objects DEFERRED;
@@ -59,10 +64,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
-                                 double precision) IS
+                                 double precision, double precision) IS
 'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
-'Left out, a new scene gets rhumb, wgs84 (great_circle: sphere), exact, tolerance 1 m, separation 0 m; the centre '
-'(degrees) of a scene with great_circle is the middle of the first objects.';
+'Left out, a new scene gets rhumb, wgs84 (great_circle: sphere), exact, tolerance 1 m, separation 0 m, nearest 0 m '
+'(none); the centre (degrees) of a scene with great_circle is the middle of the first objects.';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
@@ -104,7 +109,8 @@ COMMENT ON FUNCTION put_area(text, text, geometry, tstzrange, double precision, 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}'
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
+    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -124,22 +130,32 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outline', format('must be a Polygon; got %s', GeometryType(p_outline)),
                         'outline_ring', 'rectangle_outline(fore_m, aft_m, port_m, starboard_m) makes one.');
     END IF;
-    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties)
-        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties)
+    IF GeometryType(p_outlines) NOT IN ('MULTIPOLYGON') THEN
+        PERFORM _refuse('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
+                        'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
+    END IF;
+    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines)
+        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
+                p_grow_mps, ST_Force2D(p_outlines))
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties
-            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties) IS DISTINCT FROM
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
+                grow_mps = excluded.grow_mps, outlines = excluded.outlines
+            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines)
+                  IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties)
+                   excluded.properties, excluded.grow_mps, excluded.outlines)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
-COMMENT ON FUNCTION put_track(text, text, geometry, geometry, double precision, double precision, text, jsonb) IS
+COMMENT ON FUNCTION put_track(
+    text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'Path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
-'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point.';
+'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point. '
+'A haven may change: every side moves outward at p_grow_mps (metres per second) from the first waypoint''s time on, or '
+'p_outlines is a MultiPolygon of one outline per waypoint (p_outline may be null then).';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

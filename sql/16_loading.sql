@@ -10,7 +10,8 @@ BEGIN
     ) ON COMMIT DROP;
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
         key text COLLATE "C", name text, path geometry, outline geometry,
-        floor_m double precision, ceiling_m double precision, properties jsonb
+        floor_m double precision, ceiling_m double precision, properties jsonb,
+        grow_mps double precision, outlines geometry
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
 END
@@ -21,15 +22,16 @@ COMMENT ON FUNCTION _begin_load() IS
 
 CREATE OR REPLACE FUNCTION _load(
     p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
-    p_separation_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean,
+    p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision,
+    p_centre_lat double precision, p_merge boolean,
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
 SET enable_nestloop = off AS $$
 DECLARE
-    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_centre_lon,
-                                    p_centre_lat);
+    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
+                                    p_centre_lon, p_centre_lat);
     v_rows bigint;
     v_key text;
     v_total bigint;
@@ -68,13 +70,14 @@ BEGIN
               IS DISTINCT FROM (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties);
     GET DIAGNOSTICS updated = ROW_COUNT;
     UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
-                       ceiling_m = n.ceiling_m, properties = n.properties
+                       ceiling_m = n.ceiling_m, properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines
         FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
                      nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
-                     s.properties FROM pg_temp.staged_track s) n
+                     s.properties, s.grow_mps, s.outlines FROM pg_temp.staged_track s) n
         WHERE t.scene_id = v_scene_id AND t.key = n.key
-          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties)
-              IS DISTINCT FROM (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.properties);
+          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines)
+              IS DISTINCT FROM
+              (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.properties, n.grow_mps, n.outlines);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
@@ -85,9 +88,9 @@ BEGIN
         FROM pg_temp.staged_area s
         WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key);
     GET DIAGNOSTICS added = ROW_COUNT;
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties)
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines)
         SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties, s.grow_mps, s.outlines
         FROM pg_temp.staged_track s
         WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -98,7 +101,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, double precision,
-                          double precision, boolean) IS
+                          double precision, double precision, boolean) IS
 'Brings a scene in step with the staged tables; counts objects. Without p_merge, objects that are not staged go.';
 
 -- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.
@@ -119,12 +122,15 @@ COMMENT ON FUNCTION _read_areas(bigint) IS 'All areas of a scene, without nulls,
 
 CREATE OR REPLACE FUNCTION _read_tracks(
     p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
-    OUT path bytea, OUT outline bytea, OUT key text, OUT name text, OUT properties text
+    OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT key text, OUT name text,
+    OUT properties text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL,
-           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), t.key, coalesce(t.name, ''), t.properties::text
+    SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL, t.grow_mps,
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
+           t.key, coalesce(t.name, ''), t.properties::text
     FROM track t WHERE t.scene_id = p_scene_id ORDER BY t.track_id;
 END;
-COMMENT ON FUNCTION _read_tracks(bigint) IS 'All tracks of a scene, without nulls, for COPY.';
+COMMENT ON FUNCTION _read_tracks(bigint) IS
+'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint.';

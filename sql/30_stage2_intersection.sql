@@ -36,7 +36,7 @@ CREATE OR REPLACE FUNCTION _intersecting_pieces(
     OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamptz,
     OUT leg_end timestamptz, OUT start_lon_deg double precision, OUT start_lat_deg double precision,
     OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision,
-    OUT shape bytea
+    OUT shape bytea, OUT shape_to bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -48,7 +48,7 @@ BEGIN
                p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),
                coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
                coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
-               ST_AsBinary(p.shape, 'NDR')
+               ST_AsBinary(p.shape, 'NDR'), coalesce(ST_AsBinary(p.shape_to, 'NDR'), '')
         FROM (SELECT i.a_piece_id AS piece_id FROM pg_temp.intersecting i
               UNION SELECT i.b_piece_id FROM pg_temp.intersecting i) used
         JOIN piece p USING (piece_id)
@@ -58,7 +58,7 @@ END
 $$;
 COMMENT ON FUNCTION _intersecting_pieces(bigint) IS
 'The pieces of the intersecting pairs, without nulls, for COPY. Rank orders them by kind, key, part and turn, so that '
-'results do not depend on ids. Areas have no motion: epoch and 0.';
+'results do not depend on ids. Areas have no motion: epoch and 0. shape_to is empty where nothing changes.';
 
 CREATE OR REPLACE FUNCTION _intersecting_pairs(OUT a_piece_id bigint, OUT b_piece_id bigint) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

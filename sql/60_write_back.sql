@@ -53,14 +53,16 @@ BEGIN
     DROP TABLE IF EXISTS pg_temp.found, pg_temp.found_period;
     CREATE TEMPORARY TABLE found (
         nr bigint, a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
-        verdict smallint, lon_deg double precision, lat_deg double precision, time_error_s double precision
+        verdict smallint, lon_deg double precision, lat_deg double precision, time_error_s double precision,
+        closest_at timestamptz, closest_m double precision, closest_error_m double precision,
+        a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision
     ) ON COMMIT DROP;
     CREATE TEMPORARY TABLE found_period (nr bigint, first_at timestamptz, last_at timestamptz) ON COMMIT DROP;
 END
 $$;
 COMMENT ON FUNCTION _begin_write() IS
 'Creates the temporary tables found and found_period for the results of a detection. Infinite instants stand for '
-'unbounded, NaN for no first contact.';
+'unbounded, NaN for no first contact; -infinity and NaN for no closest approach. Pairs only near have no period.';
 
 CREATE OR REPLACE FUNCTION _write_run(
     p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint
@@ -108,20 +110,30 @@ BEGIN
         ), ordered AS (
             SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
                    (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
-                   (ARRAY['conflict', 'grazing', 'unresolved'])[f.verdict + 1] AS verdict_name,
+                   (ARRAY['conflict', 'grazing', 'unresolved', 'near'])[f.verdict + 1] AS verdict_name,
                    CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END
-                       AS first_point
+                       AS first_point,
+                   CASE WHEN f.a_lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.a_lon_deg, f.a_lat_deg), 4326) END
+                       AS a_point,
+                   CASE WHEN f.b_lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.b_lon_deg, f.b_lat_deg), 4326) END
+                       AS b_point
             FROM pg_temp.found f
-            JOIN period p USING (nr)
+            LEFT JOIN period p USING (nr)
             JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id
             JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id
         )
-        SELECT o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key, o.periods,
-               o.verdict_name AS verdict, _wrapped(o.first_point) AS first_contact_point, o.time_error_s
+        SELECT o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key,
+               coalesce(o.periods, '{}') AS periods, o.verdict_name AS verdict,
+               _wrapped(o.first_point) AS first_contact_point, o.time_error_s,
+               nullif(o.closest_at, '-infinity') AS closest_at, nullif(o.closest_m, 'NaN') AS closest_m,
+               nullif(o.closest_error_m, 'NaN') AS closest_error_m, _wrapped(o.a_point) AS closest_a_point,
+               _wrapped(o.b_point) AS closest_b_point
         FROM ordered o WHERE NOT o.is_swapped
         UNION ALL
-        SELECT o.b_kind, o.b_id, o.b_version, o.b_key, o.a_kind, o.a_id, o.a_version, o.a_key, o.periods,
-               o.verdict_name, _wrapped(o.first_point), o.time_error_s
+        SELECT o.b_kind, o.b_id, o.b_version, o.b_key, o.a_kind, o.a_id, o.a_version, o.a_key,
+               coalesce(o.periods, '{}'), o.verdict_name, _wrapped(o.first_point), o.time_error_s,
+               nullif(o.closest_at, '-infinity'), nullif(o.closest_m, 'NaN'), nullif(o.closest_error_m, 'NaN'),
+               _wrapped(o.b_point), _wrapped(o.a_point)
         FROM ordered o WHERE o.is_swapped;
     ANALYZE pg_temp.result;
 
@@ -137,7 +149,7 @@ BEGIN
                     FROM pg_temp.result r
                     JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
                     JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull
-                    WHERE r.a_kind = 0 AND r.b_kind = 0 AND (a.turn = 0 OR b.turn = 0)
+                    WHERE r.a_kind = 0 AND r.b_kind = 0 AND r.verdict <> 'near' AND (a.turn = 0 OR b.turn = 0)
                     OFFSET 0) m
               WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d
         GROUP BY d.a_id, d.b_id;
@@ -159,18 +171,26 @@ BEGIN
         WHERE c.conflict_id = o.conflict_id
           AND (o.a_kind, o.a_id, o.b_kind, o.b_id) NOT IN (
               SELECT n.a_kind, n.a_id, n.b_kind, n.b_id FROM pg_temp.result n);
-    GET DIAGNOSTICS closed = ROW_COUNT;
+
+    -- Pairs that are only near are no conflicts: they open, change and close none.
+    SELECT count(*) FILTER (WHERE n.is_conflict AND o.is_conflict IS NOT TRUE),
+           count(*) FILTER (WHERE o.is_conflict AND n.is_conflict IS NOT TRUE)
+        INTO opened, closed
+        FROM (SELECT n.*, n.verdict <> 'near' AS is_conflict FROM pg_temp.result n) n
+        FULL JOIN (SELECT o.*, o.verdict <> 'near' AS is_conflict FROM pg_temp.old o) o
+            USING (a_kind, a_id, b_kind, b_id);
 
     SELECT count(*) INTO changed
         FROM pg_temp.result n JOIN pg_temp.old o USING (a_kind, a_id, b_kind, b_id)
-        WHERE (n.periods, n.verdict) IS DISTINCT FROM (o.periods, o.verdict);
+        WHERE n.verdict <> 'near' AND o.verdict <> 'near'
+          AND (n.periods, n.verdict) IS DISTINCT FROM (o.periods, o.verdict);
 
-    WITH written AS (
-        INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
-                                   periods, verdict, region, first_contact_point, method, time_error_s, found_at)
+    INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
+                               periods, verdict, region, first_contact_point, method, time_error_s, found_at,
+                               closest_at, closest_m, closest_error_m, closest_a_point, closest_b_point)
         SELECT p_scene_id, v_run_id, n.a_kind, n.a_id, n.a_version, n.a_key, n.b_kind, n.b_id, n.b_version, n.b_key,
                n.periods, n.verdict, s.region, n.first_contact_point, p_run ->> 'method', n.time_error_s,
-               clock_timestamp()
+               clock_timestamp(), n.closest_at, n.closest_m, n.closest_error_m, n.closest_a_point, n.closest_b_point
         FROM pg_temp.result n
         LEFT JOIN pg_temp.static_region s ON n.a_kind = 0 AND n.b_kind = 0 AND s.a_id = n.a_id AND s.b_id = n.b_id
         ON CONFLICT (a_kind, a_id, b_kind, b_id) DO UPDATE
@@ -178,16 +198,18 @@ BEGIN
                 b_version = excluded.b_version, b_key = excluded.b_key, periods = excluded.periods,
                 verdict = excluded.verdict, region = excluded.region,
                 first_contact_point = excluded.first_contact_point, method = excluded.method,
-                time_error_s = excluded.time_error_s
-        RETURNING c.found_at
-    )
-    SELECT count(*) FILTER (WHERE w.found_at >= v_start) INTO opened FROM written w;
+                time_error_s = excluded.time_error_s, closest_at = excluded.closest_at,
+                closest_m = excluded.closest_m, closest_error_m = excluded.closest_error_m,
+                closest_a_point = excluded.closest_a_point, closest_b_point = excluded.closest_b_point,
+                found_at = CASE WHEN (c.verdict = 'near') = (excluded.verdict = 'near') THEN c.found_at
+                                ELSE excluded.found_at END;
 
     DELETE FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
 
     UPDATE run r SET finished_at = clock_timestamp(), opened = _write_run.opened, changed = _write_run.changed,
                      closed = _write_run.closed,
-                     conflicts = (SELECT count(*) FROM conflict c WHERE c.scene_id = p_scene_id),
+                     conflicts = (SELECT count(*) FROM conflict c
+                                  WHERE c.scene_id = p_scene_id AND c.verdict <> 'near'),
                      unresolved = (SELECT count(*) FROM conflict c
                                    WHERE c.scene_id = p_scene_id AND c.verdict = 'unresolved'),
                      write_s = coalesce((p_run ->> 'write_s')::double precision, 0)
@@ -200,7 +222,8 @@ END
 $$;
 COMMENT ON FUNCTION _write_run(bigint, jsonb) IS
 'Replaces the conflicts of pairs with a dirty member by the found ones, records the run (p_run: columns of run), '
-'deletes the covered marks, notifies channel conflictdb. A conflict that stays keeps the instant it was first found.';
+'deletes the covered marks, notifies channel conflictdb. A conflict that stays keeps the instant it was first found. '
+'Pairs that are only near are kept beside them, and not counted.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

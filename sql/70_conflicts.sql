@@ -12,8 +12,9 @@ SELECT s.name AS scene,
        c.first_contact_point, c.method, c.time_error_s,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
-       c.run_id, c.found_at
-FROM conflict c JOIN scene s USING (scene_id);
+       c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point
+FROM conflict c JOIN scene s USING (scene_id)
+WHERE c.verdict <> 'near';
 
 COMMENT ON VIEW conflicts IS
 'Pairs of objects that interfere: one row per pair, as of the last detection of the scene. '
@@ -40,6 +41,49 @@ COMMENT ON COLUMN conflicts.time_error_s IS 'Bound on the error of every end of 
 COMMENT ON COLUMN conflicts.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
 COMMENT ON COLUMN conflicts.run_id IS 'The run that last computed this pair.';
 COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found to interfere.';
+COMMENT ON COLUMN conflicts.closest_at IS
+'Closest approach: when, the first time if they are as close more than once; null if not computed, or always so.';
+COMMENT ON COLUMN conflicts.closest_m IS
+'Closest approach: least distance of the polygons, metres on the earth, 0 if they touch; null if not computed.';
+COMMENT ON COLUMN conflicts.closest_error_m IS
+'Closest approach: how much less than closest_m the least distance may be, metres; null if not computed.';
+COMMENT ON COLUMN conflicts.closest_a_point IS
+'Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.closest_b_point IS
+'Closest approach: nearest point of the second object, longitude and latitude in degrees; null if not computed.';
+
+CREATE OR REPLACE VIEW approaches AS
+SELECT s.name AS scene,
+       c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
+       c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
+       c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point AS a_point, c.closest_b_point AS b_point,
+       c.verdict,
+       NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
+                   AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
+       c.run_id, c.found_at
+FROM conflict c JOIN scene s USING (scene_id)
+WHERE c.closest_m IS NOT NULL;
+
+COMMENT ON VIEW approaches IS
+'How close pairs of objects come: conflicts, and pairs without conflict that come within the scene''s nearest_m. '
+'One row per pair, as of the last detection. a is the area if there is one, else the smaller key in byte order.';
+COMMENT ON COLUMN approaches.scene IS 'Name of the scene.';
+COMMENT ON COLUMN approaches.a_key IS 'Key of the first object.';
+COMMENT ON COLUMN approaches.a_kind IS 'area or track.';
+COMMENT ON COLUMN approaches.b_key IS 'Key of the second object.';
+COMMENT ON COLUMN approaches.b_kind IS 'area or track.';
+COMMENT ON COLUMN approaches.closest_at IS
+'When they are closest, the first time if more than once; null for areas that are always there.';
+COMMENT ON COLUMN approaches.closest_m IS
+'Least distance of the polygons, metres on the earth; 0 if they touch.';
+COMMENT ON COLUMN approaches.closest_error_m IS 'How much less than closest_m the least distance may be, metres.';
+COMMENT ON COLUMN approaches.a_point IS 'Nearest point of the first object then, longitude and latitude in degrees.';
+COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then, longitude and latitude in degrees.';
+COMMENT ON COLUMN approaches.verdict IS
+'near: no conflict; conflict, grazing, unresolved: as in the view conflicts.';
+COMMENT ON COLUMN approaches.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
+COMMENT ON COLUMN approaches.run_id IS 'The run that last computed this pair.';
+COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found to interfere, or to come near.';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -56,6 +100,14 @@ BEGIN ATOMIC
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
 END;
 COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
+
+CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF approaches
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT c.* FROM approaches c
+    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
+END;
+COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scene comes to others.';
 
 CREATE OR REPLACE FUNCTION _pieces_near(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision

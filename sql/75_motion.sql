@@ -116,6 +116,79 @@ END;
 COMMENT ON FUNCTION _legs(geometry, text) IS
 'The legs of a path: instants, start and change of longitude (degrees) and rectifying latitude (radians), heading.';
 
+CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN abs(p_m) < 1e-12 THEN 0 ELSE p_m END;
+END;
+COMMENT ON FUNCTION _not_tiny(double precision) IS
+'A number of metres, 0 below a picometre: the square of a smaller one may underflow, which PostgreSQL refuses.';
+
+CREATE OR REPLACE FUNCTION _corners(
+    p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision,
+    OUT dx double precision, OUT dy double precision
+) RETURNS SETOF record
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    WITH vertex AS (
+        SELECT d.path[2] AS n, _not_tiny(ST_X(d.geom)) AS x, _not_tiny(ST_Y(d.geom)) AS y
+        FROM ST_DumpPoints(p_outline) d WHERE d.path[2] < ST_NPoints(p_outline)
+    ), other AS (
+        SELECT v.n, v.x, v.y, coalesce(lag(v.x) OVER w, last_value(v.x) OVER whole) AS x_before,
+               coalesce(lag(v.y) OVER w, last_value(v.y) OVER whole) AS y_before,
+               count(*) FILTER (WHERE (v.x, v.y) <> (f.x, f.y)) OVER () AS different
+        FROM vertex v CROSS JOIN (SELECT u.x, u.y FROM vertex u WHERE u.n = 1) f
+        WINDOW w AS (ORDER BY v.n), whole AS (ORDER BY v.n ROWS BETWEEN UNBOUNDED PRECEDING AND UNBOUNDED FOLLOWING)
+    ), corner AS (
+        SELECT row_number() OVER (ORDER BY o.n) AS n, o.x, o.y, count(*) OVER () AS size
+        FROM other o WHERE (o.x, o.y) <> (o.x_before, o.y_before) OR (o.different = 0 AND o.n = 1)
+    ), thin AS (
+        SELECT a.x, a.y, b.x AS x2, b.y AS y2, coalesce((b.x - a.x) / l.m, 0) AS u, coalesce((b.y - a.y) / l.m, 1) AS v
+        FROM corner a JOIN corner b ON b.n = b.size
+        CROSS JOIN LATERAL (SELECT nullif(sqrt((b.x - a.x) ^ 2 + (b.y - a.y) ^ 2), 0) AS m) l
+        WHERE a.n = 1 AND a.size <= 2
+    ), edge AS (
+        SELECT c.n, c.x, c.y, c.size, b.x - c.x AS u, b.y - c.y AS v, c.x * b.y - c.y * b.x AS doubled
+        FROM corner c JOIN corner b ON b.n = c.n % c.size + 1 WHERE c.size > 2
+    ), normal AS (
+        SELECT e.n, e.x, e.y, e.size, w.way * e.v / sqrt(e.u ^ 2 + e.v ^ 2) AS u,
+               -w.way * e.u / sqrt(e.u ^ 2 + e.v ^ 2) AS v
+        FROM edge e CROSS JOIN (SELECT CASE WHEN sum(f.doubled) < 0 THEN -1 ELSE 1 END AS way FROM edge f) w
+    )
+    -- Where two sides meet: along the sum of their normals. A point or a line is a rectangle without size.
+    SELECT c.n, c.x, c.y, (c.u + b.u) / nullif(1 + c.u * b.u + c.v * b.v, 0),
+           (c.v + b.v) / nullif(1 + c.u * b.u + c.v * b.v, 0)
+    FROM normal c JOIN normal b ON b.n = (c.n + c.size - 2) % c.size + 1
+    UNION ALL
+    SELECT s.n, CASE s.along WHEN -1 THEN t.x ELSE t.x2 END, CASE s.along WHEN -1 THEN t.y ELSE t.y2 END,
+           s.along * t.u + s.side * t.v, s.along * t.v - s.side * t.u
+    FROM thin t CROSS JOIN (VALUES (1, -1, 1), (2, 1, 1), (3, 1, -1), (4, -1, -1)) s (n, along, side);
+END;
+COMMENT ON FUNCTION _corners(geometry) IS
+'The corners of an outline (metres), in turn, and how they move (metres per metre) when every side moves outward; null '
+'at a corner without angle. Repeated vertices are one corner; a point is a square of size 0, a line a rectangle.';
+
+CREATE OR REPLACE FUNCTION _grown_outline(p_outline geometry, p_by_m double precision) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_MakePolygon(ST_AddPoint(g.line, ST_StartPoint(g.line)))
+    FROM (SELECT ST_MakeLine(ST_MakePoint(c.x + c.dx * p_by_m, c.y + c.dy * p_by_m) ORDER BY c.n) AS line
+          FROM _corners(p_outline) c) g;
+END;
+COMMENT ON FUNCTION _grown_outline(geometry, double precision) IS
+'An outline whose sides all moved outward by so many metres, corners mitred.';
+
+CREATE OR REPLACE FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_MakePolygon(ST_MakeLine(ST_MakePoint(ST_X(a.geom) + p_share * (ST_X(b.geom) - ST_X(a.geom)),
+                                                   ST_Y(a.geom) + p_share * (ST_Y(b.geom) - ST_Y(a.geom)))
+                                      ORDER BY a.path[2]))
+    FROM ST_DumpPoints(p_from) a JOIN ST_DumpPoints(p_to) b ON b.path = a.path;
+END;
+COMMENT ON FUNCTION _outline_between(geometry, geometry, double precision) IS
+'The outline on the way from one to another of as many vertices, p_share from 0 to 1: each vertex moves straight.';
+
 CREATE OR REPLACE FUNCTION haven_at(p_scene text, p_key text, p_instant timestamptz) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -127,6 +200,7 @@ DECLARE
     v_progress double precision;
     v_mu double precision;
     v_lon_deg double precision;
+    v_outline geometry;
     v_ring geometry;
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
@@ -156,6 +230,13 @@ BEGIN
         SELECT l.bearing_deg INTO v_leg.bearing_deg FROM _legs(v_track.path, v_scene.earth) l WHERE l.leg = v_nr;
     END IF;
     v_progress := extract(epoch FROM p_instant - v_leg.starts_at) / extract(epoch FROM v_leg.ends_at - v_leg.starts_at);
+    v_outline := CASE
+        WHEN v_track.outlines IS NOT NULL THEN
+            _outline_between(ST_GeometryN(v_track.outlines, v_nr), ST_GeometryN(v_track.outlines, v_nr + 1), v_progress)
+        WHEN v_track.grow_mps > 0 THEN
+            _grown_outline(v_track.outline, v_track.grow_mps * extract(
+                epoch FROM p_instant - to_timestamp(ST_M(ST_StartPoint(v_track.path))))::double precision)
+        ELSE v_track.outline END;
     v_mu := v_leg.mu + v_progress * v_leg.mu_step;
     v_lon_deg := v_leg.lon_deg + v_leg.lon_step_deg * v_progress * _stretch(v_leg.mu, v_mu, v_scene.earth)
                                  / _stretch(v_leg.mu, v_leg.mu + v_leg.mu_step, v_scene.earth);
@@ -169,9 +250,9 @@ BEGIN
               FROM (SELECT d.path[2] AS n, ST_Y(d.geom) / _rectifying_m(v_scene.earth) AS ahead,
                            ST_X(d.geom) / _rectifying_m(v_scene.earth) AS across,
                            v_mu + ST_Y(d.geom) / _rectifying_m(v_scene.earth) * cosd(v_leg.bearing_deg) AS mu1
-                    FROM ST_DumpPoints(v_track.outline) d) q) p;
+                    FROM ST_DumpPoints(v_outline) d) q) p;
     -- A haven may be a point or a line: its outline then repeats vertices.
-    v_ring := CASE ST_Dimension(ST_ConvexHull(v_track.outline))
+    v_ring := CASE ST_Dimension(ST_ConvexHull(v_outline))
                   WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring)
                   ELSE ST_MakePolygon(v_ring) END;
     v_ring := ST_SetSRID(v_ring, 4326);
@@ -183,20 +264,30 @@ COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
 'at the seam; null before its first and from its last waypoint on. A haven without size is a point, without width '
 'a line.';
 
-CREATE OR REPLACE FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text) RETURNS void
+CREATE OR REPLACE FUNCTION _check_haven(
+    p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry
+) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (SELECT max(greatest(abs(e.mu + v.ahead), abs(e.mu + v.ahead - v.across)))
         FROM _legs(p_path, p_earth) l
-        CROSS JOIN LATERAL (VALUES (l.mu), (l.mu + l.mu_step)) e (mu)
+        -- Latitudes are linear in time, also of a haven that grows.
+        CROSS JOIN LATERAL (VALUES (l.mu, l.leg), (l.mu + l.mu_step, l.leg + 1)) e (mu, waypoint)
+        CROSS JOIN LATERAL (SELECT CASE
+            WHEN p_outlines IS NOT NULL THEN ST_GeometryN(p_outlines, e.waypoint)
+            WHEN p_grow_mps > 0 THEN _grown_outline(p_outline, p_grow_mps * (
+                ST_M(ST_PointN(p_path, e.waypoint)) - ST_M(ST_StartPoint(p_path))))
+            ELSE p_outline END AS outline OFFSET 0) o
         CROSS JOIN LATERAL (SELECT ST_Y(d.geom) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
                                    ST_X(d.geom) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
-                            FROM ST_DumpPoints(p_outline) d) v) > radians(89.5) THEN
-        PERFORM _refuse('ZC005', p_who, 'outline',
+                            FROM ST_DumpPoints(o.outline) d) v) > radians(89.5) THEN
+        PERFORM _refuse('ZC005', p_who,
+                        CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
+                             ELSE 'outline' END,
                         'the haven reaches beyond 89.5 degrees of latitude on one of its legs',
                         'haven_in_plane', 'The Mercator plane stretches without limit towards the poles.');
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text) IS
+COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text, double precision, geometry) IS
 'Refuses a haven (metres) that leaves the Mercator plane on its path, as conflictdb.pieces.check_plane does.';

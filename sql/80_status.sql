@@ -4,7 +4,10 @@ CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_reg
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, starts timestamptz[], ends timestamptz[],
     verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision,
-    method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz
+    method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz,
+    closest_at timestamptz, closest_m double precision, closest_error_m double precision,
+    closest_a_lon_deg double precision, closest_a_lat_deg double precision,
+    closest_b_lon_deg double precision, closest_b_lat_deg double precision
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -13,7 +16,8 @@ BEGIN
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, p.starts, p.ends, c.verdict,
                CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
                ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
-               c.run_id, c.found_at
+               c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
+               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point)
         FROM conflicts c
         CROSS JOIN LATERAL (SELECT array_agg(lower(r) ORDER BY r) AS starts, array_agg(upper(r) ORDER BY r) AS ends
                             FROM unnest(c.periods) r) p
@@ -24,21 +28,41 @@ $$;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
 'The conflicts of a scene (at an instant, if given), earliest first; periods as arrays of starts and ends.';
 
+CREATE OR REPLACE FUNCTION _approaches(p_scene text)
+RETURNS TABLE (
+    a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
+    b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
+    found_at timestamptz
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY
+        SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
+               ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at
+        FROM approaches c
+        WHERE c.scene = p_scene
+        ORDER BY c.closest_at NULLS FIRST, c.a_key, c.b_key;
+END
+$$;
+COMMENT ON FUNCTION _approaches(text) IS 'The closest approaches of a scene, earliest first.';
+
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
-    separation_m double precision, centre_lon double precision, centre_lat double precision,
-    areas bigint, tracks bigint, pending bigint, conflicts bigint,
+    separation_m double precision, nearest_m double precision, centre_lon double precision,
+    centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint,
     run_id bigint, finished_at timestamptz, error text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m,
+    SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m,
            s.centre_lon, s.centre_lat,
            (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
            (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id),
            (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
                                   WHERE m.scene_id = s.scene_id) d),
-           (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id),
+           (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id AND c.verdict <> 'near'),
            r.run_id, r.finished_at, r.error
     FROM scene s
     LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
@@ -57,22 +81,22 @@ COMMENT ON FUNCTION _runs(text, integer) IS 'The last runs of a scene, newest fi
 
 CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (
     name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
-    centre_lon double precision, centre_lat double precision
+    nearest_m double precision, centre_lon double precision, centre_lat double precision
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat
     FROM scene s WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _scene(bigint) IS 'The settings of a scene.';
 
 CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (
     name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
-    centre_lon double precision, centre_lat double precision
+    nearest_m double precision, centre_lon double precision, centre_lat double precision
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.centre_lon, s.centre_lat
+    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat
     FROM scene s WHERE s.name = p_scene;
 END;
 COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if there is none of that name.';

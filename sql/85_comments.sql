@@ -18,6 +18,9 @@ COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, met
 COMMENT ON COLUMN scene.separation_m IS
 'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';
 
+COMMENT ON COLUMN scene.nearest_m IS
+'Pairs without conflict that come within this are kept with their closest approach, metres; 0: they are not.';
+
 COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
 COMMENT ON COLUMN area.area_id IS 'Number within this database.';
 COMMENT ON COLUMN area.scene_id IS 'Scene it belongs to.';
@@ -44,7 +47,13 @@ COMMENT ON COLUMN track.outline IS
 COMMENT ON COLUMN track.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN track.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN track.properties IS 'What its source said beyond these.';
-COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline or heights change.';
+COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline, growth or heights change.';
+COMMENT ON COLUMN track.grow_mps IS
+'Metres per second at which every side of the outline moves outward from the first waypoint''s time on; corners are '
+'mitred. 0: it does not.';
+COMMENT ON COLUMN track.outlines IS
+'Instead: one outline per waypoint, of equally many vertices; on a leg each vertex moves straight and steadily. Null: '
+'the outline stays, or grows.';
 
 COMMENT ON TABLE object_key IS 'Keys in use: one key names one object of a scene, area or track. Kept by triggers.';
 COMMENT ON COLUMN object_key.scene_id IS 'Scene.';
@@ -71,13 +80,15 @@ COMMENT ON COLUMN piece.version IS 'Version of the object it was made from.';
 COMMENT ON COLUMN piece.part IS 'Number within the object, from 0; a copy at the seam shares it.';
 COMMENT ON COLUMN piece.turn IS '0; -1 for a copy one turn west, of a piece that reaches over longitude 180.';
 COMMENT ON COLUMN piece.hull IS
-'Convex hull of all the piece covers during its span, padded for tolerance and separation: metres of the scene''s '
+'Convex hull of all the piece covers during its span, padded for what is too close: metres of the scene''s '
 'plane (EPSG:3395 for rhumb on wgs84, else no SRID), shifted by turn.';
 COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';
 COMMENT ON COLUMN piece.shape IS
-'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline, metres to starboard and ahead.';
+'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline at the start '
+'of the leg, metres to starboard and ahead.';
+COMMENT ON COLUMN piece.shape_to IS 'Tracks: the same vertices at the end of the leg; null where they stay.';
 COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of.';
 COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg.';
 COMMENT ON COLUMN piece.start_lon_deg IS 'Tracks: longitude at the start of the leg, degrees, not shifted.';
@@ -113,7 +124,7 @@ COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results.';
 COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';
 
 COMMENT ON TABLE conflict IS
-'Pairs that interfere, as the last detection found them. Derived; query the view conflicts.';
+'Pairs that interfere or come near, as the last detection found them. Derived; query the views conflicts, approaches.';
 COMMENT ON COLUMN conflict.conflict_id IS 'Number.';
 COMMENT ON COLUMN conflict.scene_id IS 'Scene of both objects.';
 COMMENT ON COLUMN conflict.run_id IS 'Run that last computed the pair.';
@@ -125,14 +136,24 @@ COMMENT ON COLUMN conflict.b_kind IS 'Second object: 0 area, 1 track.';
 COMMENT ON COLUMN conflict.b_id IS 'Second object: area_id or track_id; it may have been removed since.';
 COMMENT ON COLUMN conflict.b_version IS 'Second object: version that was detected.';
 COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
-COMMENT ON COLUMN conflict.periods IS 'When they interfere, bounds inclusive.';
+COMMENT ON COLUMN conflict.periods IS 'When they interfere, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
-'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled. '
-'Each detection of the pair decides anew.';
+'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled; '
+'near: no conflict, but within the scene''s nearest_m. Each detection of the pair decides anew.';
 COMMENT ON COLUMN conflict.region IS
 'Two areas: their intersection, longitude and latitude. Null: computed by the view.';
 COMMENT ON COLUMN conflict.first_contact_point IS
 'Where they first touch, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.method IS 'Method that found it.';
 COMMENT ON COLUMN conflict.time_error_s IS 'Bound on the error of every end of every period, seconds.';
-COMMENT ON COLUMN conflict.found_at IS 'When the pair was first found to interfere.';
+COMMENT ON COLUMN conflict.found_at IS 'When the pair was first found to interfere, or to come near.';
+COMMENT ON COLUMN conflict.closest_at IS
+'Closest approach: when, the first time if more than once; null if not computed, or for areas that are always there.';
+COMMENT ON COLUMN conflict.closest_m IS
+'Closest approach: least distance, metres on the earth, 0 if they touch; null if not computed.';
+COMMENT ON COLUMN conflict.closest_error_m IS
+'Closest approach: how much less than closest_m the least distance may be, metres.';
+COMMENT ON COLUMN conflict.closest_a_point IS
+'Closest approach: nearest point of the first object, longitude and latitude.';
+COMMENT ON COLUMN conflict.closest_b_point IS
+'Closest approach: nearest point of the second object, longitude and latitude.';

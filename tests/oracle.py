@@ -3,7 +3,7 @@
 Obvious, slow and independent: shares nothing with the package but the classes of a scene. Where the package uses
 series in the third flattening, this uses the incomplete elliptic integral, Gauss-Legendre means and Newton's method;
 where the package reasons about convex parts, this samples densely with shapely on the whole polygons.
-`oracle_motion.py` is the motion, and
+`oracle_motion.py` is the motion, `oracle_distance.py` the distance on the earth, and
 `oracle_precise.py` the same motion in 50 digits; `oracle_circle.py` does all of it for great circles.
 
 Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from oracle_distance import edges_of, edges_of_hulls, least_m
 from oracle_motion import Globe, Leg, legs
 
 from conflictdb.model import Area, Motion, Scene, Track
@@ -29,6 +30,7 @@ SPLIT: Final = 16  # parts that an undecided interval is cut into
 SAMPLING_ROUNDS: Final = 3  # 16, then 256, then 4096 intervals per pair of legs, the last two only where undecided
 ZOOM_ROUNDS: Final = 10  # each narrows a bracket 8 times or more
 SAME_INSTANT_S: Final = 1e-7  # contacts closer than this are one
+PLANE_PER_METRE: Final = 120.0  # at most, up to 89.5 degrees
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,10 @@ class Phase:
     outline_m: Floats
     footprint: shapely.MultiPolygon | None
     origin_lon: float
+
+    @property
+    def moves(self) -> bool:
+        return self.leg is not None and (self.leg.north_m != 0.0 or self.leg.east_m != 0.0)
 
     def vertices(self, epoch_us: int, seconds: Floats) -> Floats:
         """Vertices (n, m, 2) in the plane, metres; areas: their bounds, which do not move."""
@@ -76,7 +82,7 @@ def phases(globe: Globe, thing: Area | Track, origin_lon: float) -> list[Phase]:
         footprint = plane(globe, thing.footprint, origin_lon)
         shapely.prepare(footprint)
         return [Phase(start, end, None, globe, np.empty((0, 2)), footprint, origin_lon)]
-    return [Phase(x.start_us, x.end_us, x, globe, thing.outline_m, None, origin_lon) for x in legs(globe, thing)]
+    return [Phase(x.start_us, x.end_us, x, globe, x.outline_m, None, origin_lon) for x in legs(globe, thing)]
 
 
 @dataclass(frozen=True)
@@ -85,14 +91,12 @@ class Meeting:
 
     intervals : closed intervals of contact, seconds after epoch_us, increasing and disjoint
     least_m : least separation on the earth, metres; 0 in contact; inf if more than was asked to be resolved
-    least_plane_m : the same in the plane
     at_s : when that is, seconds after epoch_us
     """
 
     epoch_us: int
     intervals: tuple[tuple[float, float], ...]
     least_m: float
-    least_plane_m: float
     at_s: float
 
     @property
@@ -104,55 +108,47 @@ class Meeting:
         return tuple((self.epoch_us + 1e6 * a, self.epoch_us + 1e6 * b) for a, b in self.intervals)
 
 
-NEVER: Final = Meeting(0, (), np.inf, np.inf, np.nan)
-
-
-def ground_m(globe: Globe, lines: NDArray[np.object_]) -> Floats:
-    """Lengths on the earth of short plane segments, by the local scale at the middle; metres."""
-    ends = shapely.get_coordinates(lines).reshape(-1, 2, 2) / globe.a
-    lat = globe.latitude_of_isometric(ends[..., 1])
-    middle, dlon = lat.mean(axis=1), ends[:, 1, 0] - ends[:, 0, 0]
-    # The east-west scale is the one of the rhumb line between the two points, exact at any length along it.
-    east = dlon / globe.turn_per_m(lat[:, 0], lat[:, 1])
-    return np.hypot((lat[:, 1] - lat[:, 0]) * globe.along_m(middle), east)
+NEVER: Final = Meeting(0, (), np.inf, np.nan)
 
 
 class Gap:
     """The signed separation of two phases as a function of time, over their common span.
 
-    Positive: distance, less `separation_m`. Negative: some measure of the overlap, only good for seeing where it ends.
+    Positive: distance, less `separation_m`; in the plane, or on the earth (where it is above `care_m`, only roughly).
+    Negative: some measure of the overlap, only good for seeing where it ends.
     """
 
-    def __init__(self, a: Phase, b: Phase, epoch_us: int, separation_m: float) -> None:
+    def __init__(self, a: Phase, b: Phase, epoch_us: int, separation_m: float, care_m: float, on_earth: bool) -> None:
         self.a, self.b, self.epoch_us, self.separation_m = a, b, epoch_us, separation_m
+        self.care_m, self.on_earth = care_m, on_earth
 
     def __call__(self, seconds: Floats) -> Floats:
         one, two = self.a.place(self.epoch_us, seconds), self.b.place(self.epoch_us, seconds)
         apart = ~shapely.intersects(one, two)
         gap = np.zeros(len(seconds))
-        if self.separation_m > 0.0:
-            gap[apart] = ground_m(self.a.globe, shapely.shortest_line(one[apart], two[apart])) - self.separation_m
-        else:
-            # A touch that rounding leaves apart by less than the last digit is still apart: keep the sign.
-            gap[apart] = np.maximum(shapely.distance(one[apart], two[apart]), 1e-12)
+        # A touch that rounding leaves apart by less than the last digit is still apart: keep the sign.
+        gap[apart] = np.maximum(self._distance_m(one[apart], two[apart]), 1e-12) - self.separation_m
         common = shapely.intersection(one[~apart], two[~apart])
         gap[~apart] = -self.separation_m - np.sqrt(shapely.area(common)) - 1e-9 * shapely.length(common)
         return gap
 
-    def plane_and_ground_m(self, second: float) -> tuple[float, float]:
-        at = np.array([second])
-        one, two = self.a.place(self.epoch_us, at), self.b.place(self.epoch_us, at)
-        if shapely.intersects(one, two)[0]:
-            return 0.0, 0.0
-        line = shapely.shortest_line(one, two)
-        return float(shapely.length(line)[0]), float(ground_m(self.a.globe, line)[0])
+    def _distance_m(self, one: NDArray[np.object_], two: NDArray[np.object_]) -> Floats:
+        if not self.on_earth or not len(one):
+            return shapely.distance(one, two)
+        edges = [
+            edges_of(phase.footprint)[None] if phase.leg is None else edges_of_hulls(polygons)
+            for phase, polygons in ((self.a, one), (self.b, two))
+        ]
+        if len(edges[1]) < len(edges[0]):
+            edges = edges[::-1]
+        return least_m(self.a.globe, *edges, beyond_m=self.separation_m + self.care_m)
 
 
-def sample(gap: Gap, end_s: float, care_m: float) -> tuple[Floats, Floats]:
+def sample(gap: Gap, end_s: float, care_m: float, rounds: int = SAMPLING_ROUNDS) -> tuple[Floats, Floats]:
     """Times and gaps, dense wherever the gap could be less than `care_m`."""
     seconds = np.linspace(0.0, end_s, SPLIT + 1)
     values = gap(seconds)
-    for _ in range(SAMPLING_ROUNDS - 1):
+    for _ in range(rounds - 1):
         speed = 0.0
         for phase in (gap.a, gap.b):
             steps = np.diff(phase.vertices(gap.epoch_us, seconds), axis=0)
@@ -196,6 +192,14 @@ def extreme(gap: Gap, left: float, right: float, sign: float) -> tuple[float, fl
     return at, sign * value
 
 
+def closest(gap: Gap, end_s: float) -> tuple[float, float]:
+    """The least gap, and when it is."""
+    seconds, values = sample(gap, end_s, float(gap(np.linspace(0.0, end_s, SPLIT + 1)).min()), rounds=2)
+    best, last = int(np.argmin(values)), len(seconds) - 1
+    at, value = extreme(gap, float(seconds[max(best - 1, 0)]), float(seconds[min(best + 1, last)]), 1.0)
+    return value, at
+
+
 def contacts(gap: Gap, end_s: float, care_m: float) -> tuple[list[tuple[float, float]], float, float]:
     """Intervals of contact of two phases, the least gap, and when it is."""
     if end_s == 0.0:
@@ -231,7 +235,8 @@ def contacts(gap: Gap, end_s: float, care_m: float) -> tuple[list[tuple[float, f
 def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000.0) -> Meeting:
     """When two objects touch (or come closer than the scene's separation), and how close they come.
 
-    The least separation is resolved where it is below `care_m`, metres in the plane.
+    The least separation is resolved where it is below `care_m`: metres in the plane (up to 57 times as large at 89
+    degrees) if no separation is wanted, else metres more than that on the earth.
     """
     if scene.motion is Motion.GREAT_CIRCLE:
         import oracle_circle  # which builds on this module
@@ -250,24 +255,26 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
     epoch_us = int(start_us) if start_us > -infinite else 0
 
     found: list[tuple[float, float]] = []
-    least = (infinite, infinite, np.nan)
+    least = (infinite, np.nan)
     for p, q in ((p, q) for p in mine for q in theirs):
         low, high = max(p.start_us, q.start_us), min(p.end_us, q.end_us)
         if low > high or low >= end_us:
             continue
-        still = p.leg is None and q.leg is None
-        zero_us = epoch_us if still else int(low)
+        still = not p.moves and not q.moves
+        zero_us = epoch_us if p.leg is None and q.leg is None else int(low)
         offset_s = (zero_us - epoch_us) / 1e6
         duration_s = 0.0 if still else (int(high) - int(low)) / 1e6
-        for other in _copies(p, q, care_m + 60.0 * scene.separation_m):
-            gap = Gap(p, other, zero_us, scene.separation_m)
+        on_earth = scene.separation_m > 0.0
+        for other in _copies(p, q, care_m + PLANE_PER_METRE * scene.separation_m):
+            gap = Gap(p, other, zero_us, scene.separation_m, care_m, on_earth)
             intervals, value, at = contacts(gap, duration_s, care_m)
             if still and intervals:
-                intervals = [((low - epoch_us) / 1e6, (high - epoch_us) / 1e6)]
+                intervals = [((low - zero_us) / 1e6, (high - zero_us) / 1e6)]
             found += [(s + offset_s, e + offset_s) for s, e in intervals]
+            if value < care_m and not on_earth and not found:
+                value, at = closest(Gap(p, other, zero_us, 0.0, care_m, on_earth=True), duration_s)
             if value < care_m:
-                plane_m, ground = gap.plane_and_ground_m(at)
-                least = min(least, (ground, plane_m, at + offset_s))
+                least = min(least, (max(value + scene.separation_m, 0.0), at + offset_s))
     last_s = (end_us - epoch_us) / 1e6
     # The last instant of a span does not belong to it.
     merged = [(s, e) for s, e in _merged(found) if s < last_s - SAME_INSTANT_S or s == -infinite]
@@ -294,8 +301,22 @@ def haven_at(scene: Scene, track: Track, instant_us: int, leg: int) -> Floats:
     globe = Globe.of(scene.earth)
     x = legs(globe, track)[leg]
     fraction = np.array([(instant_us - x.start_us) / (x.end_us - x.start_us)])
-    lon, lat = x.vertices(globe, track.outline_m, fraction)
+    lon, lat = x.vertices(globe, x.outline_m, fraction)
     return np.degrees(np.stack([lon[0], lat[0]], axis=-1))
+
+
+def polygons_at(scene: Scene, thing: Area | Track, instant_us: int, near_lon: float) -> list[shapely.Geometry]:
+    """The polygons of an object at an instant in the plane, in metres east of `near_lon`, the nearest whole turn."""
+    globe = Globe.of(scene.earth)
+    turn = 2 * np.pi * globe.a
+    found = []
+    for phase in phases(globe, thing, np.radians(near_lon)):
+        if phase.start_us <= instant_us <= phase.end_us:
+            polygon = phase.place(instant_us, np.zeros(1))[0]
+            aside = np.round(polygon.centroid.x / turn) * turn
+            for extra in (-turn, 0.0, turn):
+                found.append(shapely.transform(polygon, lambda xy, by=extra - aside: xy + np.array([by, 0.0])))
+    return found
 
 
 def _copies(p: Phase, q: Phase, margin_m: float) -> Iterator[Phase]:

@@ -25,7 +25,7 @@ from oracle import SAME_INSTANT_S, Floats, Meeting, _high, _low, _merged, contac
 from conflictdb.model import Area, Scene, Track
 
 RADIUS_M: Final = 6371008.771415
-NEVER: Final = Meeting(epoch_us=0, intervals=(), least_m=np.inf, least_plane_m=np.inf, at_s=np.nan)
+NEVER: Final = Meeting(epoch_us=0, intervals=(), least_m=np.inf, at_s=np.nan)
 
 
 def space(lonlat_deg: Floats) -> Floats:
@@ -225,7 +225,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
         least = min(least, (max(value + scene.separation_m, 0.0), at + offset_s))
     last_s = (end_us - epoch_us) / 1e6
     merged = tuple((s, e) for s, e in _merged(found) if s < last_s - SAME_INSTANT_S or s == -np.inf)
-    return Meeting(epoch_us=epoch_us, intervals=merged, least_m=least[0], least_plane_m=least[0], at_s=least[1])
+    return Meeting(epoch_us=epoch_us, intervals=merged, least_m=least[0], at_s=least[1])
 
 
 def haven_at(track: Track, instant_us: int, leg: int) -> Floats:

@@ -5,6 +5,8 @@ Motion (all that is assumed):
 - A leg is a rhumb line at constant speed; longitudes are unwrapped the shortest way.
 - A haven vertex (starboard, forward) is reached from the reference point by a rhumb step forward along the leg's
   bearing, then one to starboard. The haven is the convex hull of its vertices in the Mercator plane.
+- A haven may change: its vertices then move steadily, on each leg, from their places in the body frame at one waypoint
+  to those at the next. Growing at a speed means that its sides move outward, from the first waypoint on.
 - Spans are half-open, polygons are closed; at inner waypoints both orientations count.
 
 Units: metres, radians; degrees and microseconds where objects are read.
@@ -100,7 +102,11 @@ class Globe:
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg of a track, longitudes unwrapped, in radians; heading as a unit vector (north, east)."""
+    """One leg of a track, longitudes unwrapped, in radians; heading as a unit vector (north, east).
+
+    outline_m : (m, 2) the haven at the start of the leg
+    growth_m : (m, 2) how far each vertex moves on it
+    """
 
     start_us: int
     end_us: int
@@ -109,13 +115,19 @@ class Leg:
     north_m: float
     east_m: float
     heading: tuple[float, float]
+    outline_m: Floats
+    growth_m: Floats
 
     def vertices(self, globe: Globe, outline_m: Floats, fraction: Floats) -> tuple[Floats, Floats]:
-        """Longitudes and latitudes in radians, (n, m), of the haven's vertices at n fractions of the leg."""
+        """Longitudes and latitudes in radians, (n, m), of the haven's vertices at n fractions of the leg.
+
+        outline_m : (m, 2) the haven at the start of the leg
+        """
         lon, lat = globe.step(
             self.lon, np.full(len(fraction), self.lat), fraction * self.north_m, fraction * self.east_m
         )
-        (cos, sin), starboard, forward = self.heading, outline_m[:, 0], outline_m[:, 1]
+        outlines = outline_m + fraction[:, None, None] * self.growth_m
+        (cos, sin), starboard, forward = self.heading, outlines[..., 0], outlines[..., 1]
         lon, lat = globe.step(lon[:, None], lat[:, None], forward * cos, forward * sin)
         return globe.step(lon, lat, -starboard * sin, starboard * cos)
 
@@ -132,8 +144,43 @@ def legs(globe: Globe, track: Track) -> list[Leg]:
     headings = [(n / np.hypot(n, e), e / np.hypot(n, e)) if np.hypot(n, e) > 0.0 else None for n, e in moves]
     heading = next((h for h in headings if h), (1.0, 0.0))
     found = []
+    havens = outlines(track)
     for i, (north, east) in enumerate(moves):
         heading = headings[i] or heading
         start, end = int(track.times_us[i]), int(track.times_us[i + 1])
-        found.append(Leg(start, end, float(lon[i]), float(np.radians(lat[i])), north, east, heading))
+        change = havens[i + 1] - havens[i]
+        found.append(Leg(start, end, float(lon[i]), float(np.radians(lat[i])), north, east, heading, havens[i], change))
     return found
+
+
+def outlines(track: Track) -> list[Floats]:
+    """The haven at every waypoint, (m, 2) each."""
+    if track.outlines_m is not None:
+        return list(track.outlines_m)
+    if not track.grow_mps:
+        return [track.outline_m] * len(track.times_us)
+    return [grown(track.outline_m, track.grow_mps * (us - int(track.times_us[0])) / 1e6) for us in track.times_us]
+
+
+def grown(outline_m: Floats, by_m: float) -> Floats:
+    """An outline with its sides moved outward: every corner is where the two moved sides meet."""
+    ring = [p for i, p in enumerate(outline_m) if np.any(p != outline_m[i - 1])] or [outline_m[0]]
+    if len(ring) <= 2:  # a rectangle without length or width
+        along = ring[-1] - ring[0] if len(ring) == 2 else np.array([0.0, 1.0])
+        along = by_m * along / np.hypot(*along)
+        across = np.array([along[1], -along[0]])
+        a, b = ring[0], ring[-1]
+        return np.array([a - along + across, b + along + across, b + along - across, a - along - across])
+    middle = np.mean(ring, axis=0)
+    corners = []
+    for i, corner in enumerate(ring):
+        sides = []
+        for other in (ring[i - 1], ring[(i + 1) % len(ring)]):
+            x, y = corner - other
+            normal = np.array([y, -x]) / np.hypot(x, y)
+            sides.append(normal if normal @ (corner - middle) > 0.0 else -normal)
+        if abs(np.linalg.det(sides)) < 1e-9:  # the middle of a straight side
+            corners.append(corner + by_m * sides[0])
+        else:
+            corners.append(corner + np.linalg.solve(np.array(sides), [by_m, by_m]))
+    return np.array(corners)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import oracle
 from mpmath import mp, mpf
+from oracle_motion import outlines
 
 from conflictdb.model import Area, EarthModel, Scene, Track
 
@@ -70,7 +71,7 @@ class PreciseGlobe:
 
 @dataclass(frozen=True)
 class PreciseLeg:
-    """One leg of a track: its ends unwrapped in degrees, and the components of its heading."""
+    """One leg of a track: its ends unwrapped in degrees, the components of its heading, the haven at both ends."""
 
     start_us: int
     end_us: int
@@ -78,16 +79,18 @@ class PreciseLeg:
     north_m: mpf
     east_m: mpf
     heading: Point
+    outlines_m: tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]
 
-    def ring(self, globe: PreciseGlobe, outline_m: Sequence[Sequence[float]], seconds: mpf) -> Ring:
+    def ring(self, globe: PreciseGlobe, seconds: mpf) -> Ring:
         """Plane vertices at so many seconds after the start of the leg."""
         fraction = seconds / (mpf(self.end_us - self.start_us) / 1_000_000)
         lon, lat = globe.step(*self.start, fraction * self.north_m, fraction * self.east_m)
         cos, sin = self.heading
         ring = []
-        for starboard, forward in outline_m:
-            x, y = globe.step(lon, lat, mpf(forward) * cos, mpf(forward) * sin)
-            x, y = globe.step(x, y, -mpf(starboard) * sin, mpf(starboard) * cos)
+        for (x0, y0), (x1, y1) in zip(*self.outlines_m, strict=True):
+            starboard, forward = (mpf(a) + fraction * (mpf(b) - mpf(a)) for a, b in ((x0, x1), (y0, y1)))
+            x, y = globe.step(lon, lat, forward * cos, forward * sin)
+            x, y = globe.step(x, y, -starboard * sin, starboard * cos)
             ring.append((globe.a * x, globe.a * globe.isometric(y)))
         return ring
 
@@ -106,9 +109,11 @@ def precise_legs(globe: PreciseGlobe, track: Track) -> list[PreciseLeg]:
     units = [(n / mp.hypot(n, e), e / mp.hypot(n, e)) if (n, e) != (0, 0) else None for n, e in moves]
     heading = next((u for u in units if u), (mpf(1), mpf(0)))
     found = []
+    havens = [outline.tolist() for outline in outlines(track)]
     for i, (north, east) in enumerate(moves):
         heading = units[i] or heading
-        found.append(PreciseLeg(int(track.times_us[i]), int(track.times_us[i + 1]), starts[i], north, east, heading))
+        times = int(track.times_us[i]), int(track.times_us[i + 1])
+        found.append(PreciseLeg(*times, starts[i], north, east, heading, (havens[i], havens[i + 1])))
     return found
 
 
@@ -207,7 +212,7 @@ def _shapes(globe: PreciseGlobe, thing: Area | Track, seconds: mpf, epoch_us: in
     for leg in precise_legs(globe, thing):
         at = seconds + mpf(epoch_us - leg.start_us) / 1_000_000
         if 0 <= at <= mpf(leg.end_us - leg.start_us) / 1_000_000:
-            found.append([convex_hull(leg.ring(globe, thing.outline_m.tolist(), at))])
+            found.append([convex_hull(leg.ring(globe, at))])
     return found
 
 

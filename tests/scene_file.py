@@ -28,8 +28,11 @@ def scene_document(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track])
         features.append(_feature(x, shapely.geometry.mapping(x.footprint), properties))
     for t in tracks:
         line = {"type": "LineString", "coordinates": t.positions_deg.tolist()}
-        outline = {"outline_m": t.outline_m.tolist(), "times": [iso(int(u)) for u in t.times_us]}
-        features.append(_feature(t, line, {"kind": "track", **outline}))
+        haven: dict[str, object] = {"outline_m": t.outline_m.tolist(), "grow_mps": t.grow_mps}
+        if t.outlines_m is not None:
+            haven = {"outlines_m": t.outlines_m.tolist()}
+        times = [iso(int(u)) for u in t.times_us]
+        features.append(_feature(t, line, {"kind": "track", **haven, "times": times}))
     settings = {
         "name": scene.name,
         "motion": scene.motion.value,

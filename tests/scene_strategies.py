@@ -67,7 +67,12 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
         )
     )
     name, band, properties = draw(st.none() | TEXT), draw(heights()), draw(PROPERTIES)
-    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties)
+    # By up to 200 km, so that a plane can hold it.
+    growth, outlines = draw(st.sampled_from([0.0, 0.1, 2.0])) * 1e5 / max((times[-1] - times[0]) / 1e6, 1.0), None
+    if not growth and draw(st.booleans()):
+        outlines = np.array([outline * draw(st.floats(0.0, 2.0)) for _ in times])
+        outline = outlines[0]
+    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties, growth, outlines)
 
 
 @st.composite
@@ -96,5 +101,6 @@ def assert_same(one: Area | Track, other: Area | Track) -> None:
         assert shapely.equals_exact(one.footprint, other.footprint, 0.0)
         assert np.array_equal(shapely.get_coordinates(one.footprint), shapely.get_coordinates(other.footprint))
     elif isinstance(one, Track) and isinstance(other, Track):
-        for name in ("positions_deg", "times_us", "outline_m"):
+        assert one.grow_mps == other.grow_mps
+        for name in ("positions_deg", "times_us", "outline_m", "outlines_m"):
             assert np.array_equal(getattr(one, name), getattr(other, name)), name

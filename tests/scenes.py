@@ -442,6 +442,74 @@ def identical(earth: EarthModel) -> Known:
     )
 
 
+def growing(earth: EarthModel) -> Known:
+    """Havens whose sides move outward: moored ones that meet a wall or each other, one under way, one that stops."""
+    degree, hours = parallel_m(earth, 0.0), 2 * HOUR_S
+    moored = meridian_m(earth, 0.1)
+    stop, wall = meridian_m(earth, 61.0), meridian_m(earth, 61.11)
+    metre = 1.0 / (meridian_m(earth, 0.5) - meridian_m(earth, -0.5))
+    point = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    small = dict.fromkeys(("fore", "aft", "port", "starboard"), 1000.0)
+    speed = degree / HOUR_S
+
+    def grows(mps: float, item: Track) -> Track:
+        return replace(item, grow_mps=mps)
+
+    return Known(
+        "growing",
+        Scene("growing", earth=earth),
+        [
+            area("wall", shapely.box(-1, 0.1, 1, 0.5)),
+            area("ahead", shapely.box(21, -1, 21.2, 1)),
+            area("beyond the stop", shapely.box(39, 61.11, 41, 62)),
+            area("out of reach", shapely.box(79, 4660 * metre, 81, 1)),
+        ],
+        [
+            grows(2.0, track("point", [(0, 0), (0, 0)], [0, 2 * hours], **point)),
+            grows(0.5, track("under way", [(20, 0), (22, 0)], [0, hours], fore=2000.0, aft=1000.0)),
+            grows(1.0, track("stops", [(40, 60), (40, 61), (40, 61)], [0, hours, 2 * hours], **small)),
+            grows(1.0, track("too slow", [(80, 0), (80, 0)], [0, HOUR_S], **small)),
+            grows(1.0, track("south", [(100, 0), (100, 0)], [0, 2 * hours], **small)),
+            grows(0.5, track("north", [(100, 0.1), (100, 0.1)], [0, 2 * hours], fore=0.0, aft=500.0)),
+        ],
+        {
+            ("wall", "point"): [(moored / 2.0, 2 * hours)],
+            ("ahead", "under way"): [((degree - 2000) / (speed + 0.5), (1.2 * degree + 1000) / (speed - 0.5))],
+            ("beyond the stop", "stops"): [(wall - stop - 1000.0, 2 * hours)],
+            ("north", "south"): [((moored - 1500.0) / 1.5, 2 * hours)],
+        },
+    )
+
+
+def outline_per_waypoint(earth: EarthModel) -> Known:
+    """A haven that opens ahead of itself and draws in behind; and one that turns from a line across to one along."""
+    hours = 2 * HOUR_S
+    speed = meridian_m(earth, 1.0) / hours
+    opens = track("opens", [(60, 0), (60, 1)], [0, hours], fore=1000.0, aft=1000.0)
+    after = rectangle_outline_m(5000.0, 0.0, 5000.0, 5000.0)
+    turns = track("turns", [(70, 0), (70, 0)], [0, hours])
+    across, along = np.array([(-9000.0, 0.0), (9000.0, 0.0)]), np.array([(0.0, -9000.0), (0.0, 9000.0)])
+    near = meridian_m(earth, 0.05)
+    return Known(
+        "outline per waypoint",
+        Scene("outlines", earth=earth),
+        [area("A", shapely.box(59, 0.5, 61, 0.6)), area("B", shapely.box(69, 0.05, 71, 0.6))],
+        [
+            replace(opens, outlines_m=np.array([opens.outline_m, after])),
+            replace(turns, outline_m=across, outlines_m=np.array([across, along])),
+        ],
+        {
+            ("A", "opens"): [
+                (
+                    (meridian_m(earth, 0.5) - 1000.0) / (speed + 4000.0 / hours),
+                    (meridian_m(earth, 0.6) + 1000.0) / (speed + 1000.0 / hours),
+                )
+            ],
+            ("B", "turns"): [(near / 9000.0 * hours, hours)],
+        },
+    )
+
+
 def _circles(name: str, centre: tuple[float, float]) -> Scene:
     return Scene(f"circles-{name}", Motion.GREAT_CIRCLE, centre=centre)
 
@@ -541,6 +609,8 @@ MAKERS: Final[tuple[Callable[[EarthModel], Known], ...]] = (
     heights,
     spans,
     identical,
+    growing,
+    outline_per_waypoint,
 )
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 from scenes import T0_US
+from workloads import changing
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
@@ -16,8 +17,11 @@ SLOWEST_S = 3e8  # ten years
 SAME = [(False, False)] * 7 + [(True, True), (True, False), (False, True)]
 
 
-def throw_wild(seed: int, objects: int = 4) -> tuple[Scene, list[Area], list[Track]]:
-    """A scene of up to so many areas and tracks, two to thousands of kilometres across; without what is refused."""
+def throw_wild(seed: int, objects: int = 4, changing_share: float = 0.0) -> tuple[Scene, list[Area], list[Track]]:
+    """A scene of up to so many areas and tracks, two to thousands of kilometres across; without what is refused.
+
+    changing_share : of havens that grow, or change from waypoint to waypoint
+    """
     rng = np.random.default_rng([seed, 77])
     middle = np.array([rng.uniform(-180, 180), rng.uniform(-84, 84)])
     size_m = _log_uniform(rng, 2e3, 5e6)
@@ -32,6 +36,8 @@ def throw_wild(seed: int, objects: int = 4) -> tuple[Scene, list[Area], list[Tra
         if area is not None and _is_held(scene, [area], []):
             areas.append(area)
         track = _wild_track(rng, f"T{i}", middle, size_m, duration_s)
+        if track is not None and changing_share and rng.random() < changing_share:
+            track = changing(rng, track)
         if track is not None and _is_held(scene, [], [track]):
             tracks.append(track)
     return scene, areas, tracks

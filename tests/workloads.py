@@ -5,7 +5,7 @@ around; tracks of 50 to 100 nmi; havens 20 to 40 nmi around; all between latitud
 into a small window of that region, so that a few dozen objects meet often.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -38,6 +38,7 @@ class Workload:
     odd_share: float = 0.3  # of areas that are not convex, have a hole or several parts, and of havens not rectangles
     highest: float = 88.0
     motion: Motion = Motion.RHUMB
+    changing_share: float = 0.0  # of havens that grow, or change from waypoint to waypoint
 
 
 PAPER: Final = Workload("paper", (0.0, 30.0), (-45.0, -15.0), 2.5, (50.0, 100.0))
@@ -64,7 +65,10 @@ OCEAN: Final = Workload(
 ARCTIC: Final = Workload(
     "arctic circles", (76.0, 84.0), (-180.0, 180.0), 4.0, (50.0, 400.0), highest=87.0, motion=Motion.GREAT_CIRCLE
 )
-WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR, OCEAN, ARCTIC)
+GROWING: Final = replace(
+    HIGH_LATITUDE, name="growing", latitudes=(-70.0, 70.0), around_haven=(5.0, 30.0), changing_share=0.8
+)
+WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR, OCEAN, ARCTIC, GROWING)
 
 
 def throw(
@@ -174,4 +178,38 @@ def _track(rng: np.random.Generator, workload: Workload, key: str, lon: float, l
         length = rng.uniform(0.25, 0.45) * around
         fore, port = length * rng.uniform(0.1, 0.9), (around / 2 - length) * rng.uniform(0.1, 0.9)
         outline = rectangle_outline_m(fore, length - fore, port, around / 2 - length - port)
-    return Track(key, lonlat, T0_US + (np.array(hours) * 3.6e9).astype(np.int64), outline)
+    times_us = T0_US + (np.array(hours) * 3.6e9).astype(np.int64)
+    if workload.changing_share and rng.random() < workload.changing_share:
+        return changing(rng, Track(key, lonlat, times_us, outline))
+    return Track(key, lonlat, times_us, outline)
+
+
+def changing(rng: np.random.Generator, track: Track) -> Track:
+    """The track with a haven that grows at a speed, also from a point or a line, or changes at every waypoint."""
+    size = np.hypot(*track.outline_m.T).max()
+    if rng.random() < 0.5:
+        lasts_s = (track.times_us[-1] - track.times_us[0]) / 1e6
+        outline = [track.outline_m, track.outline_m, np.zeros((1, 2)), track.outline_m[:2]][int(rng.integers(4))]
+        sharp = _sharpest_deg(outline) < 5.0
+        return replace(
+            track,
+            outline_m=np.zeros((1, 2)) if sharp else outline,
+            grow_mps=float(rng.uniform(0.2, 1.0) * size / lasts_s),
+        )
+    outlines = []
+    for _ in track.times_us:
+        # Turned by less than a right angle between any two, so that it stays convex on the way.
+        turn, scale = rng.uniform(-0.7, 0.7), rng.uniform(0.4, 1.6, (1, 2))
+        rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        outlines.append(track.outline_m * scale @ rotation)
+    return replace(track, outline_m=outlines[0], outlines_m=np.array(outlines))
+
+
+def _sharpest_deg(outline: np.ndarray) -> float:
+    """The smallest angle between neighbouring sides, degrees; 180 for points and lines."""
+    if len(outline) < 3:
+        return 180.0
+    edge = np.roll(outline, -1, axis=0) - outline
+    before = -np.roll(edge, 1, axis=0)
+    cosine = (edge * before).sum(axis=1) / np.hypot(*edge.T) / np.hypot(*before.T)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).min())

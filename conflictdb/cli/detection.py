@@ -1,13 +1,15 @@
-"""`detect` and `conflicts`."""
+"""`detect`, `conflicts` and `approaches`."""
 
 import argparse
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
-from conflictdb.cli.output import note, progress
+from conflictdb.cli.output import note, out, progress
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import print_conflicts, remark_skipped, run_text
+from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_skipped, run_text
 from conflictdb.cli.session import database, show_progress
-from conflictdb.store import Conflict
+from conflictdb.io.conflict_text import near_pair
+from conflictdb.model import Verdict
+from conflictdb.store import Approach, Conflict
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -27,12 +29,15 @@ def detect(args: argparse.Namespace) -> int:
             remark_skipped(loaded)
             scenes = [one.scene for one in loaded]
         found: list[Conflict] = []
+        near: list[Approach] = []
+        near_rows: list[Conflict] = []
         for scene in scenes:
             run = db.detect(
                 scene,
                 method=args.method,
                 tolerance_m=args.tolerance_m,
                 separation_m=args.separation_m,
+                nearest_m=args.nearest_m,
                 full=args.full,
                 jobs=args.jobs,
                 progress=show_progress,
@@ -40,7 +45,15 @@ def detect(args: argparse.Namespace) -> int:
             progress("")
             note(run_text(scene, run))
             found += db.conflicts(scene, with_region=_wants_region(args))
-    print_conflicts(found, args.format)
+            also = [approach for approach in db.approaches(scene) if approach.verdict == Verdict.NEAR]
+            near += also
+            near_rows += [near_pair(approach, run.method) for approach in also]
+    if args.format == "table":
+        print_conflicts(found, args.format)
+        if near:
+            out("\nno conflict, but near:\n" + approach_table(near))
+    else:
+        print_conflicts(found + near_rows, args.format)
     return CONFLICTS_FOUND if found and args.fail_on_conflict else DONE
 
 
@@ -49,6 +62,14 @@ def conflicts(args: argparse.Namespace) -> int:
     with database(args) as db:
         found = db.conflicts(args.scene, args.at, with_region=_wants_region(args))
     print_conflicts(found, args.format)
+    return DONE
+
+
+def approaches(args: argparse.Namespace) -> int:
+    """Print the closest approaches that are known."""
+    with database(args) as db:
+        found = db.approaches(args.scene)
+    print_approaches(found, args.format)
     return DONE
 
 

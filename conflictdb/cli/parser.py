@@ -52,7 +52,7 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _export, _worker, _status, _schema, _server, _demo):
+    for add in (_detect, _load, _conflicts, _approaches, _export, _worker, _status, _schema, _server, _demo):
         add(commands)
     return parser
 
@@ -94,6 +94,12 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"
     )
+    parser.add_argument(
+        "--nearest-m",
+        type=metres,
+        metavar="D",
+        help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
+    )
     parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
     parser.add_argument(
@@ -123,6 +129,18 @@ def _conflicts(commands: Any) -> None:
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
     _add_output(parser)
+
+
+def _approaches(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "approaches",
+        "detection:approaches",
+        "print how close pairs come: when, where and how far apart",
+        "Conflicts, and with the scene's nearest_m also pairs without conflict that come within that distance.",
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
+    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
 
 
 def _export(commands: Any) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from conflictdb.cli.output import out, remark, table
 from conflictdb.database import Loaded
 from conflictdb.io import Skipped, conflict_text
-from conflictdb.store import Conflict
+from conflictdb.store import Approach, Conflict
 
 if TYPE_CHECKING:
     from conflictdb.detect import Run
@@ -22,8 +22,23 @@ def print_conflicts(conflicts: Sequence[Conflict], form: str) -> None:
     if form == "table":
         out(conflict_table(conflicts) if conflicts else "no conflicts")
         return
-    write = {"json": conflict_text.as_json, "csv": conflict_text.as_csv, "geojson": conflict_text.as_geojson}[form]
-    sys.stdout.writelines(write(conflicts))
+    _write(conflicts, form, conflict_text.COLUMNS)
+
+
+def print_approaches(approaches: Sequence[Approach], form: str) -> None:
+    """Print closest approaches as a table, JSON, CSV or GeoJSON."""
+    if form == "table":
+        out(approach_table(approaches) if approaches else "no closest approach is known")
+        return
+    _write(approaches, form, conflict_text.APPROACH_COLUMNS)
+
+
+def _write(pairs: Sequence[Conflict | Approach], form: str, columns: Sequence[str]) -> None:
+    if form == "csv":
+        sys.stdout.writelines(conflict_text.as_csv(pairs, columns))
+    else:
+        write = {"json": conflict_text.as_json, "geojson": conflict_text.as_geojson}[form]
+        sys.stdout.writelines(write(pairs))
 
 
 def conflict_table(conflicts: Sequence[Conflict]) -> str:
@@ -46,6 +61,27 @@ def conflict_table(conflicts: Sequence[Conflict]) -> str:
         for row, conflict in zip(rows, conflicts, strict=True):
             row.insert(0, conflict.scene)
     return table(header, rows, right=["PERIODS"])
+
+
+def approach_table(approaches: Sequence[Approach]) -> str:
+    """Return a table of closest approaches, one line per pair, times in UTC to the second."""
+    several = len({approach.scene for approach in approaches}) > 1
+    header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
+    rows = [
+        [
+            approach.a_key,
+            approach.b_key,
+            approach.verdict + ("" if approach.is_current else " (outdated)"),
+            moment_text(approach.closest_at, up=False),
+            f"{approach.closest_m:.1f}",
+        ]
+        for approach in approaches
+    ]
+    if several:
+        header.insert(0, "SCENE")
+        for row, approach in zip(rows, approaches, strict=True):
+            row.insert(0, approach.scene)
+    return table(header, rows, right=["METRES"])
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:

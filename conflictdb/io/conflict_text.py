@@ -1,4 +1,7 @@
-"""Conflicts as JSON, CSV and GeoJSON. Members are the columns of the view `conflicts`, in its order."""
+"""Conflicts and closest approaches as JSON, CSV and GeoJSON.
+
+Members are the columns of the views `conflicts` and `approaches`, in their order.
+"""
 
 import csv
 import json
@@ -8,13 +11,13 @@ from io import StringIO
 from typing import Any
 
 from conflictdb.io.instants import format_moment
-from conflictdb.store import Conflict
+from conflictdb.store import Approach, Conflict
 
 Period = tuple[datetime | None, datetime | None]
 
 
-def as_json(conflicts: Iterable[Conflict]) -> Iterator[str]:
-    """Yield the lines of one JSON array, one object per conflict; unbounded ends of periods are null."""
+def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
+    """Yield the lines of one JSON array, one object per pair; unbounded ends of periods are null."""
     yield "["
     separator = "\n"
     for conflict in conflicts:
@@ -23,47 +26,98 @@ def as_json(conflicts: Iterable[Conflict]) -> Iterator[str]:
     yield "]\n" if separator == "\n" else "\n]\n"
 
 
-def as_csv(conflicts: Iterable[Conflict]) -> Iterator[str]:
-    """Yield the lines of a CSV file with a header.
+def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a CSV file with a header: COLUMNS of conflicts, APPROACH_COLUMNS of closest approaches.
 
     Periods are ISO 8601 intervals, start/end, separated by spaces; an unbounded end is two dots. Geometries are
     GeoJSON.
     """
     buffer = StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(columns)
     for conflict in conflicts:
         row = members(conflict)
-        row["periods"] = interval_text(conflict.periods)
-        for name in ("region", "first_contact_point"):
-            row[name] = None if row[name] is None else json.dumps(row[name], separators=(",", ":"))
+        if isinstance(conflict, Conflict):
+            row["periods"] = interval_text(conflict.periods)
+        for name in [name for name in columns if isinstance(row[name], dict)]:
+            row[name] = json.dumps(row[name], separators=(",", ":"))
         row["is_current"] = str(conflict.is_current).lower()
-        writer.writerow([row[column] for column in COLUMNS])
+        writer.writerow([row[column] for column in columns])
         yield buffer.getvalue()
         buffer.seek(0)
         buffer.truncate()
     yield buffer.getvalue()
 
 
-def as_geojson(conflicts: Iterable[Conflict]) -> Iterator[str]:
-    """Yield the lines of a FeatureCollection: where each conflict is (region, else first contact), and the rest."""
+def as_geojson(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
+    """Yield the lines of a FeatureCollection: where each pair is, and the rest.
+
+    That is a conflict's region, else its first contact; of a closest approach the line between the nearest points.
+    """
     yield '{ "type": "FeatureCollection",\n  "features": ['
     separator = "\n"
     for conflict in conflicts:
         properties = members(conflict)
-        region, point = properties.pop("region"), properties.pop("first_contact_point")
-        feature = {
-            "type": "Feature",
-            "geometry": point if region is None else region,
-            "properties": {**properties, "first_contact_point": point},
-        }
+        if isinstance(conflict, Approach):
+            geometry = _between(conflict.a_deg, conflict.b_deg)
+        else:
+            region, point = properties.pop("region"), properties.pop("first_contact_point")
+            properties["first_contact_point"] = point
+            geometry = point if region is None else region
+            if geometry is None and conflict.closest_a_deg and conflict.closest_b_deg:
+                geometry = _between(conflict.closest_a_deg, conflict.closest_b_deg)
+        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
         yield f"{separator}    {json.dumps(feature, ensure_ascii=False, allow_nan=False)}"
         separator = ",\n"
     yield " ] }\n"
 
 
-def members(conflict: Conflict) -> dict[str, Any]:
-    """Return a conflict as the members of one JSON object."""
+def near_pair(approach: Approach, method: str) -> Conflict:
+    """Return a pair that is only near as a row among conflicts: it has no periods."""
+    return Conflict(
+        scene=approach.scene,
+        a_key=approach.a_key,
+        a_kind=approach.a_kind,
+        b_key=approach.b_key,
+        b_kind=approach.b_kind,
+        periods=[],
+        first_contact=None,
+        last_contact=None,
+        verdict=approach.verdict,
+        region=None,
+        first_contact_deg=None,
+        method=method,
+        time_error_s=0.0,
+        is_current=approach.is_current,
+        run_id=approach.run_id,
+        found_at=approach.found_at,
+        closest_at=approach.closest_at,
+        closest_m=approach.closest_m,
+        closest_error_m=approach.closest_error_m,
+        closest_a_deg=approach.a_deg,
+        closest_b_deg=approach.b_deg,
+    )
+
+
+def members(conflict: Conflict | Approach) -> dict[str, Any]:
+    """Return a conflict or a closest approach as the members of one JSON object."""
+    if isinstance(conflict, Approach):
+        return {
+            "scene": conflict.scene,
+            "a_key": conflict.a_key,
+            "a_kind": conflict.a_kind,
+            "b_key": conflict.b_key,
+            "b_kind": conflict.b_kind,
+            "closest_at": format_moment(conflict.closest_at),
+            "closest_m": conflict.closest_m,
+            "closest_error_m": conflict.closest_error_m,
+            "a_point": _point(conflict.a_deg),
+            "b_point": _point(conflict.b_deg),
+            "verdict": conflict.verdict,
+            "is_current": conflict.is_current,
+            "run_id": conflict.run_id,
+            "found_at": format_moment(conflict.found_at),
+        }
     return {
         "scene": conflict.scene,
         "a_key": conflict.a_key,
@@ -81,6 +135,11 @@ def members(conflict: Conflict) -> dict[str, Any]:
         "is_current": conflict.is_current,
         "run_id": conflict.run_id,
         "found_at": format_moment(conflict.found_at),
+        "closest_at": format_moment(conflict.closest_at),
+        "closest_m": conflict.closest_m,
+        "closest_error_m": conflict.closest_error_m,
+        "closest_a_point": _point(conflict.closest_a_deg),
+        "closest_b_point": _point(conflict.closest_b_deg),
     }
 
 
@@ -93,7 +152,20 @@ def _point(position_deg: tuple[float, float] | None) -> dict[str, Any] | None:
     return None if position_deg is None else {"type": "Point", "coordinates": list(position_deg)}
 
 
+def _between(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> dict[str, Any]:
+    """Return the line between two points; where it would cross the antimeridian, the points."""
+    if a_deg == b_deg:
+        return {"type": "Point", "coordinates": list(a_deg)}
+    kind = "LineString" if abs(a_deg[0] - b_deg[0]) <= 180.0 else "MultiPoint"
+    return {"type": kind, "coordinates": [list(a_deg), list(b_deg)]}
+
+
 COLUMNS = (
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
+    *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
+)
+APPROACH_COLUMNS = (
+    *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
+    *("b_point", "verdict", "is_current", "run_id", "found_at"),
 )

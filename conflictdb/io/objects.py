@@ -32,7 +32,7 @@ SPEED: Final = ("start", "speed_kn", "speed_mps")
 # What the reader takes for itself; a property of such a name, put there by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m"})
 TRACK_MEMBERS: Final = frozenset(
-    {"kind", "name", "floor_m", "ceiling_m", "outline_m", *TIMES, *SPEED}
+    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED}
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # A plan that lasts longer than this leaves the years 1 to 9999 anyway; kept within it, microseconds fit 64 bits.
@@ -116,14 +116,17 @@ def _highest_latitude_deg(scene: Scene) -> float:
 
 def moving(key: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], fields: Fields) -> Track:
     """Return the track along these waypoints with the haven, name and heights that its fields give."""
+    outlines = havens(fields)
     return Track(
         key,
         positions_deg,
         times_us,
-        haven(fields),
+        haven(fields) if outlines is None else outlines[0],
         name=fields.text("name"),
         floor_m=fields.number("floor_m"),
         ceiling_m=fields.number("ceiling_m"),
+        grow_mps=fields.number("grow_mps") or 0.0,
+        outlines_m=outlines,
         properties=fields.rest(),
     )
 
@@ -152,6 +155,33 @@ def haven(fields: Fields) -> NDArray[np.float64]:
         rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
         raise fields.refusal("fore_m", rule)
     return rectangle_outline_m(*(_side_m(fields, side) for side in SIDES))
+
+
+def havens(fields: Fields) -> NDArray[np.float64] | None:
+    """Return the (n, m, 2) outlines (starboard, forward) in metres that the fields give, None if they give one haven.
+
+    Raises InvalidInput if the haven is given twice, or if the outlines are no rings of equally many vertices.
+    """
+    if not fields.has("outlines_m"):
+        return None
+    others = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")]
+    given = [name for name in ("outline_m", "grow_mps", *others) if fields.has(name)]
+    if given:
+        raise fields.refusal(given[0], "must not be given together with outlines_m")
+    value = fields.get("outlines_m")
+    if not isinstance(value, list) or not value:
+        raise fields.refusal("outlines_m", f"must be a list of outlines, one per waypoint; got {value!r:.60}")
+    meaning = "[starboard, forward] in metres"
+    rings = [pairs(fields.who, f"outlines_m[{k}]", ring, meaning) for k, ring in enumerate(value)]
+    for k, ring in enumerate(rings):
+        if not len(ring):
+            raise fields.refusal(f"outlines_m[{k}]", f"must be a ring of {meaning}")
+        if len(ring) != len(rings[0]):
+            rule = f"must have as many vertices as outlines_m[0]: {len(rings[0])}, not {len(ring)}"
+            raise fields.refusal(f"outlines_m[{k}]", f"{rule} (a vertex may be given twice)")
+    outlines = np.stack(rings)
+    closed = outlines.shape[1] > 1 and bool(np.all(outlines[:, 0] == outlines[:, -1]))
+    return outlines[:, :-1] if closed else outlines
 
 
 def _side_m(fields: Fields, side: str) -> float:
@@ -231,19 +261,26 @@ def track_properties(item: Track) -> dict[str, Any]:
         **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
         **_present(kind="track", name=item.name),
         "times": [format_instant(int(t)) for t in item.times_us],
-        **_haven_properties(item.outline_m),
+        **_haven_properties(item),
         **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
     }
 
 
-def _haven_properties(outline_m: NDArray[np.float64]) -> Mapping[str, Any]:
-    """Return the four sides where they give exactly this outline, else the outline."""
+def _haven_properties(item: Track) -> Mapping[str, Any]:
+    """Return the four sides where they give exactly this outline, else the outline or outlines; and the growth."""
+    if item.outlines_m is not None:
+        rings = item.outlines_m
+        if rings.shape[1] > 1 and np.all(rings[:, 0] == rings[:, -1]):
+            rings = np.concatenate([rings, rings[:, :1]], axis=1)  # else they would be read as closed
+        return {"outlines_m": rings.tolist()}
+    growth = {"grow_mps": item.grow_mps} if item.grow_mps else {}
+    outline_m = item.outline_m
     starboard, fore = (float(x) for x in outline_m.max(axis=0))
     port, aft = (-float(x) for x in outline_m.min(axis=0))
     sides = (fore, aft, port, starboard)
     if min(sides) >= 0.0 and np.array_equal(rectangle_outline_m(*sides), outline_m):
-        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)}
-    return {"outline_m": outline_m.tolist()}
+        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)} | growth
+    return {"outline_m": outline_m.tolist()} | growth
 
 
 def _instant(instant_us: int | None) -> str | None:

@@ -28,11 +28,12 @@ from conflictdb.store.objects import (
     scene_settings,
     set_scene,
 )
-from conflictdb.store.reading import Conflict, RunStatus, conflicts, runs
+from conflictdb.store.reading import Approach, Conflict, RunStatus, approaches, conflicts, runs
 from conflictdb.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
 
 __all__ = [
     "WORKER_NAME",
+    "Approach",
     "Conflict",
     "LoadCounts",
     "RunOutcome",
@@ -40,6 +41,7 @@ __all__ = [
     "RunStatus",
     "SceneStatus",
     "Service",
+    "approaches",
     "begin_snapshot",
     "changed_areas",
     "changed_tracks",

@@ -26,12 +26,14 @@ from conflictdb.errors import StoreError
 from conflictdb.model import Kind
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many, require_idle, transaction
-from conflictdb.store.objects import decode_paths, decode_rings
+from conflictdb.store.objects import decode_outlines, decode_paths, decode_rings
 
 _AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
 ]  # fmt: skip
-_TRACK_COLUMNS = [("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8")]
+_TRACK_COLUMNS = [
+    ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
+]  # fmt: skip
 _PIECE_COLUMNS = [
     ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("part", "i4"),
     ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -126,9 +128,12 @@ def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> ND
 
 def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
     """Return the tracks of a scene that changed since the last detection."""
-    columns, strings = copy_binary.receive(conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline"])
+    columns, strings = copy_binary.receive(
+        conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline", "outlines"]
+    )
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
+    outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
     return TrackBatch(
         columns["track_id"],
         columns["version"],
@@ -139,6 +144,9 @@ def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
         outline_m,
         columns["floor_m"],
         columns["ceiling_m"],
+        columns["grow_mps"],
+        outlines_offset,
+        outlines_m,
     )
 
 
@@ -178,7 +186,21 @@ def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict
             "end_lat_deg": copy_binary.fixed(pieces.leg_end_deg[:, 1], "f8"),
             "bearing_deg": copy_binary.fixed(pieces.bearing_deg, "f8"),
         }
+    if pieces.changes:
+        columns["shape_to"] = _changed_shapes(pieces)
     return columns
+
+
+def _changed_shapes(pieces: Pieces) -> copy_binary.Ragged:
+    """Return the shapes at the ends of legs; null where a piece keeps its shape."""
+    changed = np.zeros(len(pieces), dtype=np.bool_)
+    differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
+    changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = True
+    some = pieces.take(np.flatnonzero(changed))
+    wkb = copy_binary.polygons(*copy_binary.closed_rings(some.shape_to_xy, some.shape_offset), 0)
+    length = np.zeros(len(pieces), dtype=np.int64)
+    length[changed] = np.diff(wkb.offset)
+    return copy_binary.Ragged(wkb.data, copy_binary.offsets(length), ~changed)
 
 
 def find_candidates(conn: psycopg.Connection[Any], scene_id: int) -> int:
@@ -203,9 +225,11 @@ def intersecting_pairs(conn: psycopg.Connection[Any], scene_id: int, *, regions:
     Pieces come without hulls. Order, and which piece is a and which b, follow kind, key, part and turn, not the
     database's numbering.
     """
-    columns, strings = copy_binary.receive(conn, "_intersecting_pieces", [scene_id], _PIECE_COLUMNS, ["shape"])
+    columns, strings = copy_binary.receive(
+        conn, "_intersecting_pieces", [scene_id], _PIECE_COLUMNS, ["shape", "shape_to"]
+    )
     order = np.argsort(columns["rank"])
-    pieces = _pieces(columns, strings["shape"]).take(order)
+    pieces = _pieces(columns, strings["shape"], strings["shape_to"]).take(order)
     pair_columns = [("a", "i8"), ("b", "i8")]
     region: list[bytes] = []
     if regions:
@@ -233,8 +257,16 @@ def _regions(wkb: list[bytes], n: int) -> tuple[NDArray[np.float64], NDArray[np.
     return xy, copy_binary.offsets(count)
 
 
-def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes]) -> Pieces:
-    shape_xy, shape_offset = decode_rings(shapes)
+def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes], changed: list[bytes]) -> Pieces:
+    if any(changed):
+        start, ring = copy_binary.vertices(shapes, copy_binary.WKB_POLYGON)
+        end, _ = copy_binary.vertices([b or a for a, b in zip(shapes, changed, strict=True)], copy_binary.WKB_POLYGON)
+        # Opened together: what is a line or a point at one end only keeps all its vertices.
+        both, shape_offset = copy_binary.open_rings(np.concatenate([start, end], axis=1), ring)
+        shape_xy, shape_to_xy = (np.ascontiguousarray(half) for half in np.split(both, 2, axis=1))
+    else:
+        shape_xy, shape_offset = decode_rings(shapes)
+        shape_to_xy = shape_xy
     n = len(columns["piece_id"])
     return Pieces(
         piece_id=columns["piece_id"],
@@ -251,6 +283,7 @@ def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes]) -> Pieces:
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, dtype=np.int64),
         shape_xy=shape_xy,
+        shape_to_xy=shape_to_xy,
         shape_offset=shape_offset,
         leg_start_us=copy_binary.microseconds(columns["leg_start"]),
         leg_end_us=copy_binary.microseconds(columns["leg_end"]),
@@ -283,6 +316,13 @@ def write_run(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, conf
             "lon_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 0], "f8"),
             "lat_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 1], "f8"),
             "time_error_s": copy_binary.fixed(conflicts.time_error_s, "f8"),
+            "closest_at": copy_binary.instants(conflicts.closest_us),
+            "closest_m": copy_binary.fixed(conflicts.closest_m, "f8"),
+            "closest_error_m": copy_binary.fixed(conflicts.closest_error_m, "f8"),
+            "a_lon_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 0], "f8"),
+            "a_lat_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 1], "f8"),
+            "b_lon_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 0], "f8"),
+            "b_lat_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 1], "f8"),
         },
     )
     copy_binary.send(

@@ -19,7 +19,7 @@ from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many, transaction
 
 _AREA_COLUMNS = [("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1")]
-_TRACK_COLUMNS = [("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1")]
+_TRACK_COLUMNS = [("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1"), ("grow_mps", "f8")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
     """Return every scene, by name."""
     with transaction(conn):
-        return [SceneStatus(row[0], _scene(*row[1:9]), *row[9:]) for row in call_many(conn, "_scenes")]
+        return [SceneStatus(row[0], _scene(*row[1:10]), *row[10:]) for row in call_many(conn, "_scenes")]
 
 
 def pending_scenes(conn: psycopg.Connection[Any]) -> list[str]:
@@ -136,23 +136,34 @@ def _areas(conn: psycopg.Connection[Any], key: int) -> list[Area]:
 
 def _tracks(conn: psycopg.Connection[Any], key: int) -> list[Track]:
     columns, strings = copy_binary.receive(
-        conn, "_read_tracks", [key], _TRACK_COLUMNS, ["path", "outline", "key", "name", "properties"]
+        conn, "_read_tracks", [key], _TRACK_COLUMNS, ["path", "outline", "outlines", "key", "name", "properties"]
     )
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
+    changing, change = decode_outlines(strings["outlines"], way)
+    outlines = [
+        changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2) if change[i] < change[i + 1] else None
+        for i in range(len(way) - 1)
+    ]
     return [
         Track(
             key=strings["key"][i].decode(),
             positions_deg=positions[way[i] : way[i + 1]],
             times_us=times[way[i] : way[i + 1]],
-            outline_m=outline[ring[i] : ring[i + 1]],
+            outline_m=outline[ring[i] : ring[i + 1]] if given is None else given[0],
             name=strings["name"][i].decode() if has_name else None,
             floor_m=None if math.isinf(floor_m) else floor_m,
             ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
+            grow_mps=grow_mps,
+            outlines_m=given,
         )
-        for i, (has_name, floor_m, ceiling_m) in enumerate(
-            zip(*(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m")), strict=True)
+        for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
+            zip(
+                *(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m", "grow_mps")),
+                outlines,
+                strict=True,
+            )
         )
     ]
 
@@ -168,6 +179,33 @@ def decode_paths(
 def decode_rings(wkb: Sequence[bytes]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the open rings of polygons, concatenated, and their offsets; points and lines as they were put in."""
     return copy_binary.open_rings(*copy_binary.vertices(wkb, copy_binary.WKB_POLYGON))
+
+
+def decode_outlines(wkb: Sequence[bytes], way: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return outlines per waypoint (MultiPolygons, empty bytes for none) as open rings, concatenated, and offsets.
+
+    way : (n + 1,) offsets of the waypoints of each track
+    """
+    present = np.flatnonzero([bool(item) for item in wkb])
+    count = np.zeros(len(wkb), dtype=np.int64)
+    rings: list[NDArray[np.float64]] = [np.empty((0, 2))]
+    for i in present.tolist():
+        closed = shapely.get_coordinates(shapely.from_wkb(wkb[i])).reshape(way[i + 1] - way[i], -1, 2)
+        vertices = closed.shape[1] - 1
+        if vertices == 3 and (closed[:, 1] == closed[:, 2]).all():
+            vertices = 1 if (closed[:, 0] == closed[:, 1]).all() else 2
+        rings.append(closed[:, :vertices].reshape(-1, 2))
+        count[i] = len(rings[-1])
+    return np.concatenate(rings), copy_binary.offsets(count)
+
+
+def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
+    """Return outlines (w, m, 2) as a MultiPolygon of closed rings: a ring has four points at least."""
+    if outlines is None:
+        return None
+    index = [*range(outlines.shape[1]), 0] if outlines.shape[1] > 2 else [0, -1, -1, 0]
+    rings = shapely.polygons(np.ascontiguousarray(outlines[:, index]))
+    return bytes(shapely.to_wkb(shapely.multipolygons(rings), byte_order=1))
 
 
 def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
@@ -207,6 +245,8 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
         "floor_m": copy_binary.fixed(batch.floor_m, "f8"),
         "ceiling_m": copy_binary.fixed(batch.ceiling_m, "f8"),
         "properties": _documents("track", keys, [t.properties for t in tracks]),
+        "grow_mps": copy_binary.fixed(batch.grow_mps, "f8"),
+        "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
     }
 
 
@@ -255,6 +295,7 @@ def _settings(scene: Scene) -> tuple[object, ...]:
         scene.method.value,
         scene.tolerance_m,
         scene.separation_m,
+        scene.nearest_m,
         *(scene.centre or (None, None)),
     )
 
@@ -266,8 +307,9 @@ def _scene(
     method: str,
     tolerance_m: float,
     separation_m: float,
+    nearest_m: float,
     centre_lon: float | None,
     centre_lat: float | None,
 ) -> Scene:
     centre = None if centre_lon is None or centre_lat is None else (centre_lon, centre_lat)
-    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, centre)
+    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, nearest_m, centre)

@@ -1,4 +1,4 @@
-"""Conflicts and runs, as the database knows them."""
+"""Conflicts, closest approaches and runs, as the database knows them."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,6 +22,9 @@ class Conflict:
     first_contact_deg : longitude and latitude where they first touch; None if not computed
     time_error_s : bound on the error of every end of every period, seconds
     is_current : whether neither object changed since
+    closest_at : instant of the closest approach; None if not computed, and for areas that are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be
+    closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
     """
 
     scene: str
@@ -37,6 +40,38 @@ class Conflict:
     first_contact_deg: tuple[float, float] | None
     method: str
     time_error_s: float
+    is_current: bool
+    run_id: int
+    found_at: datetime
+    closest_at: datetime | None = None
+    closest_m: float | None = None
+    closest_error_m: float | None = None
+    closest_a_deg: tuple[float, float] | None = None
+    closest_b_deg: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """How close two objects come: a row of the view `approaches`. Instants in UTC.
+
+    closest_at : the first instant at which they are closest; None for areas that are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be
+    a_deg, b_deg : longitude and latitude of the nearest points then
+    verdict : near (no conflict), conflict, grazing or unresolved
+    is_current : whether neither object changed since
+    """
+
+    scene: str
+    a_key: str
+    a_kind: str
+    b_key: str
+    b_kind: str
+    closest_at: datetime | None
+    closest_m: float
+    closest_error_m: float
+    a_deg: tuple[float, float]
+    b_deg: tuple[float, float]
+    verdict: str
     is_current: bool
     run_id: int
     found_at: datetime
@@ -81,7 +116,7 @@ def conflicts(
     for row in rows:
         a_key, a_kind, b_key, b_kind, starts, ends, verdict, region, lon_deg, lat_deg, *rest = row
         periods = [(_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True)]
-        method, time_error_s, is_current, run_id, found_at = rest
+        method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *points = rest
         found.append(
             Conflict(
                 scene=scene,
@@ -100,9 +135,39 @@ def conflicts(
                 is_current=is_current,
                 run_id=run_id,
                 found_at=found_at.astimezone(UTC),
+                closest_at=_utc(closest_at),
+                closest_m=closest_m,
+                closest_error_m=closest_error_m,
+                closest_a_deg=None if points[0] is None else (points[0], points[1]),
+                closest_b_deg=None if points[2] is None else (points[2], points[3]),
             )
         )
     return found
+
+
+def approaches(conn: psycopg.Connection[Any], scene: str) -> list[Approach]:
+    """Return how close the pairs of a scene come that are known, earliest first; InvalidInput if it is not known."""
+    with transaction(conn):
+        rows = call_many(conn, "_approaches", scene)
+    return [
+        Approach(
+            scene=scene,
+            a_key=row[0],
+            a_kind=row[1],
+            b_key=row[2],
+            b_kind=row[3],
+            closest_at=_utc(row[4]),
+            closest_m=row[5],
+            closest_error_m=row[6],
+            a_deg=(row[7], row[8]),
+            b_deg=(row[9], row[10]),
+            verdict=row[11],
+            is_current=row[12],
+            run_id=row[13],
+            found_at=row[14].astimezone(UTC),
+        )
+        for row in rows
+    ]
 
 
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:

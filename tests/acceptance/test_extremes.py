@@ -1,13 +1,45 @@
-"""What must hold at the extremes: a test for each, against the oracle or an answer worked out by hand."""
+"""What must hold at the extremes: a test for each, against the oracle or an answer worked out by hand.
+
+Every method that certifies its answers is tested (the reference one on demand). "in digits" is
+`test_extremes_in_digits.py`, against 30 digits; "known" are the scenes of `scenes.py`, worked out by hand.
+
+| extreme | held by |
+|---|---|
+| equator crossing, both hemispheres | known `equator_crossing`, `head_on`; workloads `EQUATOR`, `SOUTH` |
+| +-180 in both directions, and exactly on it | known `seam`, `on_the_seam`; in digits `across the seam` |
+| latitude up to 89; beyond, and areas with a pole | `..at_89_degrees`, `..beyond_89..`; in digits `..holds_a_pole..` |
+| scenes 1 m and 20,000 km across | `test_scene_a_metre_across`, `test_half_a_turn..`; in digits |
+| bearings at and near the quarters | `test_bearings_at_and_near_the_quarters`; in digits at 1e-9 and 1e-15 |
+| legs of 1 mm and 10,000 nmi | `test_legs_of_ten_thousand_miles..`; in digits |
+| loiter | known `loiter`; `test_waits_half_a_metre_short..`, `test_stops_at_a_touch` |
+| speeds of 1e-6 kn and 2,000 kn | `test_speeds_..`; in digits |
+| years 1900 and 2200 | `test_years` |
+| windows of 1 us, 100 years, infinite | `test_windows_..`, `test_unbounded_spans`; in digits `a century` |
+| havens of 1 cm and 500 nmi | `test_havens_..`; in digits |
+| slivers 1e-9 wide | `test_slivers`, `test_outlines[sliver]` |
+| repeated and collinear vertices, both windings | `test_outlines`; of areas in digits `test_area_rings_as_they_come` |
+| 5,000 vertices | `test_five_thousand_vertices` |
+| holes, several parts, a track in a hole | known `hole`, `twice_in_a_leg`; all workloads |
+| identical objects; shared edge | known `identical`, `touching` |
+| side by side at one speed, exactly touching | in digits `test_side_by_side_at_one_speed`, `test_abreast_..` |
+| corner to corner | `test_corner_to_corner` |
+| contact shorter than 1 us | `test_contact_shorter_than_a_microsecond` |
+| contact at the end of a time range | known `spans`; `test_span_that_ends_..`; in digits `..where_a_span_ends` |
+| overtaking at 1e-6 kn | `test_overtaking_at_a_millionth_of_a_knot` |
+| twice in a leg, three times over legs | known `twice_in_a_leg`, `several_legs`; in digits |
+| separation where meridians converge | `test_separation_on_earth.py` |
+| bad input | `unit/test_io_bad_input.py`, `sql/test_refusals.py`; not half loaded: `sql/test_objects.py` |
+"""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import scenes
 import shapely
 from scenes import HOUR_S, T0_US, Known, area, meridian_m, parallel_m, track
-from verdicts import Comparison, Reported, compared, solved
+from verdicts import CERTIFIED, Comparison, Reported, compared, solved
 from wild import throw_wild
 
 from conflictdb.errors import InvalidInput
@@ -17,8 +49,17 @@ earths = pytest.mark.parametrize("earth", EarthModel)
 POINT = {"fore": 0.0, "aft": 0.0, "port": 0.0, "starboard": 0.0}
 
 
+@pytest.fixture(params=CERTIFIED, autouse=True)
+def _method(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SETTINGS, "method", request.param)
+
+
+SETTINGS: dict[str, Any] = {}  # that every scene of a test gets
+
+
 def check(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Comparison, dict[tuple[str, str], Reported]]:
     """Solve, compare with the oracle, and nothing may be wrong or left open."""
+    scene = replace(scene, **SETTINGS)
     reported = solved(scene, areas, tracks)
     result = compared(scene, areas, tracks, reported)
     assert not result.wrong

@@ -13,6 +13,7 @@ from conflictdb.detect import detect
 from conflictdb.model import Area, EarthModel, Scene, Track
 
 EDITS = 6
+NEAR_M = 20_000.0
 
 
 def answer(conn: psycopg.Connection[Any], scene: Scene) -> list[tuple[object, ...]]:
@@ -23,7 +24,22 @@ def answer(conn: psycopg.Connection[Any], scene: Scene) -> list[tuple[object, ..
         (r.a_key, r.a_kind, r.b_key, r.b_kind, r.periods, r.verdict, r.first_contact_deg, r.time_error_s, r.region)
         for r in rows
     ]
-    return sorted(found, key=lambda row: (str(row[1]), str(row[0]), str(row[2])))
+    near = [
+        (
+            r.a_key,
+            r.a_kind,
+            r.b_key,
+            r.b_kind,
+            r.closest_at,
+            r.closest_m,
+            r.closest_error_m,
+            r.a_deg,
+            r.b_deg,
+            r.verdict,
+        )
+        for r in store.approaches(conn, scene.name)
+    ]
+    return sorted([*found, *near], key=lambda row: (len(row), str(row[1]), str(row[0]), str(row[2])))
 
 
 def fresh_answer(
@@ -74,6 +90,7 @@ def test_history_does_not_matter(conn: psycopg.Connection[Any], workload: Any, e
     """After any edits a detection of what changed says the same, to the last digit, as one of everything."""
     rng = np.random.default_rng(seed)
     scene, areas, tracks = throw(workload, seed, 9, 9, earth)
+    scene = replace(scene, nearest_m=NEAR_M)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     changes = 0
@@ -92,7 +109,7 @@ def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
     scene, areas, tracks = throw(EQUATOR, 2, 4, 5)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
-    for settings in ({"separation_m": 3000.0}, {"earth": EarthModel.SPHERE}, {"tolerance_m": 50.0}):
+    for settings in ({"separation_m": 3000.0}, {"earth": EarthModel.SPHERE}, {"nearest_m": NEAR_M}):
         scene = replace(scene, **settings)  # type: ignore[arg-type]
         store.set_scene(conn, scene)
         detect(conn, scene.name, jobs=1)

@@ -12,25 +12,11 @@ from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import solve, store
 from conflictdb.detect import detect
-from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.model import Area, EarthModel
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 CASES = [(EQUATOR, 2, EarthModel.WGS84), (SEAM, 2, EarthModel.SPHERE), (HIGH_LATITUDE, 2, EarthModel.WGS84)]
 cases = pytest.mark.parametrize(("workload", "seed", "earth"), CASES, ids=[f"{w.name}-{e}" for w, _, e in CASES])
-
-
-def polygons_at(scene: Scene, thing: Area | Track, instant_us: int, near_lon: float) -> list[shapely.Geometry]:
-    """The polygons of an object at an instant in the plane, in metres east of `near_lon`, the nearest whole turn."""
-    globe = oracle.Globe.of(scene.earth)
-    turn = 2 * np.pi * globe.a
-    found = []
-    for phase in oracle.phases(globe, thing, np.radians(near_lon)):
-        if phase.start_us <= instant_us <= phase.end_us:
-            polygon = phase.place(instant_us, np.zeros(1))[0]
-            aside = np.round(polygon.centroid.x / turn) * turn
-            for extra in (-turn, 0.0, turn):
-                found.append(shapely.transform(polygon, lambda xy, by=extra - aside: xy + np.array([by, 0.0])))
-    return found
 
 
 @cases
@@ -49,7 +35,7 @@ def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: 
         here = shapely.Point(0.0, globe.a * globe.isometric(np.radians(lat)))
         for key in (one.a_key, one.b_key):
             # A microsecond is millimetres at most, and the plane is larger than the earth.
-            apart = [here.distance(p) for p in polygons_at(scene, objects[key], start, lon)]
+            apart = [here.distance(p) for p in oracle.polygons_at(scene, objects[key], start, lon)]
             assert min(apart) < 0.1 + 50.0 * one.time_error_s, (one, key)
 
 

@@ -21,6 +21,7 @@ EXPECTED = {
 COLUMNS = [
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
+    *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 
@@ -192,3 +193,50 @@ def test_demo_shows_funnel_conflicts_and_what_to_try(run: Run) -> None:
     assert "CONVOY-1 and CONVOY-2 passed every stage but the last" in done.out
     assert "SUB-1 and SUB-2 cross" in done.out
     assert done.out.partition("Try next:")[2].count("\n  conflictdb") == 3
+
+
+def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_path: Path) -> None:
+    apart = [
+        {
+            "type": "Feature",
+            "id": key,
+            "geometry": {"type": "LineString", "coordinates": [[0, lat], [0.1, lat]]},
+            "properties": {"start": "2026-03-01T00:00:00Z", "speed_kn": 6, "outline_m": [[0, 0]]},
+        }
+        for key, lat in (("a", 0.0), ("b", 0.01))
+    ]
+    path = tmp_path / "apart.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": apart}))
+    near = run("detect", path, "--nearest-m", "2000", "--fail-on-conflict")
+    assert near.code == 0
+    lines = near.out.splitlines()
+    assert lines[:3] == ["no conflicts", "", "no conflict, but near:"]
+    assert lines[-1].split() == ["a", "b", "near", "2026-03-01", "00:00:00", "1105.7"]
+    (row,) = json.loads(run("detect", "--scene", "apart", "--format", "json").out)
+    assert list(row) == COLUMNS
+    assert (row["verdict"], row["periods"], row["first_contact"]) == ("near", [], None)
+    assert row["closest_at"] == "2026-03-01T00:00:00.000000Z"
+    assert row["closest_a_point"]["coordinates"] == [0.0, 0.0]
+    (feature,) = json.loads(run("detect", "--scene", "apart", "--format", "geojson").out)["features"]
+    assert feature["geometry"]["type"] == "LineString"
+    assert json.loads(run("conflicts", "--scene", "apart", "--format", "json").out) == []
+    assert '"nearest_m": 2000.0' in run("export", "--scene", "apart", "-").out
+
+
+def test_approaches_are_printed_in_every_format(run: Run) -> None:
+    run("detect", STRAIT, "--nearest-m", "20000")
+    rows = json.loads(run("approaches", "--scene", "strait", "--format", "json").out)
+    assert {(row["a_key"], row["b_key"]) for row in rows} > EXPECTED
+    assert {row["verdict"] for row in rows} == {"conflict", "near"}
+    assert all(row["closest_m"] == 0.0 for row in rows if row["verdict"] == "conflict")
+    assert all(0.0 < row["closest_m"] <= 20000.0 for row in rows if row["verdict"] == "near")
+    table = run("approaches", "--scene", "strait").out.splitlines()
+    assert len(table) == 1 + len(rows)
+    read = list(csv.DictReader(StringIO(run("approaches", "--scene", "strait", "--format", "csv").out)))
+    assert list(read[0]) == list(rows[0])
+    assert [float(row["closest_m"]) for row in read] == [row["closest_m"] for row in rows]
+    assert json.loads(read[0]["a_point"]) == rows[0]["a_point"]
+    features = json.loads(run("approaches", "--scene", "strait", "--format", "geojson").out)["features"]
+    assert [feature["properties"] for feature in features] == rows
+    run("detect", "--scene", "strait", "--nearest-m", "0")
+    assert pairs(run("approaches", "--scene", "strait", "--format", "json").out) == EXPECTED

@@ -148,3 +148,25 @@ def scene_id(conn: Conn) -> int:
     row = conn.execute("SELECT scene_id FROM scene").fetchone()
     assert row is not None
     return int(row[0])
+
+
+def test_growth_and_outlines_are_changes(scene: Conn) -> None:
+    """Each leaves a mark and a new version; the same again leaves none."""
+    put = "SELECT put_track('s', 'T', 'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)', {o}, p_grow_mps => {g}"
+    outline = "rectangle_outline(9, 9, 9, 9)"
+    statements = [
+        put.format(o=outline, g=0.5) + ")",
+        put.format(o=outline, g=0.25) + ")",
+        put.format(o="NULL", g=0) + f", p_outlines => ST_Collect({outline}, rectangle_outline(8, 9, 9, 9)))",
+        put.format(o=outline, g=0) + ")",
+    ]
+    seen = set()
+    for statement in statements:
+        scene.execute("DELETE FROM change")
+        scene.execute(statement.encode())
+        assert marks(scene) == [("T", True)]
+        seen.add(scene.execute("SELECT version FROM track").fetchone())
+        scene.execute("DELETE FROM change")
+        scene.execute(statement.encode())
+        assert marks(scene) == []
+    assert len(seen) == len(statements)

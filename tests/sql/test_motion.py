@@ -7,8 +7,9 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from oracle_motion import grown
 from piecework import load
-from workloads import HIGH_LATITUDE, LONG_LEGS, SEAM, throw
+from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
 from conflictdb.batches import TrackBatch
 from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
@@ -54,7 +55,7 @@ def assert_same_polygon(found: shapely.Geometry | None, vertices: np.ndarray) ->
     assert found.bounds == pytest.approx(polygon.bounds, abs=CLOSE_DEG * 10)
 
 
-@pytest.mark.parametrize("workload", [HIGH_LATITUDE, LONG_LEGS, SEAM], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [HIGH_LATITUDE, LONG_LEGS, SEAM, GROWING], ids=lambda w: w.name)
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_random_tracks_are_where_the_motion_model_says(conn: Conn, workload: Any, earth: EarthModel) -> None:
     _, _, tracks = throw(workload, 21, 0, 12, earth)
@@ -118,3 +119,38 @@ def test_haven_without_size_is_a_point(conn: Conn) -> None:
     assert isinstance(found, shapely.Point)
     assert found.coords[0] == pytest.approx((-179.5, 10.0), abs=1e-12)
     assert shapely.get_srid(found) == 4326
+
+
+def test_a_haven_grows_from_the_first_waypoint_on(conn: Conn) -> None:
+    """Every side moves outward at the speed: a point becomes a square, through all legs, loiters included."""
+    positions = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    times = T0_US + HOUR_US * np.arange(4)
+    load(conn, Scene("s"), [], [Track("T", positions, times, np.zeros((1, 2)), grow_mps=0.5)])
+    start = haven(conn, "T", T0_US)
+    assert start is not None
+    assert start.area == 0.0
+    late = haven(conn, "T", T0_US + 3 * HOUR_US - 1)
+    assert late is not None
+    half = 0.5 * 3 * 3600 / 111319.4908
+    assert late.bounds[0] == pytest.approx(1.0 - half, abs=1e-9)
+    assert late.bounds[2] == pytest.approx(1.0 + half, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        "POLYGON((0 0,0 0,0 0,0 0))",
+        "POLYGON((0 0,3 4,3 4,0 0))",
+        "POLYGON((0 0,10 0,10 0,10 10,0 10,0 0))",
+        "POLYGON((0 0,5 0,10 0,10 10,0 10,0 0))",
+        "POLYGON((0 0,0 10,10 10,10 0,0 0))",
+        "POLYGON((-3 1,4 -2,7 3,2 9,-3 1))",
+    ],
+)
+def test_grown_outlines_are_those_of_the_motion_model(conn: Conn, outline: str) -> None:
+    conn.execute("SELECT set_config('search_path', 'conflictdb, public', false)")
+    row = conn.execute("SELECT _grown_outline(%s, 2.5)::text", [outline]).fetchone()
+    assert row is not None
+    found = shapely.get_coordinates(shapely.from_wkb(row[0]))[:-1]
+    ring = shapely.get_coordinates(shapely.from_wkt(outline))[:-1]
+    np.testing.assert_allclose(found, grown(ring, 2.5), rtol=0, atol=1e-12)

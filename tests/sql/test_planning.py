@@ -15,7 +15,7 @@ from piecework import load, refresh
 
 from conflictdb import store
 from conflictdb.batches import Conflicts
-from conflictdb.model import Area, Scene
+from conflictdb.model import SINCE_EVER_US, Area, Scene
 
 Conn = psycopg.Connection[Any]
 
@@ -52,6 +52,11 @@ def neighbours(conn: Conn) -> Conflicts:
         verdict=np.zeros(n, np.int8),
         first_contact_deg=np.full((n, 2), np.nan),
         time_error_s=np.zeros(n),
+        closest_us=np.full(n, SINCE_EVER_US),
+        closest_m=np.full(n, np.nan),
+        closest_error_m=np.full(n, np.nan),
+        closest_a_deg=np.full((n, 2), np.nan),
+        closest_b_deg=np.full((n, 2), np.nan),
     )
 
 

@@ -9,6 +9,7 @@ Conn = psycopg.Connection[Any]
 
 SQUARE = "'SRID=4326;POLYGON((4 57,5 57,5 58,4 58,4 57))'::geometry"
 PATH = "'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)'::geometry"
+HIGH = "'SRID=4326;LINESTRING M(5 88 0,5 88 3600)'"
 OUTLINE = "rectangle_outline(100, 100, 50, 50)"
 
 
@@ -122,6 +123,55 @@ BAD = {
     "outline with SRID": ("put_track('s', 'B', {p}, ST_SetSRID({o}, 4326))", "ZC006", "outline_ring"),
     "outline a line": ("put_track('s', 'B', {p}, 'LINESTRING(0 0,1 1)')", "ZC006", "outline_ring"),
     "outline null": ("put_track('s', 'B', {p}, NULL)", "ZC006", "outline_ring"),
+    "growth negative": ("put_track('s', 'B', {p}, {o}, p_grow_mps => -1)", "ZC006", "track_growth_in_range"),
+    "growth NaN": ("put_track('s', 'B', {p}, {o}, p_grow_mps => 'NaN')", "ZC006", "track_growth_in_range"),
+    "growth of a million": ("put_track('s', 'B', {p}, {o}, p_grow_mps => 2e6)", "ZC006", "track_growth_in_range"),
+    "growth of a spike": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,1000 0,1000 5,0 0))', p_grow_mps => 1)", "ZC006", "outline_not_sharp",
+    ),
+    "growth of a ring without width": (
+        "put_track('s', 'B', {p}, 'POLYGON((0 0,5 0,9 0,0 0))', p_grow_mps => 1)", "ZC006", "outline_not_sharp",
+    ),
+    "growth and outlines": (
+        "put_track('s', 'B', {p}, {o}, p_grow_mps => 1, p_outlines => ST_Collect({o}, {o}))",
+        "ZC006", "track_growth_given_once",
+    ),
+    "growth beyond 89.5 in rhumb": (
+        f"put_track('s', 'B', {HIGH}, {{o}}, p_grow_mps => 60)",
+        "ZC005", "haven_in_plane",
+    ),
+    "outlines beyond 89.5 in rhumb": (
+        f"put_track('s', 'B', {HIGH}, {{o}}, p_outlines => ST_Collect({{o}}, rectangle_outline(170000, 0, 1, 1)))",
+        "ZC005", "haven_in_plane",
+    ),
+    "outlines for one waypoint": (
+        "put_track('s', 'B', {p}, {o}, p_outlines => ST_Multi({o}))", "ZC006", "outline_per_waypoint",
+    ),
+    "outlines of different counts": (
+        "put_track('s', 'B', {p}, {o}, p_outlines => ST_Collect({o}, 'POLYGON((0 0,1 0,0 1,0 0))'))",
+        "ZC006", "outlines_alike",
+    ),
+    "outlines that do not begin with the outline": (
+        "put_track('s', 'B', {p}, rectangle_outline(1, 1, 1, 1), p_outlines => ST_Collect({o}, {o}))",
+        "ZC006", "outline_is_first",
+    ),
+    "outlines with a hole": (
+        "put_track('s', 'B', {p}, NULL, p_outlines => ST_Collect({o}, 'POLYGON((0 0,9 0,9 9,0 0),(5 1,6 1,6 2,5 1))'))",
+        "ZC006", "outline_ring",
+    ),
+    "outlines NaN": (
+        "put_track('s', 'B', {p}, NULL, p_outlines => 'MULTIPOLYGON(((0 0,9 0,9 9,0 0)),((0 0,NaN 0,9 9,0 0)))')",
+        "ZC006", "outline_ring",
+    ),
+    "outlines not convex": (
+        "put_track('s', 'B', {p}, NULL, p_outlines => 'MULTIPOLYGON(((0 0,9 0,9 9,0 9,0 0)),((0 0,9 0,1 1,0 9,0 0)))')",
+        "ZC006", "outline_convex",
+    ),
+    "outlines not convex on the way": (
+        "put_track('s', 'B', {p}, NULL, p_outlines => 'MULTIPOLYGON(((0 0,9 0,9 9,0 9,0 0)),((0 0,0 9,9 9,9 0,0 0)))')",
+        "ZC006", "outlines_stay_convex",
+    ),
+    "outlines a polygon": ("put_track('s', 'B', {p}, {o}, p_outlines => {o})", "ZC006", "outlines_multipolygon"),
     "track ceiling": ("put_track('s', 'B', {p}, {o}, 0, -1)", "ZC004", "ceiling_above_floor"),
     "key of an area": ("put_track('s', 'X', {p}, {o})", "ZC007", "object_key_unique"),
     "times not one per waypoint": (
@@ -223,6 +273,8 @@ def test_constraints_hold_where_triggers_are_off(scene: Conn) -> None:
         "UPDATE area SET key = ''": "area_key_speakable",
         "UPDATE track SET ceiling_m = '-infinity'": "track_heights_finite",
         "UPDATE track SET properties = '1'": "track_properties_object",
+        "UPDATE track SET grow_mps = 'NaN'": "track_growth_in_range",
+        "UPDATE track SET grow_mps = 1, outlines = 'MULTIPOLYGON EMPTY'": "track_growth_given_once",
         "UPDATE scene SET earth = 'flat'": "scene_earth_known",
         "UPDATE scene SET separation_m = 'NaN'": "scene_separation_finite",
     }.items():

@@ -3,6 +3,7 @@
 import subprocess
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from conflictdb.server.discovery import find_server
 from conflictdb.server.settings import Settings
 
 Conn = psycopg.Connection[Any]
+MIXED = replace(PAPER, changing_share=0.5)  # havens of every kind
 
 
 @pytest.fixture
@@ -63,7 +65,7 @@ def use_everything(conn: Conn, name: str) -> list[store.Conflict]:
 
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_postgis_may_live_in_another_schema(elsewhere: str, dsn: str, earth: EarthModel) -> None:
-    scene, areas, tracks = throw(PAPER, 41, 12, 12, earth)
+    scene, areas, tracks = throw(MIXED, 41, 12, 12, earth)
     answers = []
     for where in (elsewhere, dsn):
         with store.connect(where) as conn:
@@ -91,7 +93,7 @@ def client_programs(home: Path, major: int) -> tuple[Path, dict[str, str]]:
 
 
 def test_dump_and_restore(elsewhere: str, restored: str) -> None:
-    scene, areas, tracks = throw(PAPER, 42, 12, 12)
+    scene, areas, tracks = throw(MIXED, 42, 12, 12)
     with store.connect(elsewhere) as conn:
         load(conn, scene, areas, tracks)
         before = use_everything(conn, scene.name)

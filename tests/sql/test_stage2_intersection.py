@@ -8,7 +8,7 @@ import psycopg
 import pytest
 import shapely
 from piecework import load, refresh, stored_pieces
-from workloads import PAPER, SEAM, throw
+from workloads import PAPER, SEAM, Workload, throw
 
 from conflictdb import store
 from conflictdb.batches import Pairs, Pieces
@@ -60,12 +60,19 @@ def test_without_regions_none_is_computed(conn: Conn) -> None:
     assert pairs.region_offset.tolist() == [0] * (len(pairs) + 1)
 
 
-def test_pieces_come_back_as_they_were_stored(conn: Conn) -> None:
-    scene, areas, tracks = throw(SEAM, 13, 15, 15)
+@pytest.mark.parametrize("workload", [SEAM, replace(SEAM, changing_share=0.7)], ids=["steady", "growing"])
+def test_pieces_come_back_as_they_were_stored(conn: Conn, workload: Workload) -> None:
+    scene, areas, tracks = throw(workload, 13, 15, 15)
     areas[0] = replace(areas[0], start_us=None, end_us=5, floor_m=-3.0)
     areas[1] = replace(areas[1], start_us=None, end_us=None, ceiling_m=1e9)
-    tracks[0] = replace(tracks[0], outline_m=np.array([[0.0, 0.0]]))
-    tracks[1] = replace(tracks[1], outline_m=np.array([[0.0, 0.0], [5.0, 9000.0]]))
+    tracks[0] = replace(tracks[0], outline_m=np.array([[0.0, 0.0]]), grow_mps=0.0, outlines_m=None)
+    tracks[1] = replace(tracks[1], outline_m=np.array([[0.0, 0.0], [5.0, 9000.0]]), grow_mps=0.0, outlines_m=None)
+    if workload.changing_share:  # a triangle that is a line at one end, and a line that is a point there
+        later = len(tracks[2].times_us) - 1
+        rings = np.array([[(0.0, 0.0), (9.0, 0.0), (9.0, 0.0)]] + [[(0.0, 0.0), (9e3, 0.0), (9e3, 5e3)]] * later)
+        tracks[2] = replace(tracks[2], outline_m=rings[0], outlines_m=rings, grow_mps=0.0)
+        lines = np.array([[(0.0, 5.0), (0.0, 5.0)]] + [[(0.0, 5.0), (9e3, 5.0)]] * (len(tracks[3].times_us) - 1))
+        tracks[3] = replace(tracks[3], outline_m=lines[0], outlines_m=lines, grow_mps=0.0)
     scene_id = load(conn, scene, areas, tracks)
     made = refresh(conn, scene_id)
     assert (made.turn != 0).any()
@@ -75,7 +82,10 @@ def test_pieces_come_back_as_they_were_stored(conn: Conn) -> None:
     row = {key: i for i, key in enumerate(zip(*(getattr(made, name).tolist() for name in identity), strict=True))}
     order = np.array([row[key] for key in zip(*(getattr(found, name).tolist() for name in identity), strict=True)])
     wanted = made.take(order)
-    for name in ("version", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m", "shape_xy", "shape_offset"):
+    for name in ("version", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    assert made.changes == found.changes == bool(workload.changing_share)
+    for name in ("shape_xy", "shape_to_xy", "shape_offset"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
     for name in ("leg_start_us", "leg_end_us", "leg_start_deg", "leg_end_deg", "bearing_deg"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)

@@ -69,6 +69,11 @@ def found(
         verdict=np.full(n, verdict, np.int8),
         first_contact_deg=np.tile(np.array(at or (np.nan, np.nan)), (n, 1)),
         time_error_s=np.full(n, 0.25),
+        closest_us=np.full(n, SINCE_EVER_US),
+        closest_m=np.full(n, np.nan),
+        closest_error_m=np.full(n, np.nan),
+        closest_a_deg=np.full((n, 2), np.nan),
+        closest_b_deg=np.full((n, 2), np.nan),
     )
 
 

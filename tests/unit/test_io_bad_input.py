@@ -43,6 +43,7 @@ def scene_document() -> dict[str, Any]:
 
 HEIGHTS = {"floor_m": -9, "ceiling_m": 0}
 SPEED = {"times": None, "start": "2026-03-01T05:00:00Z"}
+BOX = [[0, 0], [4, 0], [4, 4], [0, 4]]
 NO_SIDES = {"fore_m": None, "aft_m": None, "port_m": None, "starboard_m": None}
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
 
@@ -153,6 +154,22 @@ TRACK = [
     ({**NO_SIDES, "outline_m": [[0, 0], [0, NAN], [1, 0]]}, "outline_m[1][1]", "finite"),
     ({**NO_SIDES, "outline_m": [[0, 0], [4, 0], [1, 1], [0, 4]]}, "outline_m", "convex"),
     ({**NO_SIDES, "outline_m": [[0, 0], [2, 2], [2, 0], [0, 2]]}, "outline_m", "convex"),
+    ({"grow_mps": -1}, "grow_mps", "takes outlines_m"),
+    ({"grow_mps": "fast"}, "grow_mps", "must be a number"),
+    ({"grow_mps": NAN}, "grow_mps", "finite"),
+    ({"grow_mps": 1e7}, "grow_mps", "from 0 to 1e+06"),
+    ({**NO_SIDES, "outline_m": [[0, 0], [900, 0], [900, 1]], "grow_mps": 1}, "outline_m", "sharper than 1 degree"),
+    ({"outlines_m": [[[0, 0]]] * 3}, "fore_m", "together with outlines_m"),
+    ({**NO_SIDES, "outlines_m": [[[0, 0]]] * 3, "outline_m": [[0, 0]]}, "outline_m", "together with outlines_m"),
+    ({**NO_SIDES, "outlines_m": [[[0, 0]]] * 3, "grow_mps": 1}, "grow_mps", "together with outlines_m"),
+    ({**NO_SIDES, "outlines_m": [[[0, 0]]] * 2}, "outlines_m", "3 waypoints, 2 outlines"),
+    ({**NO_SIDES, "outlines_m": []}, "outlines_m", "one per waypoint"),
+    ({**NO_SIDES, "outlines_m": [[0, 0]] * 3}, "outlines_m[0]", "must be a list"),
+    ({**NO_SIDES, "outlines_m": [[], [], []]}, "outlines_m[0]", "must be a ring"),
+    ({**NO_SIDES, "outlines_m": [[[0, 0]], [[0, 0], [1, 1]], [[0, 0]]]}, "outlines_m[1]", "as many vertices"),
+    ({**NO_SIDES, "outlines_m": [[[0, 0]], [[0, "x"]], [[0, 0]]]}, "outlines_m[1][0][1]", "must be a number"),
+    ({**NO_SIDES, "outlines_m": [BOX, BOX, [[0, 0], [4, 0], [1, 1], [0, 4]]]}, "outlines_m[2]", "convex ring"),
+    ({**NO_SIDES, "outlines_m": [BOX, BOX, BOX[::-1]]}, "outlines_m[2]", "does not stay convex"),
     ({"kind": "area"}, "kind", "is 'area', but the geometry is a LineString"),
     ({"ceiling_m": 0, "floor_m": 0}, "ceiling_m", "above floor_m"),
 ]

@@ -9,7 +9,9 @@ import pytest
 import scenes
 import shapely
 from mpmath import mp, mpf
+from oracle_distance import edges_of, least_m
 from oracle_precise import PreciseGlobe, precise_legs, refine, separation
+from pyproj import Geod
 from reference import data
 from workloads import PAPER, throw
 
@@ -48,19 +50,19 @@ def test_positions_agree_with_the_rhumb_reference() -> None:
     assert np.hypot(east, north).max() < 1e-7
 
 
+@pytest.mark.parametrize("grow_mps", [0.0, 3.7])
 @pytest.mark.parametrize("earth", EarthModel)
-def test_haven_agrees_with_fifty_digits(earth: EarthModel) -> None:
+def test_haven_agrees_with_fifty_digits(earth: EarthModel, grow_mps: float) -> None:
     globe = oracle.Globe.of(earth)
     cases = [(0, 0, 10, 0), (-20, 60, -35, 60 + 1e-9), (170, -50, -170, 20), (5, 80, 5, 84), (5, 30, 5 + 1e-8, 30)]
     for lon1, lat1, lon2, lat2 in cases:
         line = np.array([(lon1, lat1), (lon2, lat2)], dtype=float)
-        track = Track("T", line, np.array([0, 10**10]), rectangle_outline_m(90e3, 40e3, 20e3, 70e3))
+        track = Track("T", line, np.array([0, 10**10]), rectangle_outline_m(90e3, 40e3, 20e3, 70e3), grow_mps=grow_mps)
         with mp.workdps(30):
-            precise = precise_legs(PreciseGlobe.of(earth), track)[0].ring(
-                PreciseGlobe.of(earth), track.outline_m.tolist(), mpf(3333)
-            )
+            precise = precise_legs(PreciseGlobe.of(earth), track)[0].ring(PreciseGlobe.of(earth), mpf(3333))
             fraction = np.array([0.3333])
-            lon, lat = oracle.legs(globe, track)[0].vertices(globe, track.outline_m, fraction)
+            leg = oracle.legs(globe, track)[0]
+            lon, lat = leg.vertices(globe, leg.outline_m, fraction)
             for k, (x, y) in enumerate(precise):
                 error = mp.hypot(x - mpf(globe.a * lon[0, k]), y - mpf(globe.a * globe.isometric(lat[0, k])))
                 assert error < 1e-7  # 1e-16 of the plane's coordinates, times the scale at 84 degrees
@@ -83,7 +85,7 @@ def test_known_answers(known: scenes.Known) -> None:
 
 
 def test_least_separation_of_parallel_tracks_in_metres() -> None:
-    """Side by side at 60 degrees, 2 km apart on the earth, 4 km in the plane."""
+    """Side by side at 60 degrees, 2 km apart on the earth, twice as far in the plane."""
     globe = oracle.Globe.of(EarthModel.WGS84)
     north = np.degrees(globe.latitude_of_meridian(globe.meridian_m(np.radians(60.0)) + 4000.0))
     tracks = [
@@ -93,7 +95,6 @@ def test_least_separation_of_parallel_tracks_in_metres() -> None:
     found = oracle.meeting(Scene("s"), *tracks, care_m=1e4)
     assert not found.touches
     assert found.least_m == pytest.approx(2000.0, abs=1e-2)
-    assert found.least_plane_m == pytest.approx(4000.0, rel=0.01)
 
 
 def test_separation_wanted_is_measured_on_the_earth() -> None:
@@ -105,8 +106,50 @@ def test_separation_wanted_is_measured_on_the_earth() -> None:
     moving = scenes.track("T", [(0, 70), (0, 72)], [0, 36000], 1e3, 1e3, 0.0, 0.0)
     found = oracle.meeting(Scene("s", earth=earth, separation_m=5000.0), zone, moving)
     start = found.intervals_us[0][0]
-    # The nearest point of the parallel is the one due north, and the rhumb line there is a meridian.
+    # The nearest point of the parallel is the one due north, and the geodesic there is a meridian.
     assert (start - scenes.T0_US) / 1e6 == pytest.approx((edge - 5000 - 1000 - low) / speed, abs=0.01)
+
+
+def dense(globe: oracle.Globe, edges: np.ndarray, count: int) -> np.ndarray:
+    """Points all along edges in the plane, (2, n), longitude and latitude in degrees."""
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    xy = (edges[:, None, 0] + share * (edges[:, 1] - edges[:, 0])[:, None]).reshape(-1, 2) / globe.a
+    return np.degrees([xy[:, 0], globe.latitude_of_isometric(xy[:, 1])])
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("lat", [-84.0, -30.0, 0.0, 55.0, 75.0])
+def test_distance_on_the_earth_agrees_with_dense_geodesics(earth: EarthModel, lat: float) -> None:
+    """Not more than the least geodesic of all pairs of many points on the boundaries, and not less by their spacing."""
+    globe, rng = oracle.Globe.of(earth), np.random.default_rng(int(abs(lat)))
+    geodesic = Geod(a=globe.a, es=globe.e2)
+    wide = 1.0 / np.cos(np.radians(lat))
+    for size in (0.01, 0.1, 1.0):
+        corners = [
+            (x * wide, 0.0) + np.array([(0.0, lat)]) + rng.uniform(-1, 1, (7, 2)) * (size * wide, size)
+            for x in (0.0, rng.uniform(2.1, 4) * size)
+        ]
+        hulls = [shapely.MultiPolygon([shapely.MultiPoint(xy).convex_hull]) for xy in corners]
+        edges = [edges_of(oracle.plane(globe, hull, 0.0)) for hull in hulls]
+        found = float(least_m(globe, edges[0][None], edges[1][None])[0])
+        (lon1, lat1), (lon2, lat2) = (dense(globe, e, 120) for e in edges)
+        mesh = [np.ravel(m) for pair in ((lon1, lon2), (lat1, lat2)) for m in np.meshgrid(*pair)]
+        brute = geodesic.inv(mesh[0], mesh[2], mesh[1], mesh[3])[2].min()
+        spacing = max(shapely.length(shapely.linestrings(e)).max() for e in edges) / 119
+        assert found <= brute * (1 + 1e-9)
+        assert found >= brute - spacing**2 / brute
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize(("south", "north"), [(60.0, 62.0), (-85.0, -80.0), (-3.0, 1.0), (10.0, 10.5)])
+def test_a_strip_between_meridians_is_narrowest_nearer_the_pole(earth: EarthModel, south: float, north: float) -> None:
+    globe = oracle.Globe.of(earth)
+    zones = [scenes.area("A", shapely.box(0, south, 1, north)), scenes.area("B", shapely.box(1.5, south, 2.5, north))]
+    polar = max(south, north, key=abs)
+    geodesic = Geod(a=globe.a, es=globe.e2).inv(1.0, polar, 1.5, polar)[2]
+    for around in ([0, 1], [1, 0]):
+        found = oracle.meeting(Scene("s", earth=earth), *(zones[k] for k in around), care_m=1e6)
+        assert found.least_m == pytest.approx(geodesic, rel=1e-12)
 
 
 @pytest.mark.parametrize(

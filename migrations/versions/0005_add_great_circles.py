@@ -5,13 +5,13 @@ A centre is longitude and latitude in degrees; scenes with rhumb lines have none
 
 from alembic import op
 
-revision = "0003"
-down_revision = "0002"
+revision = "0005"
+down_revision = "0004"
 branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c3b5588ec12ea931859a5cadb61f6d454ace63a954c886deff85ff7e9bd2e33e"
+routines_sha256 = "a9af5dfe04271248bfc3a55f6c634027e67a843bc123457dcfa3732f62e5eb81"
 
 SCENE = """
 ALTER TABLE conflictdb.scene
@@ -29,8 +29,8 @@ ALTER TABLE conflictdb.scene
 
 # Their arguments or results change; a database that has none of them yet is as good.
 CHANGED_ROUTINES = (
-    "create_scene(text, text, text, text, double precision, double precision)",
-    "_load(text, text, text, text, double precision, double precision, boolean)",
+    "create_scene(text, text, text, text, double precision, double precision, double precision)",
+    "_load(text, text, text, text, double precision, double precision, double precision, boolean)",
     "_scenes()",
     "_scene(bigint)",
     "_scene_named(text)",

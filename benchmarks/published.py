@@ -1,0 +1,322 @@
+"""The published formulas of stage 3, as printed and with their signs mended, against the truth.
+
+    ./.venv/bin/python benchmarks/published.py [--pairs 400] [--checked 50] [--document docs/accuracy.md]
+
+A. Bienkowski, D. Sidoti, K. R. Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
+section IV-C, calls the projection exact for an area and a track. Nothing in the package uses what is below.
+
+The formulas as they are read here, from how their errors are described: the paper's text was not at hand. The region
+of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the least and
+the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference point,
+rho_b how far behind it (negative), as fractions of the leg.
+
+    as printed   extents taken off at both ends, and those of a rigid haven:
+                 first = rho_min - rho_f    last = rho_max - |rho_b|
+    mended       first = rho_min - rho_f    last = rho_max - rho_b     still rigid, as the haven is at the leg's start
+    `window`     the product: extents over both ends of the leg, and a bound on how they bend in between
+
+Contact ends when the haven's rear leaves the region: by then the reference point is beyond it. Taking the rear off
+instead ends the window early by twice the time that the haven takes to pass its own rear: half a haven of 15 nmi at
+12 kn makes 150 minutes, which is the size measured. What is left after mending is the haven's growth in the Mercator
+plane.
+
+A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
+latitudes; areas have 3 to 10 vertices and are 50 to 100 nmi around; havens are 20 to 40 nmi long, half as wide, with
+the reference point in the middle; speeds are 5 to 20 kn. The truth is the package's `exact` at tolerance 0,
+and for some pairs of each row also brute force (tests/oracle.py), which must agree.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+from unittest.mock import patch
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import numpy as np
+import oracle
+import shapely
+from numpy.typing import NDArray
+from scenes import T0_US
+from tables import markdown, put_into
+
+from conflictdb import Area, Scene, Track, rectangle_outline_m
+from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.geodesy import Earth, Floats, earth_of, rhumb_direct
+from conflictdb.model import METRES_PER_NMI, EarthModel, Kind, Method
+from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.settle import settle
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of the table: latitudes that legs keep to, degrees, and how long the legs are, nautical miles."""
+
+    latitudes: tuple[float, float]
+    leg_nmi: tuple[float, float]
+
+    @property
+    def name(self) -> str:
+        """What the row is called."""
+        (south, north), (short, long) = self.latitudes, self.leg_nmi
+        return f"latitudes {south:g}-{north:g}, legs {short:g}-{long:g} nmi"
+
+
+CASES: Final = (
+    Case((0.0, 30.0), (50.0, 100.0)),
+    Case((55.0, 65.0), (500.0, 1000.0)),
+    Case((70.0, 80.0), (300.0, 600.0)),
+)
+LONGITUDES_DEG: Final = (-45.0, -15.0)
+AROUND_AREA_NMI: Final = (50.0, 100.0)
+HAVEN_NMI: Final = (20.0, 40.0)
+SPEED_KN: Final = (5.0, 20.0)
+SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
+LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
+# Beyond the bound that the product states, it and brute force differ by this at most, seconds: periods are whole
+# microseconds rounded outward, and brute force is good to one.
+ROUNDING_S: Final = 3e-6
+
+
+def published_windows(earth: Earth, pieces: Pieces, pairs: Pairs, *, mended: bool) -> tuple[Floats, Floats]:
+    """Return (first, last), (n,) seconds after the start of each pair's shared span, by the published formulas.
+
+    mended : with the extent behind added to the end, not taken off it; rigid all the same
+
+    Both members' windows are intersected for two tracks. first > last where the formulas find no time.
+    """
+    start = np.maximum(pieces.start_us[pairs.a], pieces.start_us[pairs.b])
+    end = np.minimum(pieces.end_us[pairs.a], pieces.end_us[pairs.b])
+    first, last = np.zeros(len(pairs)), (end - start) / 1e6
+    region = np.repeat(np.arange(len(pairs)), np.diff(pairs.region_offset))
+    for member in (pairs.a, pairs.b):
+        moves = pieces.kind[member] == Kind.TRACK
+        one, other = _fractions(earth, pieces, member, region, pairs.region_xy, mended=mended)
+        leg_s = (pieces.leg_end_us[member] - pieces.leg_start_us[member]) / 1e6
+        gone = (pieces.leg_start_us[member] - start) / 1e6
+        first = np.where(moves, np.maximum(first, one * leg_s + gone), first)
+        last = np.where(moves, np.minimum(last, other * leg_s + gone), last)
+    return first, last
+
+
+def _fractions(
+    earth: Earth,
+    pieces: Pieces,
+    member: NDArray[np.int64],
+    region: NDArray[np.int64],
+    region_xy: Floats,
+    *,
+    mended: bool,
+) -> tuple[Floats, Floats]:
+    """Return the fractions of the legs' time between which the tracks `member` can be in the regions, (n,) each."""
+    turn = 2.0 * np.pi * earth.radius_m * pieces.turn[member]
+    ends = [np.stack(earth.to_plane(*at[member].T), axis=1) for at in (pieces.leg_start_deg, pieces.leg_end_deg)]
+    for end in ends:
+        end[:, 0] += turn
+    way = ends[1] - ends[0]
+    moves = np.hypot(*way.T) > LEAST_WAY_M
+    length2 = np.where(moves, np.einsum("nk,nk->n", way, way), 1.0)
+
+    # The haven at the start of the leg, taken as rigid from there on.
+    vertices = np.diff(pieces.shape_offset)[member]
+    owner = np.repeat(np.arange(len(member)), vertices)
+    index = np.arange(len(owner)) - np.repeat(np.cumsum(vertices) - vertices, vertices)
+    outline = pieces.shape_xy[pieces.shape_offset[member][owner] + index]
+    outline = np.where((pieces.kind[member] == Kind.TRACK)[owner][:, None], outline, 0.0)
+    bearing = pieces.bearing_deg[member][owner]
+    ahead = rhumb_direct(earth, *pieces.leg_start_deg[member][owner].T, bearing, outline[:, 1])
+    corner = np.stack(earth.to_plane(*rhumb_direct(earth, *ahead, bearing + 90.0, outline[:, 0])), axis=1)
+    offset = corner + np.stack([turn, np.zeros(len(member))], axis=1)[owner] - ends[0][owner]
+    extent = np.einsum("nk,nk->n", offset, way[owner]) / length2[owner]
+    rho_f, rho_b = np.zeros(len(member)), np.zeros(len(member))
+    np.maximum.at(rho_f, owner, extent)
+    np.minimum.at(rho_b, owner, extent)
+
+    rho = np.einsum("nk,nk->n", region_xy - ends[0][region], way[region]) / length2[region]
+    rho_min, rho_max = np.full(len(member), np.inf), np.full(len(member), -np.inf)
+    np.minimum.at(rho_min, region, rho)
+    np.maximum.at(rho_max, region, rho)
+    low, high = rho_min - rho_f, rho_max - rho_b if mended else rho_max + rho_b
+    mu0, mu1 = (earth.rectifying(np.radians(at[member, 1])) for at in (pieces.leg_start_deg, pieces.leg_end_deg))
+    psi0, psi1 = earth.isometric(mu0), earth.isometric(mu1)
+
+    def of_time(fraction: Floats) -> Floats:
+        """Fraction of the way, to latitude, to distance, to time; written so that an east-west leg needs no case."""
+        mu = earth.rectifying_of_isometric(psi0 + fraction * (psi1 - psi0))
+        return fraction * earth.stretch(mu0, mu1) / earth.stretch(mu0, mu)
+
+    # A loiter has no leg to project on: the whole of it counts.
+    low, high = np.where(moves, low, 0.0), np.where(moves, high, 1.0)
+    return of_time(np.clip(low, 0.0, 1.0)), of_time(np.clip(high, 0.0, 1.0))
+
+
+def throw_pair(rng: np.random.Generator, case: Case, number: int) -> tuple[Area, Track]:
+    """Return a convex area and a track of one leg whose swept haven comes near it."""
+    earth = earth_of(SCENE.earth)
+    while True:
+        lon, lat, bearing = rng.uniform(*LONGITUDES_DEG), rng.uniform(*case.latitudes), rng.uniform(0.0, 360.0)
+        leg_m = rng.uniform(*case.leg_nmi) * METRES_PER_NMI
+        end = rhumb_direct(earth, lon, lat, bearing, leg_m)
+        if case.latitudes[0] <= end[1] <= case.latitudes[1]:
+            break
+    haven_m = rng.uniform(*HAVEN_NMI) * METRES_PER_NMI
+    outline = rectangle_outline_m(haven_m / 2.0, haven_m / 2.0, haven_m / 4.0, haven_m / 4.0)
+    ring_m = convex_ring(rng) * rng.uniform(*AROUND_AREA_NMI) * METRES_PER_NMI
+    radius_m = np.hypot(*ring_m.T).max()
+    # Anywhere about the leg that the haven reaches: also beside, before and after it.
+    along = rng.uniform(-haven_m / 2.0 - radius_m, leg_m + haven_m / 2.0 + radius_m)
+    across = rng.uniform(-1.0, 1.0) * (haven_m / 4.0 + radius_m)
+    middle = rhumb_direct(earth, *rhumb_direct(earth, lon, lat, bearing, along), bearing + 90.0, across)
+    heading, distance = np.degrees(np.arctan2(*ring_m.T)), np.hypot(*ring_m.T)
+    ring = np.stack(rhumb_direct(earth, *middle, heading, distance), axis=1)
+    hours = leg_m / METRES_PER_NMI / rng.uniform(*SPEED_KN)
+    area = Area(f"A{number:04}", shapely.MultiPolygon([shapely.Polygon(ring).convex_hull]))
+    times = np.array([T0_US, T0_US + int(hours * 3.6e9)])
+    return area, Track(f"T{number:04}", np.array([(lon, lat), end], dtype=np.float64), times, outline)
+
+
+def convex_ring(rng: np.random.Generator) -> Floats:
+    """Return the corners, (3 to 10, 2), of a convex polygon about the origin, 1 around."""
+    while True:
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(3, 11))))
+        if np.diff(np.append(angle, angle[0] + 2.0 * np.pi)).max() < 0.95 * np.pi:
+            break
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(ring / shapely.length(shapely.Polygon(ring)))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How the answers differ from the truth, minutes, over n pairs that meet; (n,) each, never negative.
+
+    late : how much later than the first contact the window starts; by way of computing it
+    early : how much earlier than the last contact it ends
+    slack : (2 n,) how much of `window` is not contact, before and after
+    checked : pairs held to brute force
+    """
+
+    late: dict[str, Floats]
+    early: dict[str, Floats]
+    slack: Floats
+    checked: int
+
+
+PRINTED: Final = "as printed"
+MENDED: Final = "signs mended, rigid"
+WINDOW: Final = "window"
+
+
+def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
+    """Return the errors over `count` random pairs that meet; AssertionError if brute force does not agree."""
+    rng = np.random.default_rng([seed, round(case.latitudes[0]), round(case.leg_nmi[0])])
+    thrown = [throw_pair(rng, case, number) for number in range(2 * count)]
+    areas, tracks = ([pair[k] for pair in thrown] for k in (0, 1))
+    footprints = AreaBatch.of(areas).footprint
+
+    def answer(method: Method, pieces: Pieces, pairs: Pairs) -> Conflicts:
+        return settle(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
+
+    certified = answer(Method.EXACT, *one_pair_each(areas, tracks))
+    with whole_legs():
+        pieces, pairs = one_pair_each(areas, tracks)
+    truth, window = (hulls_s(found, len(thrown)) for found in (certified, answer(Method.WINDOW, pieces, pairs)))
+    bound_s = dict(zip(certified.a_id.tolist(), certified.time_error_s.tolist(), strict=True))
+    rows = np.flatnonzero(np.isfinite(truth[pairs.a, 0]))[:count]
+    if len(rows) < count:
+        raise AssertionError(f"{case.name}: only {len(rows)} of {len(thrown)} pairs meet, {count} are wanted")
+    met = pairs.a[rows]
+    for number in met[:checked].tolist():
+        found = oracle.meeting(SCENE, areas[number], tracks[number]).intervals_us
+        brute_s = (np.array([found[0][0], found[-1][1]]) - T0_US) / 1e6
+        off_s = float(np.abs(brute_s - truth[number]).max())
+        if off_s > bound_s[number] + ROUNDING_S:
+            raise AssertionError(f"{case.name}, pair {number}: {Method.EXACT.value} is {off_s} s from brute force")
+    ways = {WINDOW: window[met]}
+    for name, mended in ((PRINTED, False), (MENDED, True)):
+        first, last = published_windows(earth_of(SCENE.earth), pieces, pairs, mended=mended)
+        ways[name] = np.stack([first[rows], last[rows]], axis=1)
+    return Errors(
+        {name: np.maximum(way[:, 0] - truth[met, 0], 0.0) / 60.0 for name, way in ways.items()},
+        {name: np.maximum(truth[met, 1] - way[:, 1], 0.0) / 60.0 for name, way in ways.items()},
+        np.concatenate([truth[met, 0] - window[met, 0], window[met, 1] - truth[met, 1]]) / 60.0,
+        min(checked, len(met)),
+    )
+
+
+def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Pieces, Pairs]:
+    """Return the pieces, and the pairs of area i and a slice of track i whose hulls meet."""
+    n = len(areas)
+    pieces = Pieces.concatenate([area_pieces(SCENE, AreaBatch.of(areas)), track_pieces(SCENE, TrackBatch.of(tracks))])
+    if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA).any() or (pieces.kind[n:] != Kind.TRACK).any():
+        raise AssertionError("an area in parts, or a copy at the seam")
+    owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
+    hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner))
+    b = np.arange(n, len(pieces))
+    b = b[shapely.intersects(hulls[pieces.object_id[b]], hulls[b])]
+    a = pieces.object_id[b]
+    xy, pair = shapely.get_coordinates(shapely.intersection(hulls[a], hulls[b]), return_index=True)
+    return pieces, Pairs(a, b, xy, np.searchsorted(pair, np.arange(len(a) + 1)).astype(np.int64))
+
+
+def whole_legs() -> "patch._patch_dict":
+    """Return a context in which every leg becomes one piece."""
+    return patch.multiple("conflictdb.pieces", SLICE_LENGTH_HAVENS=1e9, MAX_BENT_SLICES=1)
+
+
+def hulls_s(answer: Conflicts, n: int) -> Floats:
+    """Return (n, 2) from when to when the numbered areas are in contact, seconds after T0; NaN where never."""
+    hull = np.full((n, 2), np.nan)
+    first, last = answer.period_offset[:-1], answer.period_offset[1:] - 1
+    hull[answer.a_id, 0] = (answer.period_us[first, 0] - T0_US) / 1e6
+    hull[answer.a_id, 1] = (answer.period_us[last, 1] - T0_US) / 1e6
+    return hull
+
+
+def report(pairs: int, checked: int, seed: int) -> str:
+    """Return the table in Markdown."""
+
+    def minutes(value: float) -> str:
+        return "never" if value <= ROUNDING_S / 60.0 else f"{value:.0f} min" if value >= 10.0 else f"{value:.1f} min"
+
+    rows = []
+    for case in CASES:
+        found = errors_of(case, pairs, checked, seed)
+        early = found.early[PRINTED]
+        rows.append(
+            [
+                case.name,
+                f"{np.median(early):.0f} / {early.max():.0f} min",
+                f"{minutes(found.late[MENDED].max())} / {minutes(found.early[MENDED].max())}",
+                minutes(max(found.late[WINDOW].max(), found.early[WINDOW].max())),
+                " / ".join(minutes(slack) for slack in np.quantile(found.slack, [0.5, 0.95, 1.0])),
+            ]
+        )
+    heads = (
+        f"{pairs} pairs each, sphere",
+        "as printed: end too early, median / worst",
+        "signs mended: start too late / end too early, worst",
+        "`window`: late or early",
+        "slack of `window`: median / 95 % / worst",
+    )
+    return markdown(heads, rows)
+
+
+def main() -> None:
+    """Print the table, and put it into a document if asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=400, help="pairs that meet, per row")
+    parser.add_argument("--checked", type=int, default=50, help="of them held to brute force")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--document", type=Path, help="put the table into its place in this document")
+    args = parser.parse_args()
+    text = report(args.pairs, args.checked, args.seed)
+    print(text)
+    if args.document:
+        put_into(args.document, "published", text)
+
+
+if __name__ == "__main__":
+    main()

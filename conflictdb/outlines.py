@@ -1,0 +1,108 @@
+"""Outlines of havens that change: how corners move where every side moves outward, and what stays convex meanwhile.
+
+Outlines are rings of (starboard, forward) metres, not closed; one vertex is a point, two are a line. Ragged arrays:
+outline i owns rows [offset[i], offset[i + 1]).
+"""
+
+import math
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Offsets = NDArray[np.int64]
+
+# The sharpest corner that may move outward, degrees: its tip runs 1 / sin(half of it) = 115 times as fast as the sides.
+SHARPEST_CORNER_DEG: Final = 1.0
+FASTEST_TIP: Final = 1.0 / math.sin(math.radians(0.5 * SHARPEST_CORNER_DEG))
+
+# A point or a line is a rectangle without size, its corners in turn: behind and to the right, ahead, ...
+_ALONG: Final = np.array([-1.0, 1.0, 1.0, -1.0])
+_RIGHT: Final = np.array([1.0, 1.0, -1.0, -1.0])
+_END: Final = np.array([0, 1, 1, 0])
+
+
+def mitred(outline_m: Floats, offset: Offsets) -> tuple[Floats, Floats, Offsets]:
+    """Return the corners of outlines, how they move when every side moves outward at speed 1, and their offsets.
+
+    A corner stays where its two sides meet, so that it moves along their bisector, steadily. Vertices that are given
+    twice in a row are one corner. A point becomes the four corners of a square that lies fore and aft, a line those of
+    a rectangle.
+
+    outline_m : (v, 2), convex; offset : (n + 1,)
+    Returns corners (w, 2) metres, rate (w, 2) metres per metre, offset (n + 1,). The rate is not finite, or beyond
+    FASTEST_TIP, at corners that are too sharp.
+    """
+    xy, offset = _without_repeats(outline_m, offset)
+    count = np.diff(offset)
+    out = _offsets(np.where(count <= 2, 4, count))
+    of = np.repeat(np.arange(len(count)), np.diff(out))
+    nth = np.arange(len(of)) - out[of]
+    thin = count[of] <= 2
+    index = offset[of] + np.where(thin, np.minimum(_END[nth % 4], count[of] - 1), nth)
+    rate = np.empty((len(of), 2))
+
+    first, last = xy[offset[of[thin]]], xy[offset[of[thin] + 1] - 1]
+    ahead = _unit(np.where((first == last).all(axis=1)[:, None], [0.0, 1.0], last - first))
+    right = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1)
+    rate[thin] = _ALONG[nth[thin]][:, None] * ahead + _RIGHT[nth[thin]][:, None] * right
+
+    wide = ~thin
+    here, start, size = index[wide], offset[of[wide]], count[of[wide]]
+    before, after = start + (here - start - 1) % size, start + (here - start + 1) % size
+    doubled = np.zeros(len(count))
+    np.add.at(doubled, of[wide], xy[here, 0] * xy[after, 1] - xy[here, 1] * xy[after, 0])
+    way = np.where(doubled < 0.0, -1.0, 1.0)[of[wide]][:, None]
+    edge_in, edge_out = _unit(xy[here] - xy[before]), _unit(xy[after] - xy[here])
+    normals = [way * np.stack([edge[:, 1], -edge[:, 0]], axis=1) for edge in (edge_in, edge_out)]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        rate[wide] = (normals[0] + normals[1]) / (1.0 + (normals[0] * normals[1]).sum(axis=1))[:, None]
+    return xy[index], rate, out
+
+
+def stays_convex(start: Sequence[Sequence[float]], end: Sequence[Sequence[float]]) -> bool:
+    """Return whether a convex ring stays convex while each vertex moves straight from one outline to the other.
+
+    The turn at a corner, the cross product of its two edges, is a quadratic in time: with a and b the edges at start
+    and end it has the Bernstein coefficients a1 x a2, (a1 x b2 + b1 x a2) / 2 and b1 x b2.
+    """
+    edges = [
+        (a2[0] - a1[0], a2[1] - a1[1], b2[0] - b1[0], b2[1] - b1[1])
+        for a1, a2, b1, b2 in zip(start, [*start[1:], start[0]], end, [*end[1:], end[0]], strict=True)
+    ]
+    edges = [edge for edge in edges if any(edge)]
+    corners = list(zip(edges, edges[1:] + edges[:1], strict=True)) if len(edges) > 2 else []
+    turns = [
+        (ax * ay2 - ay * ax2, ax * by2 - ay * bx2 + bx * ay2 - by * ax2, bx * by2 - by * bx2)
+        for (ax, ay, bx, by), (ax2, ay2, bx2, by2) in corners
+    ]
+    # Which way round: the way it turns in all, at both ends and half-way.
+    way = math.copysign(1.0, sum(5.0 * first + middle + 5.0 * last for first, middle, last in turns))
+    slack = 32.0 * sys.float_info.epsilon * max(abs(x) for vertex in (*start, *end) for x in vertex) ** 2
+    return all(
+        way * first >= -slack
+        and way * last >= -slack
+        and way * middle >= -2.0 * math.sqrt(max(way * first, 0.0) * max(way * last, 0.0)) - slack
+        for first, middle, last in turns
+    )
+
+
+def _without_repeats(outline_m: Floats, offset: Offsets) -> tuple[Floats, Offsets]:
+    """Return outlines without the vertices that equal the one before; one stays of those that are all equal."""
+    before = np.arange(len(outline_m)) - 1
+    before[offset[:-1]] = offset[1:] - 1
+    kept = (outline_m != outline_m[before]).any(axis=1)
+    left = np.add.reduceat(kept.astype(np.int64), offset[:-1]) if len(offset) > 1 else np.empty(0, np.int64)
+    kept[offset[:-1][left == 0]] = True
+    return outline_m[kept], _offsets(np.maximum(left, 1))
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / np.hypot(vector[:, 0], vector[:, 1])[:, None])
+
+
+def _offsets(lengths: NDArray[np.int64]) -> Offsets:
+    return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)

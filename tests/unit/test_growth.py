@@ -1,0 +1,256 @@
+"""Havens that change: their motion against the oracle, its bounds, and the answers of growing scenes."""
+
+from dataclasses import replace
+
+import numpy as np
+import oracle
+import pytest
+import scenes
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import HOUR_S
+from workloads import GROWING, PAPER, throw
+
+from conflictdb import InvalidInput, solve
+from conflictdb.batches import Pieces, TrackBatch
+from conflictdb.geodesy import earth_of
+from conflictdb.mercator import Mercator, RhumbShapes
+from conflictdb.model import EarthModel, Scene, Track
+from conflictdb.motion import StaticShapes, likeness
+from conflictdb.pieces import check_plane, track_pieces
+from conflictdb.separation import Encounters, separation
+from conflictdb.stage4_exact import settle_exactly
+from conflictdb.stage4_windows import Work
+
+ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
+SAMPLES = 65
+LASTS_S = 36000.0
+
+
+def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> RhumbShapes:
+    return Mercator(earth_of(scene.earth)).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+
+
+def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
+    """The one leg of a track, time counted from its start."""
+    pieces = track_pieces(scene, TrackBatch.of([track]))
+    return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+
+
+def in_reach(scene: Scene, track: Track) -> bool:
+    try:
+        check_plane(scene, [], [track])
+    except InvalidInput:
+        return False
+    return True
+
+
+growing_tracks = st.builds(
+    lambda lat, dlat, lon, dlon, sizes, mps: replace(
+        scenes.track("T", [(lon, lat), (lon + dlon, float(np.clip(lat + dlat, -84, 84)))], [0, LASTS_S], *sizes),
+        grow_mps=mps,
+    ),
+    st.floats(-84, 84),
+    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 15.0, -60.0]),
+    st.floats(-170, 170),
+    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
+    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5])] * 4),
+    st.sampled_from([1e-6, 0.01, 1.0, 6.0]),
+)
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
+    """On every leg, also of havens that change at every waypoint."""
+    scene, _, tracks = throw(GROWING, 21, 0, 12, earth)
+    globe, figure = oracle.Globe.of(earth), earth_of(earth)
+    turn_m = 2 * np.pi * figure.radius_m
+    for track in tracks:
+        pieces = track_pieces(scene, TrackBatch.of([track]))
+        for phase in oracle.phases(globe, track, 0.0):
+            row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
+            seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
+            rows = np.repeat(row, len(seconds))
+            found = shapes_at(scene, pieces, rows, pieces.leg_start_us[rows]).positions(seconds).T
+            expected = phase.vertices(int(phase.start_us), seconds)
+            shift = np.round((found[..., 0].mean() - expected[..., 0].mean()) / turn_m) * turn_m
+            apart = found[:, :, None] - expected[:, None] - np.array([shift, 0.0])
+            distance = np.hypot(apart[..., 0], apart[..., 1])
+            assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < 10 * ROUNDING_M
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(list(EarthModel)), growing_tracks, st.floats(0, 0.9), st.floats(0.01, 1))
+def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track, start: float, share: float) -> None:
+    """Velocities are what differences say; `bend`, `highest_latitude`, `departure`, `uneven` are never exceeded."""
+    scene = Scene("s", earth=earth)
+    if not in_reach(scene, track):
+        return
+    _, one = leg_shapes(scene, track)
+    t0 = start * LASTS_S
+    t1 = t0 + share * (LASTS_S - t0)
+    seconds = np.linspace(t0, t1, SAMPLES)
+    ends = np.array([t0]), np.array([t1])
+    h = seconds[1] - seconds[0]
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    at, velocity = shapes.positions(seconds), shapes.velocities(seconds)
+    difference = (at[..., 2:] - at[..., :-2]) / (2 * h)
+    jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
+    assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
+    second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
+    assert second.max() <= float(one.bend(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
+    assert np.abs(at[1]).max() / earth_of(earth).radius_m <= highest + 1e-12
+
+    # The share of the reference point's way that is gone, in the plane; of the time where it stays.
+    reference = shapes.reference(seconds)
+    offset = at - reference[:, None, :]
+    way = np.hypot(*(reference - reference[:, :1]))
+    gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
+    assert left <= float(one.departure(*ends)[0]) + 4 * ROUNDING_M
+    uneven = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
+    assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
+
+
+def test_no_growth_is_no_change_in_any_company() -> None:
+    """What is computed of a rigid haven is the same to the bit beside one that grows."""
+    scene = Scene("s")
+    rigid = scenes.track("R", [(0, 50), (3, 60)], [0, LASTS_S], 9000.0, 3000.0, 500.0, 4000.0)
+    grows = replace(rigid, key="G", grow_mps=1.0)
+    alone = track_pieces(scene, TrackBatch.of([rigid]))
+    both = track_pieces(scene, TrackBatch.of([rigid, grows]))
+    mine = both.take(np.flatnonzero(both.object_id == 0))
+    assert both.changes
+    for name in ("hull_xy", "shape_xy", "shape_to_xy", "start_us", "end_us"):
+        np.testing.assert_array_equal(getattr(mine, name), getattr(alone, name))
+    rows = np.arange(len(alone))
+    t0, t1 = np.zeros(len(rows)), np.full(len(rows), 600.0)
+    one, other = (shapes_at(scene, p, rows, alone.start_us) for p in (alone, both))
+    assert one.growth is None
+    assert other.growth is None
+    np.testing.assert_array_equal(other.positions(t1), one.positions(t1))
+    np.testing.assert_array_equal(other.velocities(t1), one.velocities(t1))
+    for bound in ("bend", "departure", "uneven"):
+        np.testing.assert_array_equal(getattr(other, bound)(t0, t1), getattr(one, bound)(t0, t1))
+    plane = Mercator(earth_of(scene.earth))
+    assert set(likeness(plane, both)[: len(rows)].tolist()) == set(likeness(plane, alone).tolist())
+    assert not set(likeness(plane, both)[len(rows) :].tolist()) & set(likeness(plane, alone).tolist())
+
+
+@pytest.mark.parametrize("mps", [1e-9, 1e-4, 0.1, 3.0])
+@pytest.mark.parametrize("sizes", [(0.0,) * 4, (100.0, 50.0, 0.0, 0.0), (5000.0,) * 4])
+def test_growth_needs_no_more_slices(mps: float, sizes: tuple[float, ...]) -> None:
+    """However small the haven begins, and however slowly it grows."""
+    steady = scenes.track("T", [(0, 60), (4, 63)], [0, LASTS_S], *sizes)
+    pieces = track_pieces(Scene("s"), TrackBatch.of([replace(steady, grow_mps=mps)]))
+    assert len(pieces) <= 32
+
+
+def test_growth_beyond_the_plane_is_refused() -> None:
+    """Where the haven would pass 89.5 degrees, by its speed or by an outline; the error names the field."""
+    still = scenes.track("far", [(0, 88), (0, 88)], [0, HOUR_S], 1000.0, 1000.0, 1000.0, 1000.0)
+    late = np.array([still.outline_m, still.outline_m * 170.0])
+    for track, field in (
+        (replace(still, grow_mps=50.0), "grow_mps"),
+        (replace(still, outlines_m=late), "outlines_m"),
+    ):
+        with pytest.raises(InvalidInput, match=r"track 'far'.*89\.5 degrees of latitude") as refused:
+            check_plane(Scene("s"), [], [track])
+        assert refused.value.field == field
+    check_plane(Scene("s"), [], [replace(still, grow_mps=40.0)])
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: EarthModel) -> None:
+    """A rectangle that grows, or the outlines that it grows to."""
+    scene, areas, tracks = throw(replace(PAPER, odd_share=0.0), 3, 6, 6, earth)
+    by_speed = [replace(t, grow_mps=0.5) for t in tracks]
+    by_outlines = []
+    for t in tracks:
+        age_s = (t.times_us - t.times_us[0]) / 1e6
+        # Of a rectangle about the reference point every corner moves away from both axes.
+        outlines = t.outline_m + 0.5 * age_s[:, None, None] * np.sign(t.outline_m)
+        by_outlines.append(replace(t, outlines_m=outlines))
+    found = solve(by_speed, areas, scene)
+    assert found == solve(by_outlines, areas, scene)
+    assert found != solve(tracks, areas, scene)
+
+
+def test_a_growth_of_nothing_is_the_same_answer() -> None:
+    scene, areas, tracks = throw(PAPER, 3, 6, 6)
+    same = [replace(t, outlines_m=np.array([t.outline_m] * len(t.times_us))) for t in tracks]
+    assert solve(tracks, areas, scene) == solve(same, areas, scene)
+    assert solve(tracks, areas, scene) == solve([replace(t, grow_mps=0.0) for t in tracks], areas, scene)
+
+
+def test_more_growth_meets_no_later() -> None:
+    """The haven that grows faster holds the other one: its first contact is no later, its last no earlier."""
+    wall = scenes.area("A", shapely.box(1.0, -1, 1.2, 1))
+    track = scenes.track("T", [(0, 0.3), (2, -0.4)], [0, 10 * HOUR_S], 3000.0, 100.0, 100.0, 2000.0)
+    spans = [solve([replace(track, grow_mps=mps)], [wall])[0].periods_us[0] for mps in (0.0, 0.01, 0.1, 1.0)]
+    starts, ends = zip(*spans, strict=True)
+    assert list(starts) == sorted(starts, reverse=True)
+    assert list(ends) == sorted(ends)
+    assert starts[-1] < starts[0]
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("mps", [1.0, 1e-9, 1e-18])
+def test_two_that_grow_from_nothing_meet_when_they_have_grown_enough(earth: EarthModel, mps: float) -> None:
+    """Neither has an edge at the start: that must not look like a contact."""
+    nothing = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    one = replace(scenes.track("one", [(0, 0), (0, 0)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    two = replace(scenes.track("two", [(0, 0.1), (0, 0.1)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    beside = replace(scenes.track("beside", [(1, 0), (1, 0)], [0, 6 * HOUR_S], **nothing), grow_mps=mps)
+    found = solve([one, two, beside], [], Scene("s", earth=earth, tolerance_m=0.0))
+    if mps < 1.0:
+        assert found == []
+        return
+    (meeting,) = found
+    meets_s = scenes.meridian_m(earth, 0.1) / 2.0
+    assert (meeting.a_key, meeting.b_key) == ("one", "two")
+    ((start_us, end_us),) = meeting.periods_us
+    assert start_us == pytest.approx(scenes.instant_us(meets_s), abs=3)
+    assert end_us == scenes.instant_us(6 * HOUR_S)
+
+
+def test_a_haven_that_draws_in_to_a_point_and_opens_again() -> None:
+    """Through a point halfway on the leg: it leaves the wall it touches, and comes back to it."""
+    square = scenes.track("T", [(0, 0), (0, 0)], [0, 2 * HOUR_S], 9000.0, 9000.0, 9000.0, 9000.0)
+    turned = replace(square, outlines_m=np.array([square.outline_m, -square.outline_m]))
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
+    wall = scenes.area("A", shapely.box(-1, np.degrees(4500.0 / 6371008.771415), 1, 1))
+    (meeting,) = solve([turned], [wall], scene)
+    assert len(meeting.periods_us) == 2
+    (_, out), (back, _) = meeting.periods_us
+    assert out == pytest.approx(scenes.instant_us(0.5 * HOUR_S), abs=3)
+    assert back == pytest.approx(scenes.instant_us(1.5 * HOUR_S), abs=3)
+
+
+@pytest.mark.parametrize("mps", [1.0, 0.5, 1e-18])
+def test_points_close_beside_each_other_meet_when_they_have_grown_enough(mps: float) -> None:
+    """A tenth of a metre apart on long curved ways: the first window begins where neither has an edge."""
+    metre = 1.0 / (scenes.meridian_m(EarthModel.SPHERE, 0.5) - scenes.meridian_m(EarthModel.SPHERE, -0.5))
+    nothing = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    tracks = [
+        replace(scenes.track(key, [(0, lat), (0, lat + 4)], [0, 10 * HOUR_S], **nothing), grow_mps=mps)
+        for key, lat in (("ahead", 60.0 + 0.1 * metre), ("behind", 60.0))
+    ]
+    found = solve(tracks, [], Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0))
+    if mps < 0.1:  # too little for an edge to show at all
+        assert found == []
+        return
+    ((start_us, _),) = found[0].periods_us
+    assert start_us == pytest.approx(scenes.instant_us(0.05 / mps), abs=10)
+
+
+def test_polygons_without_any_edge_have_no_depth() -> None:
+    """Four vertices in one place, as a haven has before it grows, are not settled as if they overlapped."""
+    points = [StaticShapes(np.tile(np.array([x, 0.0])[:, None, None], (1, 4, 1))) for x in (0.0, 10.0)]
+    plane = Mercator(earth_of(EarthModel.SPHERE))
+    pairs = Encounters(plane, *points, np.zeros((2, 1)), 0.0)
+    assert np.isnan(separation(pairs, points[0].xy, points[1].xy)).all()
+    settled = settle_exactly(pairs, np.zeros(1), np.full(1, 100.0), 1.0, Work())
+    assert not settled.is_solved.any()

@@ -1,0 +1,61 @@
+"""The published formulas of stage 3, in benchmarks/published.py: wrong in the way and the size that is told of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scenes
+import shapely
+from published import (
+    CASES,
+    MENDED,
+    PRINTED,
+    ROUNDING_S,
+    WINDOW,
+    errors_of,
+    one_pair_each,
+    published_windows,
+    whole_legs,
+)
+from tables import markdown, put_into
+
+from conflictdb.geodesy import earth_of
+from conflictdb.model import EarthModel
+
+
+def test_published_formulas_on_the_equator_where_havens_are_rigid() -> None:
+    """Mended, they are the contact itself; as printed, they end early by twice the time of the haven's rear."""
+    degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
+    with whole_legs():
+        pieces, pairs = one_pair_each([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
+    begins, ends, rear = (0.5 - 4000 / degree) * 3600, (0.6 + 2000 / degree) * 3600, 2000 / degree * 3600
+    for mended, last in ((True, ends), (False, ends - 2.0 * rear)):
+        windows = published_windows(earth_of(EarthModel.SPHERE), pieces, pairs, mended=mended)
+        assert np.allclose(np.concatenate(windows), [begins, last], rtol=0.0, atol=1e-3)
+
+
+def test_published_formulas_are_worse_than_mended_ones_and_window_never_fails() -> None:
+    """On few pairs of the worst row: printed ends hours early, mended minutes, `window` not at all."""
+    found = errors_of(CASES[-1], count=15, checked=3)
+    printed, mended = found.early[PRINTED].max(), max(found.early[MENDED].max(), found.late[MENDED].max())
+    assert printed > 120.0
+    assert 1.0 < mended < printed / 2.0
+    assert max(found.early[WINDOW].max(), found.late[WINDOW].max()) <= ROUNDING_S / 60.0
+    assert found.checked == 3
+
+
+def test_table_replaces_what_stood_there_before(tmp_path: Path) -> None:
+    """A document keeps what is around the table; one without a place for it is refused."""
+    document = tmp_path / "page.md"
+    document.write_text("above\n<!-- benchmark speed -->\nold\n<!-- end of speed -->\nbelow\n")
+    for value in ("1", "2"):
+        put_into(document, "speed", markdown(("a", "b"), [(value, "x")]))
+    text = document.read_text()
+    assert text.startswith("above\n")
+    assert text.endswith("below\n")
+    assert "| 2 | x |" in text
+    assert "old" not in text
+    assert "| 1 | x |" not in text
+    with pytest.raises(ValueError, match="no place for weight"):
+        put_into(document, "weight", "")
