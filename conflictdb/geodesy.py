@@ -237,8 +237,8 @@ def _secant_series(order: int) -> list[tuple[float, ...]]:
     return found
 
 
-# Longest series that is used; one more gives its derivative.
-_SECANT_SERIES: Final = _secant_series(14)
+# Longest series that is used.
+_SECANT_SERIES: Final = _secant_series(12)
 
 
 def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ Reference: Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-
 section III (constraints on the haven); corrected in that the haven's image in the Mercator plane is not rigid.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final, Self
 
 import numpy as np
@@ -32,6 +32,9 @@ ELLIPSOID_SLACK: Final = 1.05
 # Lengths of the power series, and the largest size of a haven over its distance to the pole for which what is left out,
 # a q^(K + 1) / (K + 1), is below 1e-10 m. Larger havens take the closed form (0).
 SERIES: Final = ((6, 0.005), (12, 0.06))
+# The same for the series about the middle of a slice, and the largest way from there to a vertex; it stands in for the
+# first of SERIES where it can.
+CENTRED: Final = (12, 0.06)
 # The radius of the conformal sphere varies by 0.7 % from equator to pole, and great circles on it are taken for
 # geodesics: over 100 km that overstates a distance by less than this share.
 GEODESIC_SHARE: Final = 1e-8
@@ -139,15 +142,18 @@ class Mercator:
         return found
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) twice the number of the power series that a haven takes, plus 1 if it may not be convex.
+        """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array.
 
-        And plus CHANGES if it has another outline at the end of its leg.
+        Twice the number of the power series that a haven takes (0 the centred one, then those of SERIES, then the
+        closed form), plus 1 if it may not be convex, plus CHANGES if it changes on its leg.
         """
         variety = np.zeros(len(pieces), np.int64)
         rows = np.flatnonzero(pieces.kind == Kind.TRACK)
         if rows.size:
-            ends = np.stack([pieces.leg_start_deg[rows, 1], pieces.leg_end_deg[rows, 1]])
-            highest = self.earth.rectifying(np.radians(np.abs(ends).max(axis=0)))
+            ends = self.earth.rectifying(
+                np.radians(np.stack([pieces.leg_start_deg[rows, 1], pieces.leg_end_deg[rows, 1]]))
+            )
+            highest = np.abs(ends).max(axis=0)
             offset, index = ragged_rows(pieces.shape_offset, rows)
             outline = pieces.shape_xy[index] / self.earth.rectifying_m
             size = np.maximum.reduceat(np.hypot(outline[:, 0], outline[:, 1]), offset[:-1])
@@ -157,7 +163,11 @@ class Mercator:
                 size = np.maximum(size, np.maximum.reduceat(np.hypot(outline_to[:, 0], outline_to[:, 1]), offset[:-1]))
                 differs = np.logical_or.reduceat((outline_to != outline).any(axis=1), offset[:-1])
                 variety[rows] = np.where(differs, CHANGES, 0)
-            series = np.searchsorted([limit for _, limit in SERIES], size / (0.5 * np.pi - highest))
+            to_pole = 0.5 * np.pi - highest
+            series = 1 + np.searchsorted([limit for _, limit in SERIES], size / to_pole)
+            slice_us = (pieces.end_us - pieces.start_us)[rows] / (pieces.leg_end_us - pieces.leg_start_us)[rows]
+            half = 0.5 * np.abs(ends[1] - ends[0]) * slice_us
+            series[(series == 1) & (half + size <= CENTRED[1] * to_pole)] = 0
             tangent = np.tan(np.minimum(highest + size, 1.57))
             variety[rows] += 2 * series + _may_dent(outline, outline_to, offset, tangent)
         return variety
@@ -165,33 +175,42 @@ class Mercator:
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
     ) -> "RhumbShapes":
-        earth = self.earth
-        start, end = pieces.leg_start_deg[rows], pieces.leg_end_deg[rows]
+        # What is the same for every pair that a piece is in is computed once.
+        own, row = np.unique(rows, return_inverse=True)
+        into_leg_s = (zero_us - pieces.leg_start_us[rows]) / 1e6
+        return self._on_legs(pieces.take(own)).take(row).counted_from(into_leg_s, origin)
+
+    def _on_legs(self, pieces: Pieces) -> "RhumbShapes":
+        """Return the havens of track pieces, counted from the start of the leg and the plane's own origin."""
+        earth, rows = self.earth, np.arange(len(pieces))
+        start, end = pieces.leg_start_deg, pieces.leg_end_deg
         mu = earth.rectifying(np.radians(start[:, 1]))
         delta_mu = earth.rectifying(np.radians(end[:, 1])) - mu
         delta_lon = np.radians(end[:, 0] - start[:, 0])
         outline = shape_vertices(pieces, rows) / earth.rectifying_m
-        leg_start = pieces.leg_start_us[rows]
-        varieties = self.variety(pieces.take(np.unique(rows)))
+        varieties = self.variety(pieces)
         series, convex = int((varieties % CHANGES // 2).max(initial=0)), not (varieties % 2).any()
         change = None
         if (varieties >= CHANGES).any():
             change = shape_vertices(pieces, rows, at_end=True) / earth.rectifying_m - outline
-        lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn[rows]
-        return rhumb_shapes(
+        lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn
+        shapes = rhumb_shapes(
             earth,
-            np.stack([earth.radius_m * lon, earth.radius_m * earth.isometric(mu)]) - origin,
+            np.stack([earth.radius_m * lon, earth.radius_m * earth.isometric(mu)]),
             mu,
             delta_mu,
             earth.radius_m * delta_lon / earth.stretch(mu, mu + delta_mu),
-            (zero_us - leg_start) / 1e6,
-            (pieces.leg_end_us[rows] - leg_start) / 1e6,
-            direction_of(pieces.bearing_deg[rows]),
+            (pieces.leg_end_us - pieces.leg_start_us) / 1e6,
+            direction_of(pieces.bearing_deg),
             outline,
-            SERIES[series][0] if series < len(SERIES) else 0,
+            (*SERIES[:1], *SERIES, (0, 0.0))[series][0],
             is_convex=bool(convex),
             change=change,
         )
+        if series:
+            return shapes
+        start_s, end_s = ((instant - pieces.leg_start_us) / 1e6 for instant in (pieces.start_us, pieces.end_us))
+        return shapes.centred(0.5 * (start_s + end_s))
 
     def _scale(self, y_m: Floats) -> Floats:
         psi = y_m / self.earth.radius_m
@@ -260,6 +279,20 @@ class Growth:
 
 
 @dataclass(frozen=True, slots=True)
+class Middle:
+    """The middle of the slice of each leg, and the power series of psi about it.
+
+    at_s : (n,) when the reference point is there, seconds
+    point : (2, n) plane metres from the row's origin
+    series : (k, n) coefficients of psi(mu + d) - psi(mu) in d, d^2, ...
+    """
+
+    at_s: Floats
+    point: Floats
+    series: Floats
+
+
+@dataclass(frozen=True, slots=True)
 class RhumbShapes:
     """Havens on one rhumb leg each.
 
@@ -276,6 +309,7 @@ class RhumbShapes:
     order : terms of the power series; 0 is the closed form
     is_convex : whether the vertices are known to be in convex position
     growth : how the havens change on the leg; None where none does
+    middle : what positions are computed about; None for the start of the leg
     """
 
     earth: Earth
@@ -295,6 +329,7 @@ class RhumbShapes:
     order: int
     is_convex: bool
     growth: Growth | None = None
+    middle: Middle | None = None
 
     @property
     def vertex_count(self) -> int:
@@ -319,18 +354,31 @@ class RhumbShapes:
             self.order,
             self.is_convex,
             None if self.growth is None else self.growth.take(rows),
+            None
+            if self.middle is None
+            else Middle(self.middle.at_s[rows], self.middle.point[:, rows], self.middle.series[:, rows]),
         )
 
+    def counted_from(self, into_leg_s: Floats, origin: Floats) -> Self:
+        """Return the same havens, timed from so many seconds into their legs and placed from origins (2, n)."""
+        middle = self.middle
+        if middle is not None:
+            middle = replace(middle, at_s=middle.at_s - into_leg_s, point=middle.point - origin)
+        return replace(self, into_leg_s=self.into_leg_s + into_leg_s, start=self.start - origin, middle=middle)
+
+    def centred(self, at_s: Floats) -> Self:
+        """Return the same havens, computed by power series about where they are at some instants (n,)."""
+        mu = self.start_mu + (self.into_leg_s + at_s) / self.leg_s * self.delta_mu
+        series = np.stack(self.earth.isometric_series(mu, CENTRED[0]))
+        return replace(self, middle=Middle(at_s, self.reference(at_s), series))
+
     def reference(self, t: Floats) -> Floats:
-        progress = (self.into_leg_s + t) / self.leg_s
-        return self._on_leg(progress, self.start_mu + progress * self.delta_mu)
+        return self._reference(t)[0]
 
     def positions(self, t: Floats) -> Floats:
-        progress = (self.into_leg_s + t) / self.leg_s
-        mu = self.start_mu + progress * self.delta_mu
-        reference = self._on_leg(progress, mu)
+        reference, mu, series = self._reference(t)
         forward, starboard = self._body(t)
-        first, second = self._stretches(mu, forward, starboard)
+        first, second = self._stretches(mu, series, forward, starboard)
         first *= self.earth.radius_m * forward
         second *= self.earth.radius_m * starboard
         found = np.empty((2, *first.shape))
@@ -506,21 +554,28 @@ class RhumbShapes:
         into = self.into_leg_s + t
         return self.forward + self.growth.forward * into, self.starboard + self.growth.starboard * into
 
-    def _on_leg(self, progress: Floats, mu: Floats) -> Floats:
-        """Return (2, n) the reference points, metres from the origin."""
-        way = progress * self.earth.stretch(self.start_mu, mu)
+    def _reference(self, t: Floats) -> tuple[Floats, Floats, list[Floats]]:
+        """Return the reference points (2, n), their latitudes, and the power series of psi there (empty: none)."""
+        progress = (self.into_leg_s + t) / self.leg_s
+        mu = self.start_mu + progress * self.delta_mu
         found = np.empty((2, len(mu)))
+        if self.middle is None:
+            way, origin = progress * self.earth.stretch(self.start_mu, mu), self.start
+            series = self.earth.isometric_series(mu, self.order) if self.order else []
+        else:
+            gone = (t - self.middle.at_s) / self.leg_s
+            stretch, series = _shifted(self.middle.series, gone * self.delta_mu, self.order)
+            way, origin = gone * stretch, self.middle.point
         np.multiply(self.rate_x, way, out=found[0])
         np.multiply(self.earth.radius_m * self.delta_mu, way, out=found[1])
-        found += self.start
-        return found
+        found += origin
+        return found, mu, series
 
-    def _stretches(self, mu: Floats, forward: Floats, starboard: Floats) -> tuple[Floats, Floats]:
+    def _stretches(self, mu: Floats, series: list[Floats], forward: Floats, starboard: Floats) -> tuple[Floats, Floats]:
         """Return the divided differences of psi over the first and the second step of each vertex, (v, n)."""
-        if not self.order:
+        if not series:
             mu0, mu1, mu2 = self._steps(mu, forward, starboard)
             return self.earth.stretch(mu0, mu1), self.earth.stretch(mu1, mu2)
-        series = self.earth.isometric_series(mu, self.order)
         d1 = forward * self.north
         d2 = d1 - starboard * self.east
         # Horner's rule for the series at 0 and d1, and with its steps again for the divided difference at 0, d1, d2.
@@ -547,7 +602,6 @@ def rhumb_shapes(
     start_mu: Floats,
     delta_mu: Floats,
     rate_x: Floats,
-    into_leg_s: Floats,
     leg_s: Floats,
     heading: tuple[Floats, Floats],
     outline: Floats,
@@ -556,7 +610,9 @@ def rhumb_shapes(
     is_convex: bool,
     change: Floats | None = None,
 ) -> RhumbShapes:
-    """Return havens on rhumb legs; heading : (east, north), outline : (2, v, n) starboard and forward, radians.
+    """Return havens on rhumb legs, timed from their start.
+
+    heading : (east, north), outline : (2, v, n) starboard and forward, radians
 
     change : (2, v, n) by how much the outline differs at the end of the leg; None where none does
     """
@@ -586,7 +642,7 @@ def rhumb_shapes(
         start_mu,
         delta_mu,
         rate_x,
-        into_leg_s,
+        np.zeros_like(leg_s),
         leg_s,
         east,
         north,
@@ -599,6 +655,25 @@ def rhumb_shapes(
         is_convex,
         growth,
     )
+
+
+def _shifted(series: Floats, d: Floats, order: int) -> tuple[Floats, list[Floats]]:
+    """Return the divided difference over d of a power series, and the first coefficients of the series about d.
+
+    Horner's rule, again and again on its own steps (Shaw, Traub, "On the number of multiplications for the evaluation
+    of a polynomial and some of its derivatives", J. ACM 21 (1974), doi:10.1145/321812.321828).
+    """
+    rows = list(series)
+    found = []
+    for lowest in (0, *range(order)):
+        steps = [rows[-1]]
+        for coefficient in rows[-2 : (lowest - 1 if lowest else None) : -1]:
+            step = steps[-1] * d
+            step += coefficient
+            steps.append(step)
+        rows[lowest:] = steps[::-1]
+        found.append(rows[lowest])
+    return found[0], found[1:]
 
 
 def _extents(outline: Floats, heading: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats]:

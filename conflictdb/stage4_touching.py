@@ -19,7 +19,6 @@ class Touching(Block):
     def settle(self) -> None:
         """Settle what can be settled, by the closed form where the motion is uniform and rigid."""
         pairs, h = self.pairs, self.high - self.low
-        bend = pairs.a.bend(self.low, self.high) + pairs.b.bend(self.low, self.high)
         uneven = pairs.a.uneven(self.low, self.high) + pairs.b.uneven(self.low, self.high)
         departure = 0.5 * uneven * h
         # Scales are at least 1, so that metres of the plane are fewer on the earth.
@@ -30,7 +29,8 @@ class Touching(Block):
             self._closed_form(rows, departure[rows])
         rows = np.flatnonzero(~closed & (h > 0.0))
         if rows.size:
-            self._windows(rows, bend[rows])
+            some, low, high = pairs.take(rows), self.low[rows], self.high[rows]
+            self._windows(rows, some.a.bend(low, high) + some.b.bend(low, high))
 
     def _closed_form(self, rows: NDArray[np.int64], departure: Floats) -> None:
         """Settle pairs in uniform and rigid motion but for a departure, plane metres."""

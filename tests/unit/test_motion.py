@@ -1,5 +1,7 @@
 """The motion of havens against the oracle, its derivatives against differences, its bounds against what they bound."""
 
+from dataclasses import replace
+
 import numpy as np
 import oracle
 import pytest
@@ -26,6 +28,8 @@ def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) 
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """One row per leg of a track, time counted from the leg's start."""
     pieces = track_pieces(scene, TrackBatch.of([track]))
+    # Shapes are asked about the time of their slices: here those are the whole legs.
+    pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     _, first = np.unique(pieces.leg_start_us, return_index=True)
     return pieces, havens(scene, pieces, first, pieces.leg_start_us[first])
 
