@@ -1,12 +1,7 @@
 """Great circles on the sphere, in the gnomonic plane about a centre, where they are straight.
 
-A haven rides a great circle at constant speed. Each of its vertices is found from the reference point by two great
-circle steps: forward along the leg, then to starboard across it. In space such a vertex runs on a small circle,
-
-    V(theta) = cos(theta) P + sin(theta) Q + S,     theta linear in time, P, Q and S constant,
-
-and its image is (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north: two trigonometric
-functions per haven, and one division per vertex. All vectors are held in the frame (E, N, C).
+A place V (a unit vector) is at (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north. All
+vectors are held in the frame (E, N, C). `circles` are the havens that ride there.
 
 The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across; it is convex
 along every great circle, which is why what bounds it at the ends of a way bounds it in between.
@@ -14,24 +9,29 @@ along every great circle, which is why what bounds it at the ends of a way bound
 Reference: J. P. Snyder, "Map Projections: A Working Manual", USGS Professional Paper 1395 (1987), section 22.
 """
 
-from dataclasses import dataclass, fields
-from typing import Any, Final, Self
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.arcs import least_chord
 from conflictdb.batches import Pieces, ragged_rows
+from conflictdb.circles import LEAST_UP, MAX_CHANGING_REACH, GreatCircles, GreatCircleShapes, great_circle_shapes
 from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind
-from conflictdb.motion import shape_vertices, vertex_slots
+from conflictdb.motion import likeness, shape_vertices
 
 # A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
 _DISTANCE_ROUNDING_M: Final = 1e-8
 # Sine of the least turn of a corner, so that rounding of its coordinates does not make it turn inwards.
 _LEAST_TURN: Final = 1e-8
-# Cosine of the largest angle from the centre; rounding must not refuse what is exactly there.
-_LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
+# A haven that changes and reaches further than this, radians, is not shown to stay convex in the plane.
+_FLAT: Final = 0.5
+# A corner counts as one in the plane if it turns by so many times what its sides bend.
+_CORNER_SLACK: Final = 4.0
+# In `Gnomonic.variety`: havens that change.
+_CHANGES: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,17 +81,18 @@ class Gnomonic:
         return f"the haven {self.limit}"
 
     def holds(self, lon_deg: Floats, lat_deg: Floats) -> NDArray[np.bool_]:
-        return np.asarray(self.vectors(lon_deg, lat_deg)[2] >= _LEAST_UP)
+        return np.asarray(self.vectors(lon_deg, lat_deg)[2] >= LEAST_UP)
 
     def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
-        reach = np.maximum.reduceat(np.abs(pieces.shape_xy).max(axis=1), pieces.shape_offset[:-1]) / MEAN_RADIUS_M
-        held = reach <= np.radians(MAX_FROM_CENTRE_DEG)
-        slots = vertex_slots(pieces)
-        for count in np.unique(slots[held]):
-            rows = np.flatnonzero(held & (slots == count))
+        widest = np.maximum(np.abs(pieces.shape_xy), np.abs(pieces.shape_to_xy)).max(axis=1)
+        reach = np.maximum.reduceat(widest, pieces.shape_offset[:-1]) / MEAN_RADIUS_M
+        held = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
+        sort = likeness(self, pieces)
+        for one in np.unique(sort[held]):
+            rows = np.flatnonzero(held & (sort == one))
             shapes = self.shapes(pieces, rows, pieces.leg_start_us[rows], np.zeros((2, len(rows))))
             leg_s = (pieces.leg_end_us[rows] - pieces.leg_start_us[rows]) / 1e6
-            held[rows] = shapes.least_up(np.zeros(len(rows)), leg_s).min(axis=0) >= _LEAST_UP
+            held[rows] = shapes.least_up(np.zeros(len(rows)), leg_s).min(axis=0) >= LEAST_UP
         return np.asarray(held)
 
     def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
@@ -146,26 +147,34 @@ class Gnomonic:
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) 1 for havens that may not be convex, else 0."""
+        """Return (n,) 1 for havens that may not be convex, else 0; and _CHANGES more for those that change."""
         variety = np.zeros(len(pieces), np.int64)
         rows = np.flatnonzero(pieces.kind == Kind.TRACK)
         if rows.size:
             offset, index = ragged_rows(pieces.shape_offset, rows)
-            variety[rows] = _may_dent(pieces.shape_xy[index] / MEAN_RADIUS_M, offset)
+            outline = pieces.shape_xy[index] / MEAN_RADIUS_M
+            variety[rows] = _may_dent(outline, offset)
+            if pieces.changes:
+                later, differs = pieces.shape_to_xy[index] / MEAN_RADIUS_M, _changes(pieces)[rows]
+                dents = np.where(differs, _may_dent_on_the_way(outline, later, offset), variety[rows])
+                variety[rows] = dents + np.where(differs, _CHANGES, 0)
         return variety
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
-    ) -> "GreatCircleShapes":
+    ) -> GreatCircleShapes:
         leg_start = pieces.leg_start_us[rows]
         legs = GreatCircles.between(self, pieces.leg_start_deg[rows], pieces.leg_end_deg[rows])
+        varieties = self.variety(pieces.take(np.unique(rows)))
+        outline_m = shape_vertices(pieces, rows)
         return great_circle_shapes(
             legs.headed(self, pieces.leg_start_deg[rows], pieces.bearing_deg[rows]),
-            shape_vertices(pieces, rows),
+            outline_m,
             (zero_us - leg_start) / 1e6,
             (pieces.leg_end_us[rows] - leg_start) / 1e6,
             origin,
-            is_convex=not self.variety(pieces.take(np.unique(rows))).any(),
+            is_convex=not (varieties % _CHANGES).any(),
+            change_m=shape_vertices(pieces, rows, at_end=True) - outline_m if (varieties >= _CHANGES).any() else None,
         )
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
@@ -205,211 +214,12 @@ class Gnomonic:
         return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
 
 
-@dataclass(frozen=True, slots=True)
-class GreatCircles:
-    """n legs of great circles, the shorter way from start to end.
-
-    start, heading : (3, n) unit vectors towards the start, and along the leg there (0 where it does not move)
-    angle : (n,) length, radians
-    """
-
-    start: Floats
-    heading: Floats
-    angle: Floats
-
-    @classmethod
-    def between(cls, plane: Gnomonic, start_deg: Floats, end_deg: Floats) -> Self:
-        """Return the legs between points, (n, 2) degrees each.
-
-        Start and heading are orthogonal to the last digit: the heading comes from differences, not from the ends.
-        """
-        to_east, to_north, cosine = great_circle_step(*start_deg.T, *end_deg.T)
-        sine = np.hypot(to_east, to_north)
-        east, north = plane.compass(start_deg[:, 0], start_deg[:, 1])
-        moves = sine > 0.0
-        heading = (to_east * east + to_north * north) / np.where(moves, sine, 1.0)
-        return cls(plane.vectors(start_deg[:, 0], start_deg[:, 1]), heading, np.arctan2(sine, cosine))
-
-    @property
-    def moves(self) -> NDArray[np.bool_]:
-        """Which legs (n,) move; the ends of the others are one place, or opposite ones."""
-        return np.asarray((self.heading != 0.0).any(axis=0))
-
-    def headed(self, plane: Gnomonic, start_deg: Floats, bearing_deg: Floats) -> Self:
-        """Return the legs with these headings (n,), degrees, where they do not move."""
-        east, north = plane.compass(start_deg[:, 0], start_deg[:, 1])
-        to_east, to_north = direction_of(bearing_deg)
-        still = ~self.moves
-        return type(self)(
-            self.start,
-            np.where(still, to_east * east + to_north * north, self.heading),
-            np.where(still, 0.0, self.angle),
-        )
-
-    def heading_after(self) -> Floats:
-        """Return the unit vectors (3, n) along the legs at their ends."""
-        return np.asarray(np.cos(self.angle) * self.heading - np.sin(self.angle) * self.start)
-
-
-@dataclass(frozen=True, slots=True)
-class GreatCircleShapes:
-    """Havens on one great circle leg each (see `motion.Shapes`).
-
-    p, q, s : (3, v, n) each vertex is at cos(theta) p + sin(theta) q + s; rows: east and north from the origin, and up
-    centre : (3, n) up of the leg's start and of its heading, and up of starboard
-    ahead, across : (v, n) haven vertices, radians
-    rate : (n,) theta per second; gone : (n,) theta at t = 0
-    reference_p, reference_q : (3, n) the same as p and q for the reference point
-    is_convex : whether the vertices are known to be in convex position
-    """
-
-    p: Floats
-    q: Floats
-    s: Floats
-    centre: Floats
-    ahead: Floats
-    across: Floats
-    rate: Floats
-    gone: Floats
-    reference_p: Floats
-    reference_q: Floats
-    is_convex: bool
-
-    @property
-    def vertex_count(self) -> int:
-        """Vertices per polygon."""
-        return int(self.p.shape[1])
-
-    def take(self, rows: NDArray[np.int64]) -> Self:
-        """Return the shapes of some rows."""
-        arrays: dict[str, Any] = {
-            column.name: getattr(self, column.name)[..., rows] for column in fields(self) if column.name != "is_convex"
-        }
-        return type(self)(is_convex=self.is_convex, **arrays)
-
-    def positions(self, t: Floats) -> Floats:
-        """Return the vertices at times t (n,), (2, v, n) plane metres from the rows' origins."""
-        theta = self.gone + self.rate * t
-        v = np.cos(theta) * self.p + np.sin(theta) * self.q + self.s
-        return np.asarray(MEAN_RADIUS_M * v[:2] / v[2])
-
-    def velocities(self, t: Floats) -> Floats:
-        """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
-        theta = self.gone + self.rate * t
-        cosine, sine = np.cos(theta), np.sin(theta)
-        v = cosine * self.p + sine * self.q + self.s
-        w = cosine * self.q - sine * self.p
-        return np.asarray(MEAN_RADIUS_M * self.rate * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
-
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2.
-
-        A vertex at the angle s from the leg has the velocity v, |v| = w cos s, and the acceleration
-        w^2 (sin s S - V). With J the derivative of the projection, of norm R sec(c)^2 at the angle c from the centre,
-        x'' = w^2 sin s J(S) - 2 (C.v) / (C.V) x', and |C.v| <= |v| sin c: so |x''| is at most
-        R w^2 sec(c)^2 cos s (|sin s| + 2 cos s tan c), which increases with c.
-        """
-        up = self.least_up(t0, t1)
-        secant = 1.0 / up
-        tangent = np.sqrt(np.maximum(secant**2 - 1.0, 0.0))
-        cosine = np.cos(self.across)
-        most = secant**2 * cosine * (np.abs(np.sin(self.across)) + 2.0 * cosine * tangent)
-        return np.asarray(MEAN_RADIUS_M * self.rate**2 * most.max(axis=0))
-
-    def velocity(self, t: Floats) -> Floats:
-        theta = self.gone + self.rate * t
-        cosine, sine = np.cos(theta), np.sin(theta)
-        v = cosine * self.reference_p + sine * self.reference_q
-        w = cosine * self.reference_q - sine * self.reference_p
-        return np.asarray(MEAN_RADIUS_M * self.rate * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
-
-    def uneven(self, t0: Floats, t1: Floats) -> Floats:
-        """Return how far the velocities differ in the middle, and by how much they can change until the ends."""
-        middle = 0.5 * (t0 + t1)
-        away = self.velocities(middle) - self.velocity(middle)[:, None, :]
-        return np.asarray(np.hypot(away[0], away[1]).max(axis=0) + 0.5 * (t1 - t0) * self.bend(t0, t1))
-
-    def reference(self, t: Floats) -> Floats:
-        """Return the reference points at times t (n,), (2, n) plane metres from the rows' origins."""
-        theta = self.gone + self.rate * t
-        v = np.cos(theta) * self.reference_p + np.sin(theta) * self.reference_q
-        return np.asarray(MEAN_RADIUS_M * v[:2] / v[2])
-
-    def departure(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) how far a vertex may leave the segment between its places at t0 and t1, plane metres.
-
-        And how far its offset from the reference point may leave the segment between its offsets.
-
-        With phi the angle from the leg's point K nearest to the centre, the reference point is linear in u = tan(phi):
-        K = cos of that point's angle from the centre, sigma = C.S. A vertex f ahead and s across has
-        x_uu = cos(phi)^4 (sin s J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi).
-        """
-        up = self.least_up(t0, t1)
-        along, across = self.centre[:2], self.centre[2]
-        nearest = np.hypot(along[0], along[1])
-        at_nearest = np.arctan2(along[1], along[0])
-        phi0, phi1 = (self.gone + self.rate * t - at_nearest for t in (t0, t1))
-        # One of the legs' turns: phi lies within a quarter turn, as the legs lie within 60 degrees of the centre.
-        whole = 2.0 * np.pi * np.round(phi0 / (2.0 * np.pi))
-        phi0, phi1 = phi0 - whole, phi1 - whole
-        least = np.where(phi0 * phi1 <= 0.0, 0.0, np.minimum(np.abs(phi0), np.abs(phi1)))
-        cosine, sine = np.cos(least), np.sin(np.maximum(np.abs(phi0), np.abs(phi1)))
-        sine_across = np.abs(np.sin(self.across))
-        turning = nearest * np.abs(np.sin(self.ahead)) + np.abs(across) * sine_across * sine
-        most = (sine_across * cosine**4 + 2.0 * turning * cosine**3 / up) * np.cos(self.across) / up**2
-        way = np.sin(phi1 - phi0) / (np.cos(phi0) * np.cos(phi1))
-        return np.asarray(MEAN_RADIUS_M * most.max(axis=0) * way**2 / 8.0)
-
-    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) the largest scale that any vertex reaches during [t0, t1]."""
-        return np.asarray(1.0 / self.least_up(t0, t1).min(axis=0) ** 2)
-
-    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
-        theta0, theta1 = self.gone + self.rate * t0, self.gone + self.rate * t1
-        up0, up1 = (np.cos(theta) * self.centre[0] + np.sin(theta) * self.centre[1] for theta in (theta0, theta1))
-        turn = theta1 - theta0
-        gone = np.arctan2(
-            plane_fraction * up0 * np.sin(turn), (1.0 - plane_fraction) * up1 + plane_fraction * up0 * np.cos(turn)
-        )
-        return np.clip(np.where(turn > 0.0, gone / np.where(turn > 0.0, turn, 1.0), plane_fraction), 0.0, 1.0)
-
-    def least_up(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (v, n) the least C.V of each vertex during [t0, t1]: a cosine, least at one of the ends."""
-        ends = []
-        for t in (t0, t1):
-            theta = self.gone + self.rate * t
-            ends.append(np.cos(theta) * self.p[2] + np.sin(theta) * self.q[2] + self.s[2])
-        return np.asarray(np.minimum(*ends))
-
-
-def great_circle_shapes(
-    legs: GreatCircles, outline_m: Floats, into_leg_s: Floats, leg_s: Floats, origin: Floats, *, is_convex: bool = False
-) -> GreatCircleShapes:
-    """Return havens on legs.
-
-    outline_m : (2, v, n) starboard and forward metres
-    into_leg_s, leg_s : (n,) seconds of the leg gone at t = 0, and that it takes
-    origin : (2, n) plane metres that positions count from
-    """
-    start, heading = _from_origin(legs.start, origin), _from_origin(legs.heading, origin)
-    starboard = np.cross(legs.heading, legs.start, axis=0)
-    across, ahead = outline_m / MEAN_RADIUS_M
-    cosine = np.cos(across)
-    forward, upward = (cosine * np.sin(ahead))[None], (cosine * np.cos(ahead))[None]
-    rate = legs.angle / leg_s
-    return GreatCircleShapes(
-        p=upward * start[:, None] + forward * heading[:, None],
-        q=upward * heading[:, None] - forward * start[:, None],
-        s=np.sin(across) * _from_origin(starboard, origin)[:, None],
-        centre=np.stack([legs.start[2], legs.heading[2], starboard[2]]),
-        ahead=ahead,
-        across=across,
-        rate=rate,
-        gone=rate * into_leg_s,
-        reference_p=start,
-        reference_q=heading,
-        is_convex=is_convex,
-    )
+def _changes(pieces: Pieces) -> NDArray[np.bool_]:
+    """Return (n,) whether a haven has another outline at the end of its leg."""
+    if not pieces.changes:
+        return np.zeros(len(pieces), np.bool_)
+    differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
+    return np.asarray(np.logical_or.reduceat(differs, pieces.shape_offset[:-1]))
 
 
 def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -429,6 +239,26 @@ def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
     return np.asarray(np.logical_or.reduceat(dents, offset[:-1]) & (np.diff(offset) > 2))
 
 
-def _from_origin(vector: Floats, origin: Floats) -> Floats:
-    """Return vectors (3, n) with east and north counted from an origin (2, n) of the plane, metres."""
-    return np.concatenate([vector[:2] - origin / MEAN_RADIUS_M * vector[2], vector[2:]])
+def _may_dent_on_the_way(start: Floats, end: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return `_may_dent` of outlines whose vertices move straight from start to end, counter-clockwise both.
+
+    In the plane that touches the sphere at the reference point, x = tan(s) / cos(f) and y = tan(f): up to half a radian
+    a side of length d is turned against another by less than 4 d tan(the haven's reach). A turn is a quadratic in time,
+    which its Bernstein coefficients bound; a side is longest at one of the ends.
+    """
+    after = np.arange(len(start)) + 1
+    after[offset[1:] - 1] = offset[:-1]
+    side, last = start[after] - start, end[after] - end
+    length = np.maximum(np.hypot(side[:, 0], side[:, 1]), np.hypot(last[:, 0], last[:, 1]))
+    between = 0.5 * (_cross(side, last[after]) + _cross(last, side[after]))
+    turn = np.minimum(np.minimum(_cross(side, side[after]), _cross(last, last[after])), between)
+    reach = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
+    reach = np.maximum.reduceat(reach, offset[:-1])
+    of = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
+    bent = _CORNER_SLACK * (length + length[after]) * np.tan(np.minimum(reach, _FLAT))[of]
+    flat = (turn <= (bent + _LEAST_TURN) * length * length[after]) | (reach > _FLAT)[of]
+    return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 2))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -149,7 +149,8 @@ BEGIN
             SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _settle_centre(NEW.scene_id, NEW.path) c;
         END IF;
         PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
-        PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat);
+        PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,
+                                         NEW.grow_mps, NEW.outlines);
     -- A degree of latitude has 110,574 m at least.
     ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
        + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
@@ -236,7 +237,7 @@ BEGIN
             FROM area a WHERE a.scene_id = v_scene.scene_id;
         PERFORM _check_near_centre(format('track %L', t.key), 'path', t.path, v_scene.centre_lon, v_scene.centre_lat),
                 _check_haven_near_centre(format('track %L', t.key), t.path, t.outline, v_scene.centre_lon,
-                                         v_scene.centre_lat)
+                                         v_scene.centre_lat, t.grow_mps, t.outlines)
             FROM track t WHERE t.scene_id = v_scene.scene_id;
     ELSE
         PERFORM _check_coordinates(format('area %L', a.key), 'footprint', a.footprint, v_scene.scene_id)

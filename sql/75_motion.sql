@@ -178,6 +178,20 @@ END;
 COMMENT ON FUNCTION _grown_outline(geometry, double precision) IS
 'An outline whose sides all moved outward by so many metres, corners mitred.';
 
+CREATE OR REPLACE FUNCTION _outline_at(
+    p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE
+        WHEN p_outlines IS NOT NULL THEN ST_GeometryN(p_outlines, p_waypoint)
+        WHEN p_grow_mps > 0 THEN _grown_outline(p_outline, p_grow_mps * (
+            ST_M(ST_PointN(p_path, p_waypoint)) - ST_M(ST_StartPoint(p_path))))
+        ELSE p_outline END;
+END;
+COMMENT ON FUNCTION _outline_at(geometry, geometry, double precision, geometry, integer) IS
+'The outline of a haven (metres) at a waypoint of its path, counted from 1.';
+
 CREATE OR REPLACE FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -197,6 +211,7 @@ DECLARE
     v_plane text;
     v_nr integer;
     v_leg record;
+    v_starts_at timestamptz;
     v_progress double precision;
     v_mu double precision;
     v_lon_deg double precision;
@@ -209,27 +224,14 @@ BEGIN
         PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
                         'object_known');
     END IF;
-    IF v_scene.motion = 'great_circle' THEN
-        v_ring := _circle_haven_at(v_track.path, v_track.outline, p_instant);
-        v_ring := CASE ST_Dimension(ST_ConvexHull(v_track.outline))
-                      WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring) ELSE v_ring END;
-        v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
-        v_ring := _to_plane(v_ring, v_plane);
-        RETURN _wrapped(_from_plane(CASE WHEN ST_Dimension(ST_ConvexHull(v_track.outline)) = 2
-                                         THEN ST_MakePolygon(v_ring) ELSE v_ring END, v_plane));
-    END IF;
     -- At a waypoint the leg that starts there counts; the last instant belongs to none.
     SELECT max(d.path[1]) INTO v_nr FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;
     IF v_nr IS NULL OR v_nr = ST_NPoints(v_track.path) THEN
         RETURN NULL;
     END IF;
-    SELECT * INTO v_leg
-        FROM _legs(ST_MakeLine(ST_PointN(v_track.path, v_nr), ST_PointN(v_track.path, v_nr + 1)), v_scene.earth);
-    IF v_leg.lon_step_deg = 0 AND v_leg.mu_step = 0 THEN
-        -- Only a loiter's heading depends on the other legs.
-        SELECT l.bearing_deg INTO v_leg.bearing_deg FROM _legs(v_track.path, v_scene.earth) l WHERE l.leg = v_nr;
-    END IF;
-    v_progress := extract(epoch FROM p_instant - v_leg.starts_at) / extract(epoch FROM v_leg.ends_at - v_leg.starts_at);
+    v_starts_at := to_timestamp(ST_M(ST_PointN(v_track.path, v_nr)));
+    v_progress := extract(epoch FROM p_instant - v_starts_at)
+                  / extract(epoch FROM to_timestamp(ST_M(ST_PointN(v_track.path, v_nr + 1))) - v_starts_at);
     v_outline := CASE
         WHEN v_track.outlines IS NOT NULL THEN
             _outline_between(ST_GeometryN(v_track.outlines, v_nr), ST_GeometryN(v_track.outlines, v_nr + 1), v_progress)
@@ -237,6 +239,21 @@ BEGIN
             _grown_outline(v_track.outline, v_track.grow_mps * extract(
                 epoch FROM p_instant - to_timestamp(ST_M(ST_StartPoint(v_track.path))))::double precision)
         ELSE v_track.outline END;
+    IF v_scene.motion = 'great_circle' THEN
+        v_ring := _circle_haven_at(v_track.path, v_outline, p_instant);
+        v_ring := CASE ST_Dimension(ST_ConvexHull(v_outline))
+                      WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring) ELSE v_ring END;
+        v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
+        v_ring := _to_plane(v_ring, v_plane);
+        RETURN _wrapped(_from_plane(CASE WHEN ST_Dimension(ST_ConvexHull(v_outline)) = 2
+                                         THEN ST_MakePolygon(v_ring) ELSE v_ring END, v_plane));
+    END IF;
+    SELECT * INTO v_leg
+        FROM _legs(ST_MakeLine(ST_PointN(v_track.path, v_nr), ST_PointN(v_track.path, v_nr + 1)), v_scene.earth);
+    IF v_leg.lon_step_deg = 0 AND v_leg.mu_step = 0 THEN
+        -- Only a loiter's heading depends on the other legs.
+        SELECT l.bearing_deg INTO v_leg.bearing_deg FROM _legs(v_track.path, v_scene.earth) l WHERE l.leg = v_nr;
+    END IF;
     v_mu := v_leg.mu + v_progress * v_leg.mu_step;
     v_lon_deg := v_leg.lon_deg + v_leg.lon_step_deg * v_progress * _stretch(v_leg.mu, v_mu, v_scene.earth)
                                  / _stretch(v_leg.mu, v_leg.mu + v_leg.mu_step, v_scene.earth);
@@ -273,11 +290,8 @@ BEGIN
         FROM _legs(p_path, p_earth) l
         -- Latitudes are linear in time, also of a haven that grows.
         CROSS JOIN LATERAL (VALUES (l.mu, l.leg), (l.mu + l.mu_step, l.leg + 1)) e (mu, waypoint)
-        CROSS JOIN LATERAL (SELECT CASE
-            WHEN p_outlines IS NOT NULL THEN ST_GeometryN(p_outlines, e.waypoint)
-            WHEN p_grow_mps > 0 THEN _grown_outline(p_outline, p_grow_mps * (
-                ST_M(ST_PointN(p_path, e.waypoint)) - ST_M(ST_StartPoint(p_path))))
-            ELSE p_outline END AS outline OFFSET 0) o
+        CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, e.waypoint) AS outline
+                            OFFSET 0) o
         CROSS JOIN LATERAL (SELECT ST_Y(d.geom) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
                                    ST_X(d.geom) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
                             FROM ST_DumpPoints(o.outline) d) v) > radians(89.5) THEN

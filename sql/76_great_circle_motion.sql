@@ -109,23 +109,48 @@ END;
 COMMENT ON FUNCTION _circle_haven_at(geometry, geometry, timestamptz) IS
 'The vertices of a haven on great circles at an instant, longitude and latitude, degrees; null when it is not there.';
 
+CREATE OR REPLACE FUNCTION _sag(
+    p_angle double precision, p_first geometry, p_last geometry
+) RETURNS double precision
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT max(2 * abs((p_angle + v.ahead) * v.across) * sin(v.widest) + v.across ^ 2) / 8
+    FROM (SELECT (ST_Y(b.geom) - ST_Y(a.geom)) / 6371008.771415 AS ahead,
+                 _not_tiny(ST_X(b.geom) - ST_X(a.geom)) / 6371008.771415 AS across,
+                 greatest(abs(ST_X(a.geom)), abs(ST_X(b.geom))) / 6371008.771415 AS widest
+          FROM ST_DumpPoints(p_first) a JOIN ST_DumpPoints(p_last) b ON b.path = a.path) v;
+END;
+COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
+'By how much less the cosine of a vertex''s angle from the centre may be on a leg (radians) than at both its ends, when '
+'its outline changes from one to another; see conflictdb.circles.';
+
 CREATE OR REPLACE FUNCTION _check_haven_near_centre(
-    p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision
+    p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
+    p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), p_outline) / 6371008.771415);
+    v_changes boolean := p_grow_mps > 0 OR p_outlines IS NOT NULL;
+    v_widest geometry := coalesce(p_outlines, _outline_at(p_path, p_outline, p_grow_mps, NULL, ST_NPoints(p_path)));
+    v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 6371008.771415);
 BEGIN
     -- A vertex is no further from its reference point than by both steps.
     IF _from_centre_deg(p_path, p_centre_lon, p_centre_lat) + sqrt(2) * v_reach_deg <= 60 THEN
         RETURN;
     END IF;
-    -- Between the ends of a leg a vertex is no further out than at one of them.
-    IF v_reach_deg > 60 OR EXISTS (
-        SELECT FROM _circle_legs(p_path) l CROSS JOIN LATERAL (VALUES (0.0), (l.angle)) e (angle)
-        WHERE _from_centre_deg(_circle_vertices(l.start, l.heading, e.angle, p_outline), p_centre_lon,
-                               p_centre_lat) > 60 + 1e-9) THEN
-        PERFORM _refuse('ZC005', p_who, 'outline',
+    -- Between the ends of a leg a vertex is no further out than at one of them, but for what it sags if it changes.
+    IF v_reach_deg > CASE WHEN v_changes THEN 30 ELSE 60 END OR EXISTS (
+        SELECT FROM _circle_legs(p_path) l
+        CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, l.leg) AS first,
+                                   _outline_at(p_path, p_outline, p_grow_mps, p_outlines, l.leg + 1) AS last
+                            OFFSET 0) o
+        CROSS JOIN LATERAL (VALUES (0.0, o.first), (l.angle, o.last)) e (angle, outline)
+        WHERE _from_centre_deg(_circle_vertices(l.start, l.heading, e.angle, e.outline), p_centre_lon, p_centre_lat)
+              > CASE WHEN v_changes THEN degrees(acos(least(0.5 + _sag(l.angle, o.first, o.last), 1))) ELSE 60 END
+                + 1e-9) THEN
+        PERFORM _refuse('ZC005', p_who,
+                        CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
+                             ELSE 'outline' END,
                         format('the haven reaches beyond 60 degrees from the scene''s centre (%s, %s) on one of '
                                'its legs',
                                p_centre_lon, p_centre_lat),
@@ -134,5 +159,6 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision) IS
+COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision,
+                                             double precision, geometry) IS
 'Refuses a haven (metres) that leaves the gnomonic plane on its path, as conflictdb.pieces.check_plane does.';

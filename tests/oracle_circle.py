@@ -21,6 +21,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from oracle import SAME_INSTANT_S, Floats, Meeting, _high, _low, _merged, contacts
+from oracle_motion import outlines
 
 from conflictdb.model import Area, Scene, Track
 
@@ -43,14 +44,17 @@ class Leg:
     start: Floats
     heading: Floats
     angle: float
+    outline_m: Floats
+    growth_m: Floats
 
-    def vertices(self, outline_m: Floats, fraction: Floats) -> Floats:
+    def vertices(self, fraction: Floats) -> Floats:
         """Unit vectors (n, m, 3) of the haven's vertices at n fractions of the leg."""
         starboard = np.cross(self.heading, self.start)
-        across, ahead = outline_m.T.astype(np.longdouble) / RADIUS_M
-        at = (fraction[:, None] * self.angle + ahead)[..., None]
+        outlines_m = self.outline_m.astype(np.longdouble) + fraction[:, None, None] * self.growth_m
+        across, ahead = np.moveaxis(outlines_m, -1, 0)[..., None] / RADIUS_M
+        at = fraction[:, None, None] * self.angle + ahead
         on_track = np.cos(at) * self.start + np.sin(at) * self.heading
-        return np.cos(across)[:, None] * on_track + np.sin(across)[:, None] * starboard
+        return np.cos(across) * on_track + np.sin(across) * starboard
 
 
 def legs(track: Track) -> list[Leg]:
@@ -65,10 +69,11 @@ def legs(track: Track) -> list[Leg]:
         headings.append(np.cross(pole, a) / sine if moves else None)
         angles.append(np.arctan2(sine, a @ b) if moves else np.longdouble(0.0))
     kept = next((h for h in headings if h is not None), None)
-    found = []
+    found, havens = [], outlines(track)
     for i, (heading, angle) in enumerate(zip(headings, angles, strict=True)):
         now = heading if heading is not None else (norths[i] if kept is None else kept)
-        found.append(Leg(int(track.times_us[i]), int(track.times_us[i + 1]), places[i], now, angle))
+        start_us, end_us, change = int(track.times_us[i]), int(track.times_us[i + 1]), havens[i + 1] - havens[i]
+        found.append(Leg(start_us, end_us, places[i], now, angle, havens[i], change))
         if heading is not None:
             kept = np.cos(angle) * heading - np.sin(angle) * places[i]
     return found
@@ -120,7 +125,6 @@ class Phase:
     end_us: float
     leg: Leg | None
     chart: Chart
-    outline_m: Floats
     footprint: shapely.Geometry | None
 
     def vertices(self, epoch_us: int, seconds: Floats) -> Floats:
@@ -131,7 +135,7 @@ class Phase:
         leg = self.leg
         gone = np.longdouble((epoch_us - leg.start_us) / 1e6) + seconds
         fraction = np.clip(gone / ((leg.end_us - leg.start_us) / 1e6), 0.0, 1.0)
-        return self.chart.plane(leg.vertices(self.outline_m, fraction))
+        return self.chart.plane(leg.vertices(fraction))
 
     def place(self, epoch_us: int, seconds: Floats) -> NDArray[np.object_]:
         if self.leg is None:
@@ -145,8 +149,8 @@ def phases(chart: Chart, thing: Area | Track) -> list[Phase]:
         end = np.inf if thing.end_us is None else thing.end_us
         footprint = chart.footprint(thing)
         shapely.prepare(footprint)
-        return [Phase(start, end, None, chart, np.empty((0, 2)), footprint)]
-    return [Phase(leg.start_us, leg.end_us, leg, chart, thing.outline_m, None) for leg in legs(thing)]
+        return [Phase(start, end, None, chart, footprint)]
+    return [Phase(leg.start_us, leg.end_us, leg, chart, None) for leg in legs(thing)]
 
 
 def edges(geometry: shapely.Geometry) -> Floats:
@@ -231,7 +235,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
 def haven_at(track: Track, instant_us: int, leg: int) -> Floats:
     """Unit vectors (m, 3) towards the vertices of a haven on one of its legs."""
     x = legs(track)[leg]
-    return x.vertices(track.outline_m, np.array([(instant_us - x.start_us) / (x.end_us - x.start_us)]))[0]
+    return x.vertices(np.array([(instant_us - x.start_us) / (x.end_us - x.start_us)]))[0]
 
 
 def _places(thing: Area | Track) -> Floats:

@@ -68,7 +68,20 @@ ARCTIC: Final = Workload(
 GROWING: Final = replace(
     HIGH_LATITUDE, name="growing", latitudes=(-70.0, 70.0), around_haven=(5.0, 30.0), changing_share=0.8
 )
-WORKLOADS: Final = (PAPER, HIGH_LATITUDE, SOUTH, LONG_LEGS, SEAM, EQUATOR, HARBOUR, OCEAN, ARCTIC, GROWING)
+GROWING_CIRCLES: Final = replace(OCEAN, name="growing circles", around_haven=(5.0, 200.0), changing_share=0.8)
+WORKLOADS: Final = (
+    PAPER,
+    HIGH_LATITUDE,
+    SOUTH,
+    LONG_LEGS,
+    SEAM,
+    EQUATOR,
+    HARBOUR,
+    OCEAN,
+    ARCTIC,
+    GROWING,
+    GROWING_CIRCLES,
+)
 
 
 def throw(

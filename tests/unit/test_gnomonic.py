@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from conflictdb.circles import GreatCircles, GreatCircleShapes, great_circle_shapes
 from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.gnomonic import Gnomonic, GreatCircles, GreatCircleShapes, great_circle_shapes
+from conflictdb.gnomonic import Gnomonic
 
 CLOSE_M = 1e-8
 LEG_S = 1000.0

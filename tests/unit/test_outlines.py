@@ -13,10 +13,10 @@ from workloads import GROWING, throw
 
 from conflictdb.batches import TrackBatch
 from conflictdb.errors import InvalidInput
-from conflictdb.geodesy import earth_of
-from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model import Scene, Track, rectangle_outline_m
 from conflictdb.outlines import mitred, stays_convex
 from conflictdb.pieces import _legs, track_pieces
+from conflictdb.planes import plane_of
 
 
 def grown_by(outline: np.ndarray, by_m: float) -> np.ndarray:
@@ -72,7 +72,7 @@ def test_outlines_of_a_batch_are_those_of_each_track() -> None:
     scene, _, tracks = throw(GROWING, 5, 0, 40)
     assert sum(t.grow_mps > 0 for t in tracks) > 5
     assert sum(t.outlines_m is not None for t in tracks) > 5
-    legs = _legs(earth_of(scene.earth), TrackBatch.of(tracks))
+    legs = _legs(plane_of(scene), TrackBatch.of(tracks))
     leg = 0
     for track in tracks:
         wanted = outlines(track)
@@ -91,7 +91,7 @@ def test_nothing_that_changes_shares_its_memory() -> None:
     _, _, tracks = throw(GROWING, 5, 0, 40)
     steady = [replace(t, grow_mps=0.0, outlines_m=None) for t in tracks]
     steady[3] = replace(steady[3], outlines_m=np.array([steady[3].outline_m] * len(steady[3].times_us)))
-    legs = _legs(earth_of(EarthModel.WGS84), TrackBatch.of(steady))
+    legs = _legs(plane_of(Scene("s")), TrackBatch.of(steady))
     assert legs.outline_to_m is legs.outline_m
 
 

@@ -1,0 +1,151 @@
+"""Havens that change on great circles: their motion against the oracle, its bounds, and answers known by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import oracle_circle
+import pytest
+import scenes
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import HOUR_S
+from workloads import GROWING_CIRCLES, throw
+
+from conflictdb import InvalidInput, solve
+from conflictdb.batches import Pieces, TrackBatch
+from conflictdb.circles import GreatCircleShapes
+from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.gnomonic import Gnomonic
+from conflictdb.model import Motion, Scene, Track
+from conflictdb.pieces import check_plane, track_pieces
+
+ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
+SAMPLES = 65
+LASTS_S = 36000.0
+Sizes = tuple[float, float, float, float]
+SCENE = Scene("s", Motion.GREAT_CIRCLE, centre=(20.0, 40.0))
+
+
+def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scene = SCENE) -> GreatCircleShapes:
+    return Gnomonic(*scene.centre).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+
+
+def in_reach(track: Track) -> bool:
+    try:
+        check_plane(SCENE, [], [track])
+    except InvalidInput:
+        return False
+    return True
+
+
+def test_vertices_agree_with_the_oracle() -> None:
+    """On every leg, also of havens that change at every waypoint."""
+    for seed in (21, 22):
+        scene, _, tracks = throw(GROWING_CIRCLES, seed, 0, 8)
+        for track in tracks:
+            pieces = track_pieces(scene, TrackBatch.of([track]))
+            for phase in oracle_circle.phases(oracle_circle.Chart.at(*scene.centre), track):
+                row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
+                seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
+                rows = np.repeat(row, len(seconds))
+                found = shapes_at(pieces, rows, pieces.leg_start_us[rows], scene).positions(seconds).T
+                apart = found[:, :, None] - phase.vertices(int(phase.start_us), seconds)[:, None]
+                distance = np.hypot(apart[..., 0], apart[..., 1])
+                assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < ROUNDING_M
+
+
+def changing(lat: float, dlat: float, lon: float, dlon: float, sizes: Sizes, later: Sizes | None, mps: float) -> Track:
+    """One leg: to another outline, if one is given, else with sides that move outward."""
+    track = scenes.track("T", [(lon, lat), (lon + dlon, lat + dlat)], [0, LASTS_S], *sizes)
+    if later is None:
+        return replace(track, grow_mps=mps)
+    ends = np.array([[(-p, -a), (s, -a), (s, f), (-p, f)] for f, a, p, s in (sizes, later)])
+    return replace(track, outline_m=ends[0], outlines_m=ends)
+
+
+tracks = st.builds(
+    changing,
+    st.floats(-15, 85),
+    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 5.0]),
+    st.floats(-40, 80),
+    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
+    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5, 1e6])] * 4),
+    st.one_of(st.none(), st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 2e5, 1.5e6])] * 4)),
+    st.sampled_from([1e-6, 0.01, 1.0, 6.0]),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(tracks, st.floats(0, 0.9), st.floats(0.01, 1))
+def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, share: float) -> None:
+    """Velocities are what differences say; `bend`, `least_up`, `departure`, `uneven` are never exceeded."""
+    if not in_reach(track):
+        return
+    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+    t0 = start * LASTS_S
+    t1 = t0 + share * (LASTS_S - t0)
+    seconds = np.linspace(t0, t1, SAMPLES)
+    ends = np.array([t0]), np.array([t1])
+    h = seconds[1] - seconds[0]
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    at, velocity = shapes.positions(seconds), shapes.velocities(seconds)
+    difference = (at[..., 2:] - at[..., :-2]) / (2 * h)
+    jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
+    assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
+    second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
+    assert second.max() <= float(one.bend(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
+    assert (up.min(axis=1) >= one.least_up(*ends)[:, 0] - 1e-14).all()
+    assert up.min() >= 0.5 - 1e-9
+
+    # The share of the reference point's way that is gone, in the plane; of the time where it stays.
+    reference = shapes.reference(seconds)
+    offset = at - reference[:, None, :]
+    way = np.hypot(*(reference - reference[:, :1]))
+    gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
+    assert left <= float(one.departure(*ends)[0]) + 4 * ROUNDING_M
+    uneven = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
+    assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
+
+
+@settings(max_examples=200, deadline=None)
+@given(tracks)
+def test_havens_known_to_be_convex_are(track: Track) -> None:
+    """At all times the vertices of what claims it turn one way."""
+    if not in_reach(track):
+        return
+    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+    if not one.is_convex or one.vertex_count < 3:
+        return
+    at = one.take(np.zeros(SAMPLES, np.int64)).positions(np.linspace(0.0, LASTS_S, SAMPLES))
+    side = np.roll(at, -1, axis=1) - at
+    after = np.roll(side, -1, axis=1)
+    assert (side[0] * after[1] - side[1] * after[0] > 0.0).all()
+
+
+def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:
+    """A square about a moored point, its sides moving at 2 m/s, and a wall due north of it."""
+    point = replace(scenes.track("T", [(20, 40), (20, 40)], [0, 4 * HOUR_S], 0.0, 0.0, 0.0, 0.0), grow_mps=2.0)
+    wall = scenes.area("A", shapely.box(19, 40.2, 21, 41))
+    # The wall's side across the meridian runs north of its corners; the haven's own is as far north as it has gone.
+    way = np.arctan(np.tan(np.radians(40.2)) / np.cos(np.radians(1.0))) - np.radians(40.0)
+    (met,) = solve([point], [wall], SCENE)
+    ((start_us, end_us),) = met.periods_us
+    assert abs((start_us - point.times_us[0]) / 1e6 - way * RADIUS_M / 2.0) < 3e-6
+    assert end_us == point.times_us[1]
+
+
+def test_a_haven_that_outgrows_the_plane_is_refused() -> None:
+    """And told by which field it does."""
+    track = scenes.track("T", [(20, -18), (20, -18)], [0, 10 * HOUR_S], 1000.0, 1000.0, 1000.0, 1000.0)
+    check_plane(SCENE, [], [track])
+    for other, field in (
+        (replace(track, grow_mps=10.0), "grow_mps"),
+        (replace(track, outlines_m=np.array([track.outline_m, 300.0 * track.outline_m])), "outlines_m"),
+    ):
+        with pytest.raises(InvalidInput, match=f"'T': {field}: the haven reaches beyond 60 degrees"):
+            check_plane(SCENE, [], [other])
