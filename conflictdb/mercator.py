@@ -29,12 +29,12 @@ MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 # The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
 # and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
 ELLIPSOID_SLACK: Final = 1.05
-# Lengths of the power series, and the largest size of a haven over its distance to the pole for which what is left out,
-# a q^(K + 1) / (K + 1), is below 1e-10 m. Larger havens take the closed form (0).
-SERIES: Final = ((6, 0.005), (12, 0.06))
-# The same for the series about the middle of a slice, and the largest way from there to a vertex; it stands in for the
-# first of SERIES where it can.
-CENTRED: Final = (12, 0.06)
+# Terms of the power series of psi about the middle of a slice, and the largest way from there to a vertex over the
+# distance to the pole for which what they leave out, a q^(k + 1) / (k + 1), is below 1e-10 m. Beyond: the closed form.
+SLICE_TERMS: Final = 12
+SLICE_REACH: Final = 0.06
+# The same of the series about the reference point, for the size of the haven.
+HAVEN_TERMS: Final = ((6, 0.005), (SLICE_TERMS, SLICE_REACH))
 # The radius of the conformal sphere varies by 0.7 % from equator to pole, and great circles on it are taken for
 # geodesics: over 100 km that overstates a distance by less than this share.
 GEODESIC_SHARE: Final = 1e-8
@@ -144,8 +144,8 @@ class Mercator:
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
         """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array.
 
-        Twice the number of the power series that a haven takes (0 the centred one, then those of SERIES, then the
-        closed form), plus 1 if it may not be convex, plus CHANGES if it changes on its leg.
+        Twice the number of the power series that a haven takes (the closed form comes last), plus 1 if it may not be
+        convex, plus CHANGES if it changes on its leg.
         """
         variety = np.zeros(len(pieces), np.int64)
         rows = np.flatnonzero(pieces.kind == Kind.TRACK)
@@ -164,10 +164,10 @@ class Mercator:
                 differs = np.logical_or.reduceat((outline_to != outline).any(axis=1), offset[:-1])
                 variety[rows] = np.where(differs, CHANGES, 0)
             to_pole = 0.5 * np.pi - highest
-            series = 1 + np.searchsorted([limit for _, limit in SERIES], size / to_pole)
+            series = np.searchsorted([limit for _, limit in HAVEN_TERMS], size / to_pole)
             slice_us = (pieces.end_us - pieces.start_us)[rows] / (pieces.leg_end_us - pieces.leg_start_us)[rows]
             half = 0.5 * np.abs(ends[1] - ends[0]) * slice_us
-            series[(series == 1) & (half + size <= CENTRED[1] * to_pole)] = 0
+            series[half + size > SLICE_REACH * to_pole] = len(HAVEN_TERMS)
             tangent = np.tan(np.minimum(highest + size, 1.57))
             variety[rows] += 2 * series + _may_dent(outline, outline_to, offset, tangent)
         return variety
@@ -203,11 +203,11 @@ class Mercator:
             (pieces.leg_end_us - pieces.leg_start_us) / 1e6,
             direction_of(pieces.bearing_deg),
             outline,
-            (*SERIES[:1], *SERIES, (0, 0.0))[series][0],
+            HAVEN_TERMS[series][0] if series < len(HAVEN_TERMS) else 0,
             is_convex=bool(convex),
             change=change,
         )
-        if series:
+        if not shapes.order:
             return shapes
         start_s, end_s = ((instant - pieces.leg_start_us) / 1e6 for instant in (pieces.start_us, pieces.end_us))
         return shapes.centred(0.5 * (start_s + end_s))
@@ -309,7 +309,7 @@ class RhumbShapes:
     order : terms of the power series; 0 is the closed form
     is_convex : whether the vertices are known to be in convex position
     growth : how the havens change on the leg; None where none does
-    middle : what positions are computed about; None for the start of the leg
+    middle : what the power series are about; None for the closed form
     """
 
     earth: Earth
@@ -369,7 +369,7 @@ class RhumbShapes:
     def centred(self, at_s: Floats) -> Self:
         """Return the same havens, computed by power series about where they are at some instants (n,)."""
         mu = self.start_mu + (self.into_leg_s + at_s) / self.leg_s * self.delta_mu
-        series = np.stack(self.earth.isometric_series(mu, CENTRED[0]))
+        series = np.stack(self.earth.isometric_series(mu, SLICE_TERMS))
         return replace(self, middle=Middle(at_s, self.reference(at_s), series))
 
     def reference(self, t: Floats) -> Floats:
@@ -555,13 +555,13 @@ class RhumbShapes:
         return self.forward + self.growth.forward * into, self.starboard + self.growth.starboard * into
 
     def _reference(self, t: Floats) -> tuple[Floats, Floats, list[Floats]]:
-        """Return the reference points (2, n), their latitudes, and the power series of psi there (empty: none)."""
+        """Return the reference points (2, n), their latitudes, and the power series of psi there, if any."""
         progress = (self.into_leg_s + t) / self.leg_s
         mu = self.start_mu + progress * self.delta_mu
         found = np.empty((2, len(mu)))
         if self.middle is None:
             way, origin = progress * self.earth.stretch(self.start_mu, mu), self.start
-            series = self.earth.isometric_series(mu, self.order) if self.order else []
+            series: list[Floats] = []
         else:
             gone = (t - self.middle.at_s) / self.leg_s
             stretch, series = _shifted(self.middle.series, gone * self.delta_mu, self.order)

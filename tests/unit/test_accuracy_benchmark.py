@@ -14,9 +14,9 @@ from conflictdb.model import EarthModel, Kind, Method
 from conflictdb.settle import settle
 
 EPOCH_US = 1_000_000
-MEETS = oracle.Meeting(EPOCH_US, ((10.0, 20.0), (30.0, 40.0)), 0.0, 0.0, 10.0)
-NEAR = oracle.Meeting(EPOCH_US, (), 5.0, 5.0, 10.0)
-FAR = oracle.Meeting(EPOCH_US, (), float("inf"), float("inf"), float("nan"))
+MEETS = oracle.Meeting(EPOCH_US, ((10.0, 20.0), (30.0, 40.0)), 0.0, 10.0)
+NEAR = oracle.Meeting(EPOCH_US, (), 5.0, 10.0)
+FAR = oracle.Meeting(EPOCH_US, (), float("inf"), float("nan"))
 
 
 def told(verdict: Verdict, *periods_s: tuple[float, float], error_s: float = 0.0) -> Reported:
