@@ -312,7 +312,7 @@ FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_m
 FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision)
+FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision, p_grow_mps double precision, p_outlines geometry)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
@@ -420,6 +420,9 @@ FUNCTION _not_tiny(p_m double precision)
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -464,6 +467,9 @@ FUNCTION _require_snapshot()
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _sag(p_angle double precision, p_first geometry, p_last geometry)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene(p_scene_id bigint)
     RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;

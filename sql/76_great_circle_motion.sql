@@ -121,8 +121,8 @@ BEGIN ATOMIC
           FROM ST_DumpPoints(p_first) a JOIN ST_DumpPoints(p_last) b ON b.path = a.path) v;
 END;
 COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
-'By how much less the cosine of a vertex''s angle from the centre may be on a leg (radians) than at both its ends, when '
-'its outline changes from one to another; see conflictdb.circles.';
+'By how much less the cosine of a vertex''s angle from the centre may be on a leg (radians) than at both its ends, '
+'when its outline changes from one to another; see conflictdb.circles.';
 
 CREATE OR REPLACE FUNCTION _check_haven_near_centre(
     p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
@@ -132,6 +132,7 @@ LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_changes boolean := p_grow_mps > 0 OR p_outlines IS NOT NULL;
     v_widest geometry := coalesce(p_outlines, _outline_at(p_path, p_outline, p_grow_mps, NULL, ST_NPoints(p_path)));
+    v_most_deg CONSTANT double precision := CASE WHEN v_changes THEN 30 ELSE 60 END;
     v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 6371008.771415);
 BEGIN
     -- A vertex is no further from its reference point than by both steps.
@@ -139,7 +140,7 @@ BEGIN
         RETURN;
     END IF;
     -- Between the ends of a leg a vertex is no further out than at one of them, but for what it sags if it changes.
-    IF v_reach_deg > CASE WHEN v_changes THEN 30 ELSE 60 END OR EXISTS (
+    IF v_reach_deg > v_most_deg OR EXISTS (
         SELECT FROM _circle_legs(p_path) l
         CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, l.leg) AS first,
                                    _outline_at(p_path, p_outline, p_grow_mps, p_outlines, l.leg + 1) AS last

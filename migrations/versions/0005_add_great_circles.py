@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a9af5dfe04271248bfc3a55f6c634027e67a843bc123457dcfa3732f62e5eb81"
+routines_sha256 = "8396a1374dd48e0dcdcc9b7e8ec00057c294e2ddb3471402853b0f9f63c020aa"
 
 SCENE = """
 ALTER TABLE conflictdb.scene

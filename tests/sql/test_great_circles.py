@@ -9,7 +9,7 @@ import psycopg
 import pytest
 import shapely
 from piecework import load
-from workloads import ARCTIC, OCEAN, throw
+from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
 from conflictdb import store
 from conflictdb.detect import detect
@@ -120,6 +120,12 @@ def test_motion_may_change_and_takes_the_centre_along(conn: Conn) -> None:
 FAR = "SELECT conflictdb.put_area('s', 'FAR', ST_MakeEnvelope(60, 30, 61, 31, 4326))"
 FAR_TRACK = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 61 0 100)',
                                            conflictdb.rectangle_outline(1, 1, 1, 1))"""
+FAR_GROWING = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59 0 100000)',
+                                             conflictdb.rectangle_outline(1, 1, 1, 1), p_grow_mps => %s)"""
+FAR_OUTLINES = """SELECT conflictdb.put_track(
+    's', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59 0 100)', NULL,
+    p_outlines => ST_Collect(conflictdb.rectangle_outline(1, 1, 1, 1),
+                             conflictdb.rectangle_outline(150000, 1, 1, 1)))"""
 FAR_HAVEN = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59.99 0 100)',
                                            conflictdb.rectangle_outline(5000, 1, 1, 1))"""
 
@@ -129,6 +135,10 @@ def test_what_is_far_from_the_centre_is_refused(conn: Conn) -> None:
     assert refused(conn, FAR) == ("ZC005", "object_near_centre")
     assert refused(conn, FAR_TRACK) == ("ZC005", "object_near_centre")
     assert refused(conn, FAR_HAVEN) == ("ZC005", "haven_near_centre")
+    assert refused(conn, FAR_GROWING.replace("%s", "2")) == ("ZC005", "haven_near_centre")
+    assert refused(conn, FAR_OUTLINES) == ("ZC005", "haven_near_centre")
+    conn.execute(FAR_GROWING.replace("%s", "1").encode())
+    conn.execute(FAR_OUTLINES.replace("150000", "100000").encode())
     conn.execute(FAR_HAVEN.replace("5000", "1000").encode())
     conn.commit()
     detect(conn, "s", jobs=1)
@@ -158,7 +168,7 @@ def test_a_load_may_change_motion_and_objects_together(conn: Conn) -> None:
     assert store.scene_settings(conn, "s") == Scene("s")
 
 
-@pytest.mark.parametrize("workload", [OCEAN, ARCTIC], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [OCEAN, ARCTIC, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_haven_at_is_where_brute_force_says(conn: Conn, workload: Any) -> None:
     scene, _, tracks = throw(workload, 21, 0, 12)
     load(conn, scene, [], tracks)
