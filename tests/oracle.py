@@ -47,7 +47,8 @@ class Phase:
 
     @property
     def moves(self) -> bool:
-        return self.leg is not None and (self.leg.north_m != 0.0 or self.leg.east_m != 0.0)
+        leg = self.leg
+        return leg is not None and (leg.north_m != 0.0 or leg.east_m != 0.0 or bool(leg.growth_m.any()))
 
     def vertices(self, epoch_us: int, seconds: Floats) -> Floats:
         """Vertices (n, m, 2) in the plane, metres; areas: their bounds, which do not move."""
