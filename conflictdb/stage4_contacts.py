@@ -6,7 +6,7 @@ programs where to look.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -19,8 +19,9 @@ from conflictdb.model import Method, Scene
 from conflictdb.motion import Plane, likeness
 from conflictdb.planes import plane_of
 from conflictdb.separation import TOUCH_M, Encounters
-from conflictdb.stage4_exact import Work, settle_exactly
+from conflictdb.stage4_exact import Settled, Work, settle_exactly
 from conflictdb.stage4_search import CONFLICT, END_RESOLUTION_S, GRAZING, UNRESOLVED, Programs, nothing, search
+from conflictdb.stage4_touching import depth_of
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "still_pairs"]
 
@@ -81,24 +82,66 @@ def _settled(scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_
     if scene.method == Method.NLP:
         effort.searched_pairs += len(pairs)
         return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
-    settled = settle_exactly(pairs, low, high, max(scene.tolerance_m, TOUCH_M), effort.exact)
-    # What begins where the span ends may not belong to it: the search looks closer.
-    solved = settled.is_solved & (settled.start_s < beyond_s - 2.0 * END_RESOLUTION_S)
-    rows = np.flatnonzero(solved)
-    found = Contacts(
-        rows,
-        settled.start_s[rows],
-        settled.end_s[rows],
-        settled.error_s[rows],
-        np.full(len(rows), CONFLICT, np.int8),
-        np.ones(len(rows), np.bool_),
-    )
-    rest = np.flatnonzero(~solved & ~settled.is_clear)
+    found, rest = _settled_exactly(scene, pairs, low, high, beyond_s, effort.exact)
     effort.searched_pairs += len(rest)
-    if not rest.size:
-        return found
-    searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
-    return Contacts.concatenate([found, searched.of_pairs(rest)])
+    if rest.size:
+        searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
+        found.append(searched.of_pairs(rest))
+    return Contacts.concatenate(found)
+
+
+def _settled_exactly(
+    scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, work: Work
+) -> tuple[list[Contacts], NDArray[np.int64]]:
+    """Return the contacts that are certain, and the rows of which nothing is."""
+
+    def known(settled: Settled, rows: NDArray[np.int64], is_solved: NDArray[np.bool_], verdict: int) -> Contacts:
+        some = np.flatnonzero(is_solved)
+        times = settled.start_s[some], settled.end_s[some], settled.error_s[some]
+        verdicts, touches = np.full(len(some), verdict, np.int8), np.ones(len(some), np.bool_)
+        return Contacts(rows[some], *times, verdicts, touches)
+
+    every = np.arange(len(pairs))
+    margin_m = max(scene.tolerance_m, TOUCH_M)
+    # What begins where the span ends may not belong to it: the search looks closer.
+    last = beyond_s - 2.0 * END_RESOLUTION_S
+    settled = settle_exactly(pairs, low, high, margin_m, work)
+    deep = settled.is_solved & (settled.start_s < last)
+    found = [nothing(), known(settled, every, deep, CONFLICT)]
+    rest = np.flatnonzero(~deep & ~settled.is_clear)
+    if margin_m == TOUCH_M or not rest.size:
+        return found, rest
+    # Too close to call, perhaps: do they meet at all, and how deep; if not, when are they within the tolerance?
+    some = pairs.take(rest)
+    settled = settle_exactly(some, low[rest], high[rest], TOUCH_M, work)
+    meets = settled.is_solved & (settled.start_s < last[rest])
+    depth = np.full(len(rest), -1)
+    rows = np.flatnonzero(meets)
+    depth[rows] = _how_deep(some.take(rows), settled.start_s[rows], settled.end_s[rows], margin_m, work)
+    found += [known(settled, rest, depth == verdict, verdict) for verdict in (GRAZING, CONFLICT)]
+    rows = np.flatnonzero(settled.is_clear)
+    wider = replace(some.take(rows), separation_m=pairs.separation_m + margin_m)
+    near = settle_exactly(wider, low[rest[rows]], high[rest[rows]], TOUCH_M, work)
+    close = near.is_solved & (near.start_s < last[rest[rows]])
+    found.append(replace(known(near, rest[rows], close, GRAZING), touches=np.zeros(int(close.sum()), np.bool_)))
+    done = depth >= 0
+    done[rows] = close | near.is_clear
+    return found, rest[~done]
+
+
+def _how_deep(pairs: Encounters, start: Floats, end: Floats, margin_m: float, work: Work) -> NDArray[np.int8]:
+    """Return (n,) whether pairs that meet from start to end do so deeper than a margin (CONFLICT) or not (GRAZING).
+
+    -1 where neither is certain.
+    """
+    verdict = np.full(len(pairs), -1, np.int8)
+    if pairs.separation_m > margin_m:
+        closer = settle_exactly(replace(pairs, separation_m=pairs.separation_m - margin_m), start, end, TOUCH_M, work)
+        verdict[closer.is_clear], verdict[closer.is_solved] = GRAZING, CONFLICT
+    elif pairs.separation_m == 0.0 and len(pairs):
+        shallow, deep = depth_of(pairs, start, end, margin_m)
+        verdict[shallow], verdict[deep] = GRAZING, CONFLICT
+    return verdict
 
 
 def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:

@@ -279,13 +279,14 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
     The plane is rounded by less than TOUCH_M: a contact is beyond doubt where it is deeper. If it is nowhere found to
     be, it is in doubt altogether.
 
-    first, last : (n,) instants of contact, other than the middle, where it might be deep
+    first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
     """
     every = np.arange(len(start))
     doubts = []
     for outer, witness in ((start, first), (end, last)):
         doubt = end - start
-        for deep in (0.5 * (start + end), witness):
+        quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
+        for deep in (outer, *quarters, witness):
             sunk = np.flatnonzero((pairs.excess(every, deep) <= -TOUCH_M) & (doubt >= end - start))
             settled = crossing(pairs, sunk, outer[sunk], deep[sunk], -TOUCH_M)[1]
             doubt[sunk] = np.abs(settled - outer[sunk])

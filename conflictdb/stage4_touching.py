@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.geodesy import Floats
+from conflictdb.proofs import clear_window
 from conflictdb.separation import TOUCH_M, Encounters, edge_gaps, gap_along, separation, separation_and_axis
 from conflictdb.stage4_windows import Block, Window, roots
 
@@ -115,3 +116,18 @@ class Touching(Block):
         error = np.maximum(np.abs(inner - outer)[:n], np.abs(inner - outer)[n:])
         solved = sure[:n] & sure[n:] & enough
         self._keep(window.rows, np.zeros(n, np.bool_), solved, outer[:n], outer[n:], error)
+
+
+def depth_of(
+    pairs: Encounters, start: Floats, end: Floats, margin_m: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return whether pairs are proven not to overlap by more than a margin during [start, end], and whether they do."""
+    a0, b0, a1, b1 = (shape.positions(t) for t in (start, end) for shape in (pairs.a, pairs.b))
+    largest, smallest = pairs.scale(a0, b0, a1, b1)
+    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+    # As a gap of minus the margin, least in the plane where the scale is.
+    slack = bend * (end - start) ** 2 / 8.0 + TOUCH_M * largest - margin_m * smallest
+    u, v = clear_window(a0, b0, a1, b1, slack)
+    middle = start + 0.5 * np.clip(u + v, 0.0, 2.0) * (end - start)
+    depth = separation(pairs, pairs.a.positions(middle), pairs.b.positions(middle))
+    return u > v, (u <= v) & (depth < -(margin_m + TOUCH_M) * largest)

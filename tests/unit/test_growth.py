@@ -32,9 +32,14 @@ def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarra
     return Mercator(earth_of(scene.earth)).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
 
 
+def whole_legs(pieces: Pieces) -> Pieces:
+    """Shapes are asked about the time of their slices: here those are the whole legs."""
+    return replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
+
+
 def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """The one leg of a track, time counted from its start."""
-    pieces = track_pieces(scene, TrackBatch.of([track]))
+    pieces = whole_legs(track_pieces(scene, TrackBatch.of([track])))
     return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
 
 
@@ -67,7 +72,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
     globe, figure = oracle.Globe.of(earth), earth_of(earth)
     turn_m = 2 * np.pi * figure.radius_m
     for track in tracks:
-        pieces = track_pieces(scene, TrackBatch.of([track]))
+        pieces = whole_legs(track_pieces(scene, TrackBatch.of([track])))
         for phase in oracle.phases(globe, track, 0.0):
             row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
             seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
