@@ -16,6 +16,7 @@ from conflictdb.detect import detect
 from conflictdb.errors import InvalidInput
 from conflictdb.gnomonic import Gnomonic
 from conflictdb.model import Area, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.pieces import check_plane
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -144,6 +145,41 @@ def test_what_is_far_from_the_centre_is_refused(conn: Conn) -> None:
     detect(conn, "s", jobs=1)
     probe = "SELECT * FROM conflictdb.probe('s', ST_MakeEnvelope(80, 0, 81, 1, 4326))"
     assert refused(conn, probe) == ("ZC005", "object_near_centre")
+
+
+def test_growing_havens_are_refused_where_python_refuses_them(conn: Conn) -> None:
+    """Both by the same bound, at 59.9 to 60.1 degrees and along any leg."""
+    scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 0.0))
+    conn.execute("SELECT conflictdb.create_scene('s', 'great_circle', p_centre_lon => 0, p_centre_lat => 0)")
+    conn.commit()
+    rng = np.random.default_rng(5)
+    times = T0_US + HOUR_US * np.array([0, 20])
+    held = []
+    for k in range(60):
+        east, north = rng.uniform(50.0, 59.9), rng.uniform(-30.0, 30.0) * (k % 2)
+        places = np.array([[east, 0.0], [np.degrees(np.arccos(0.5 / np.cos(np.radians(north)))) - 0.3, north]])
+        size = rng.uniform(1.0, 20000.0, 4)
+        ring = np.array([(-size[0], -size[1]), (size[2], -size[1]), (size[2], size[3]), (-size[0], size[3])])
+        grown = ring * rng.uniform(0.5, 4.0)
+        track = Track(f"T{k}", places, times, ring, outlines_m=np.array([ring, grown]))
+        try:
+            check_plane(scene, [], [track])
+        except InvalidInput:
+            held.append(False)
+        else:
+            held.append(True)
+        path = "SRID=4326;LINESTRING M ({} {} 0, {} {} 72000)".format(*places.ravel().tolist())
+        rings = [shapely.Polygon(outline).wkt for outline in (ring, grown)]
+        put = (
+            f"SELECT conflictdb.put_track('s', 'T{k}', '{path}', NULL, p_outlines => "
+            f"ST_Collect('{rings[0]}'::geometry, '{rings[1]}'::geometry))"
+        )
+        if held[-1]:
+            conn.execute(put.encode())
+            conn.commit()
+        else:
+            assert refused(conn, put) == ("ZC005", "haven_near_centre")
+    assert 10 < sum(held) < 50
 
 
 def test_a_scene_cannot_turn_away_from_its_objects(conn: Conn) -> None:
