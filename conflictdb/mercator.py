@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import Earth, Floats, direction_of
 from conflictdb.model import Kind
-from conflictdb.motion import shape_vertices
+from conflictdb.motion import Rows, shape_vertices
 
 # The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
 # and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
@@ -231,7 +231,7 @@ class Growth:
     climb: Floats
     spread: Floats
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         return type(self)(*(getattr(self, field.name)[..., rows] for field in fields(self)))
 
 
@@ -292,7 +292,7 @@ class RhumbShapes:
     def vertex_count(self) -> int:
         return int(self.forward.shape[0])
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         return type(self)(
             self.earth,
             self.start[:, rows],
