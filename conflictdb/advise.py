@@ -13,8 +13,9 @@ Each setting then makes the pieces of the drawn objects and takes the drawn pair
 `memory.solve` does. Counts carry their standard error. The truth that answers are held against is method `exact` at
 tolerance 0 on the scene's own earth, on the same pairs.
 
-Seconds are those of this machine at this moment. Stages 3 and 4, the pieces and the regions of stage 2 are timed; what
-only a database does (its joins, rows in and out) is set in proportion to the making of pieces, by the ratios below.
+Seconds are processor time on this machine: what a detection takes where it need not share. The pieces, the regions of
+stage 2 and stages 3 and 4 are timed; what only a database does (its joins, rows in and out) is set in proportion to the
+making of pieces, by the ratios below. `benchmarks/advice.py` holds both against detections.
 """
 
 import time
@@ -23,10 +24,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from conflictdb.batches import AreaBatch, Conflicts, Pieces, TrackBatch
+from conflictdb.batches import Conflicts, Pairs, Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.estimates import (
     Answer,
@@ -36,16 +36,15 @@ from conflictdb.estimates import (
     Setting,
     duration,
     extrapolated_s,
-    object_error,
     recommendation,
     share_error,
     whole,
     wrongness,
 )
 from conflictdb.geodesy import Floats
-from conflictdb.memory import candidates, hulls_of, intersections
-from conflictdb.model import Area, EarthModel, Kind, Method, Scene, Track
-from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.memory import candidates, intersections
+from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.sample import Frame, Objects
 from conflictdb.settle import needs_regions, settle
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
@@ -59,21 +58,21 @@ PIECE_PAIRS: Final = 4_000
 # The same for method nlp, which takes 10 ms a pair, and the least number of pairs of objects all the same.
 NLP_PIECE_PAIRS: Final = 60
 NLP_LEAST: Final = 10
-# Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
-PROBE: Final = 400
-PIECES: Final = 12_000
-MEETINGS: Final = 3_000_000
-# Share of the sample that a first run takes (see `estimates.extrapolated_s`).
-SMALL_SHARE: Final = 0.1
+# Copies of the sample that show what one more pair costs in full batches, and about what time they may take, seconds.
+LEAST_COPIES: Final = 2
+MOST_COPIES: Final = 8
+COPIES_S: Final = 1.0
 
-# What the database adds, in units of the seconds that making one piece takes in memory: medians of full detections of
-# 80 to 3,000 objects on one machine with PostgreSQL 15; seconds of another scene or disk may be twice that, or half.
-DATABASE_PER_PIECE: Final = 0.6  # its row in and its marks
-JOIN_PER_PIECE: Final = 0.27  # stage 1
-TEST_PER_CANDIDATE: Final = 0.13  # stage 2, and its pairs and pieces out
-WRITE_PER_CONFLICT: Final = 1.2
+# What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 80 to
+# 2,000 objects with PostgreSQL 15 (benchmarks/advice.py). Another scene or disk may make it half of that, or twice.
+DATABASE_PER_PIECE: Final = 1.0  # its row in, the marks
+JOIN_PER_PIECE: Final = 0.5  # stage 1
+TEST_PER_CANDIDATE: Final = 0.14  # stage 2; its pairs and pieces out
+WRITE_PER_CONFLICT: Final = 1.5
 REGION_RATIO: Final = 1.5  # a region there against one in memory: the same library, but its bytes travel
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
+
+_SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
 
 # Told how many settings are measured, and of how many.
 Progress = Callable[[int, int], None]
@@ -122,11 +121,11 @@ def advise(
     for name, value, least in (("sample", sample, 1), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InvalidInput("advise", name, f"must be a whole number, {least} or more; got {value!r}")
-    objects = _Objects.of(areas, tracks)
+    objects = Objects.of(areas, tracks)
     if not len(objects):
         return _nothing(scene, seed, objects, 0, "the scene holds no objects: there is nothing to detect.")
     rng = np.random.default_rng(seed)
-    frame = _Frame.of(replace(scene, tolerance_m=max(scene.tolerance_m, *TOLERANCES_M)), objects, rng)
+    frame = Frame.of(replace(scene, tolerance_m=max(scene.tolerance_m, *TOLERANCES_M)), objects, rng)
     if not len(frame.pairs):
         return _nothing(scene, seed, objects, len(frame.looked_at), _nobody_meets(objects, frame))
 
@@ -157,11 +156,11 @@ def advise(
     )
 
 
-def _nothing(scene: Scene, seed: int, objects: "_Objects", looked_at: int, why: str) -> Advice:
+def _nothing(scene: Scene, seed: int, objects: Objects, looked_at: int, why: str) -> Advice:
     return Advice(scene, seed, len(objects), looked_at, Count(0.0, 0.0), 0, 0, 0, (), why)
 
 
-def _nobody_meets(objects: "_Objects", frame: "_Frame") -> str:
+def _nobody_meets(objects: Objects, frame: Frame) -> str:
     whom = f"the {len(objects)} objects"
     if len(frame.looked_at) < len(objects):
         whom = f"{len(frame.looked_at)} of {whom}, drawn at random,"
@@ -193,110 +192,17 @@ def _settings(scene: Scene) -> list[Setting]:
     return tried
 
 
-@dataclass(frozen=True, slots=True)
-class _Objects:
-    """All objects of a scene, numbered: areas first, then tracks, each by key, so that their order does not matter."""
-
-    areas: Sequence[Area]
-    tracks: Sequence[Track]
-    footprint: NDArray[np.object_]
-
-    @classmethod
-    def of(cls, areas: Sequence[Area], tracks: Sequence[Track]) -> "_Objects":
-        areas = sorted(areas, key=lambda area: area.key.encode())
-        tracks = sorted(tracks, key=lambda track: track.key.encode())
-        return cls(areas, tracks, AreaBatch.of(areas).footprint)
-
-    def __len__(self) -> int:
-        return len(self.areas) + len(self.tracks)
-
-    def pieces(self, scene: Scene, numbers: NDArray[np.int64]) -> Pieces:
-        """Return the pieces of some objects."""
-        still = numbers[numbers < len(self.areas)]
-        moving = numbers[numbers >= len(self.areas)] - len(self.areas)
-        areas = replace(AreaBatch.of([self.areas[i] for i in still.tolist()]), area_id=still)
-        tracks = replace(TrackBatch.of([self.tracks[i] for i in moving.tolist()]), track_id=moving)
-        return Pieces.concatenate([area_pieces(scene, areas), track_pieces(scene, tracks)])
-
-    def pair_keys(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return one number for the pair of objects of each pair of pieces."""
-        return self._keys(pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b])
-
-    def keys_of(self, conflicts: Conflicts) -> NDArray[np.int64]:
-        """Return the same number for the pair of each conflict."""
-        return self._keys(conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id)
-
-    def _keys(
-        self, a_kind: NDArray[np.int8], a: NDArray[np.int64], b_kind: NDArray[np.int8], b: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        one, other = (
-            number + np.where(kind == Kind.TRACK, len(self.areas), 0) for kind, number in ((a_kind, a), (b_kind, b))
-        )
-        return np.minimum(one, other) * len(self) + np.maximum(one, other)
-
-    def members(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the objects that occur in pairs."""
-        return np.unique(np.concatenate([keys // len(self), keys % len(self)]))
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """The pairs that samples are drawn from.
-
-    looked_at : (m,) numbers of the objects among which pairs were looked for
-    pairs : (f,) keys of pairs of objects, increasing
-    owner : (p,) row in `pairs` of each pair of pieces
-    scale : pairs of all objects for one of those looked at
-    object_error : relative standard error of counts that are scaled by it
-    piece_s : seconds that making one piece takes
-    pieces_whole : pieces of the whole scene, estimated
-    """
-
-    looked_at: NDArray[np.int64]
-    pairs: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    scale: float
-    object_error: float
-    piece_s: float
-    pieces_whole: float
-
-    @classmethod
-    def of(cls, widest: Scene, objects: _Objects, rng: np.random.Generator) -> "_Frame":
-        order = rng.permutation(len(objects))
-        looked_at = order[: _affordable(widest, objects, order[:PROBE])] if len(objects) > PROBE else order
-        started = time.perf_counter()
-        pieces = objects.pieces(widest, np.sort(looked_at))
-        piece_s = (time.perf_counter() - started) / len(pieces)
-        pairs, owner = np.unique(objects.pair_keys(pieces, *candidates(pieces)), return_inverse=True)
-        m, n = len(looked_at), len(objects)
-        members = np.stack([pairs // n, pairs % n])[:, owner]
-        degree = np.bincount(members.ravel(), minlength=n)[looked_at]
-        scale = n * (n - 1) / (m * (m - 1)) if m > 1 else 1.0
-        error = object_error(degree.astype(np.float64), n)
-        return cls(looked_at, pairs, owner, scale, error, piece_s, len(pieces) * n / m)
-
-
-def _affordable(widest: Scene, objects: _Objects, probe: NDArray[np.int64]) -> int:
-    """Return among how many objects pairs can be looked for, judged by a few of them."""
-    pieces = objects.pieces(widest, np.sort(probe))
-    hulls = hulls_of(pieces)
-    meetings = len(shapely.STRtree(hulls).query(hulls)[0])
-    by_pieces = PIECES * len(probe) / len(pieces)
-    by_meetings = len(probe) * float(np.sqrt(MEETINGS / meetings))
-    return min(len(objects), max(2, int(min(by_pieces, by_meetings))))
-
-
 class _Measure:
     """Takes drawn pairs of objects through the stages, setting by setting.
 
     drawn : (n,) keys of pairs of objects, in the order they were drawn: any first k of them are a sample too
     """
 
-    def __init__(self, scene: Scene, objects: _Objects, frame: _Frame, drawn: NDArray[np.int64]) -> None:
+    def __init__(self, scene: Scene, objects: Objects, frame: Frame, drawn: NDArray[np.int64]) -> None:
         self._scene, self._objects, self._frame, self._drawn = scene, objects, frame, drawn
         self._rank = np.argsort(drawn)
         self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]] = {}
-        self._truth = self._answer(self._settle(Setting(Method.EXACT, scene.earth, 0.0), len(drawn))[0])
+        self._truth = self._answer(self._run(Setting(Method.EXACT, scene.earth, 0.0), len(drawn))[0])
 
     @property
     def undecided(self) -> int:
@@ -305,15 +211,16 @@ class _Measure:
 
     def estimate(self, setting: Setting, n: int) -> Estimate:
         """Return what a setting costs, and how wrong it is, by the first n of the drawn pairs."""
-        # The first run also warms up.
-        small = self._settle(setting, max(1, int(SMALL_SHARE * n)))[1]
-        reports, large = self._settle(setting, n)
+        reports, done = self._run(setting, n)
         found = self._answer(reports)
         wrong = wrongness(found, self._truth.among(self._drawn[:n]))
         reported = np.isin(self._drawn[:n], found.pair)
         candidate, intersecting, solved, conflicts = (
-            self._whole(of_pair) for of_pair in (large.candidates, large.met, large.solved, reported)
+            self._whole(of_pair) for of_pair in (done.candidates, done.met, done.solved, reported)
         )
+        made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
+        pairs = intersecting.value
+        region_s = REGION_RATIO * done.region_s * pairs / max(done.handled, 1)
         return Estimate(
             setting=setting,
             sampled_pairs=n,
@@ -321,35 +228,23 @@ class _Measure:
             intersecting_pairs=intersecting,
             solved_pairs=solved,
             conflicts=conflicts,
-            cost=self._cost(small, large, candidate.value, intersecting.value, conflicts.value),
+            cost=Cost(
+                pieces_s=made_s * (1.0 + DATABASE_PER_PIECE) * pieces,
+                stage1_s=made_s * JOIN_PER_PIECE * pieces,
+                stage2_s=made_s * TEST_PER_CANDIDATE * candidate.value + region_s,
+                stage3_s=extrapolated_s(done.once.stage3_s, done.more.stage3_s, done.copies, done.handled, pairs),
+                stage4_s=extrapolated_s(done.once.stage4_s, done.more.stage4_s, done.copies, done.handled, pairs),
+                write_s=made_s * WRITE_PER_CONFLICT * conflicts.value + FIXED_S,
+            ),
             wrong=wrong,
             false_share_error=share_error(wrong.false_share, wrong.reported, n, len(self._frame.pairs)),
-        )
-
-    def _cost(
-        self, small: "_Pass", large: "_Pass", candidate_pairs: float, intersecting_pairs: float, conflicts: float
-    ) -> Cost:
-        """Return the seconds of a detection of the whole scene, which has so many pairs and conflicts."""
-        made = self._frame.piece_s
-        stage3_s, stage4_s = (
-            extrapolated_s(few_s, small.handled, many_s, large.handled, intersecting_pairs)
-            for few_s, many_s in ((small.stage3_s, large.stage3_s), (small.stage4_s, large.stage4_s))
-        )
-        region_s = REGION_RATIO * large.region_s * intersecting_pairs / max(large.handled, 1)
-        return Cost(
-            pieces_s=made * (1.0 + DATABASE_PER_PIECE) * self._frame.pieces_whole,
-            stage1_s=made * JOIN_PER_PIECE * self._frame.pieces_whole,
-            stage2_s=made * TEST_PER_CANDIDATE * candidate_pairs + region_s,
-            stage3_s=stage3_s,
-            stage4_s=stage4_s,
-            write_s=made * WRITE_PER_CONFLICT * conflicts + FIXED_S,
         )
 
     def _whole(self, of_pair: NDArray[Any]) -> Count:
         frame = self._frame
         return whole(of_pair.astype(np.float64), len(frame.pairs), frame.scale, frame.object_error)
 
-    def _settle(self, setting: Setting, n: int) -> tuple[Conflicts, "_Pass"]:
+    def _run(self, setting: Setting, n: int) -> tuple[Conflicts, "_Pass"]:
         """Return what a setting makes of the first n drawn pairs, and what that took."""
         scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._stage1(scene)
@@ -358,19 +253,35 @@ class _Measure:
         met = intersections(pieces, a, b, regions=False)
         met_of = np.bincount(self._number(pieces, met.a, met.b), minlength=len(self._drawn))
         some = np.flatnonzero(drawn < n)
-        started = time.perf_counter()
+        started = time.process_time()
         pairs = intersections(pieces, a[some], b[some], regions=regions)
-        region_s = time.perf_counter() - started if regions else 0.0
-        conflicts, funnel = settle(scene, pieces, pairs, lambda numbers: self._objects.footprint[numbers])
+        region_s = time.process_time() - started if regions else 0.0
+        conflicts, solved, once = self._settled(scene, pieces, pairs)
+        # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
+        copies, more = 1, once
+        if scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
+            copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
+            copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
+            more = self._settled(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]
         return conflicts, _Pass(
             candidates=np.bincount(drawn, minlength=len(self._drawn)),
             met=met_of,
-            solved=met_of.astype(np.float64) * (funnel.solved_pairs / max(len(pairs), 1)),
+            solved=met_of.astype(np.float64) * (solved / max(len(pairs), 1)),
             handled=len(pairs),
             region_s=region_s,
-            stage3_s=funnel.stage3_s,
-            stage4_s=funnel.stage4_s,
+            once=once,
+            copies=copies,
+            more=more,
         )
+
+    def _settled(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, int, "_Seconds"]:
+        """Return the conflicts of pairs, how many were given to stage 4, and the processor time of stages 3 and 4."""
+        footprint = self._objects.footprint
+        started = time.process_time()
+        conflicts, funnel = settle(scene, pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)])
+        # The funnel goes by the clock on the wall: only how the time is shared is taken from it.
+        pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
+        return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)
 
     def _stage1(self, scene: Scene) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
         """Return the pieces of the drawn objects and their candidates, made once for all methods."""
@@ -392,12 +303,19 @@ class _Measure:
 
 
 @dataclass(frozen=True, slots=True)
+class _Seconds:
+    stage3_s: float
+    stage4_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Pass:
     """What one run of a setting counted and took.
 
     candidates, met, solved : (n,) pairs of pieces after stages 1 and 2, and given to stage 4, of every drawn pair
     handled : pairs of pieces of those it ran on, after stage 2
-    region_s, stage3_s, stage4_s : seconds it took for these
+    region_s : processor time of their regions
+    once, more : processor time of stages 3 and 4 for these, and for so many copies of these
     """
 
     candidates: NDArray[np.int64]
@@ -405,5 +323,16 @@ class _Pass:
     solved: Floats
     handled: int
     region_s: float
-    stage3_s: float
-    stage4_s: float
+    once: _Seconds
+    copies: int
+    more: _Seconds
+
+
+def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pieces, Pairs]:
+    """Return pieces and pairs so many times over, the objects of each copy numbered beyond those of the one before."""
+    everything = Pieces.concatenate(
+        [replace(pieces, object_id=pieces.object_id + copy * objects) for copy in range(copies)]
+    )
+    again = pairs.take(np.tile(np.arange(len(pairs)), copies))
+    away = np.repeat(np.arange(copies) * len(pieces), len(pairs))
+    return everything, replace(again, a=again.a + away, b=again.b + away)

@@ -321,7 +321,9 @@ class Database:
         # Not above: the solvers bring scipy, as they do for `detect`.
         from conflictdb import advise
 
-        return advise.advise(settings, areas, tracks, sample=sample or advise.SAMPLE, seed=seed, progress=progress)
+        return advise.advise(
+            settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed, progress=progress
+        )
 
     def export(self, scene: str, path: str | Path) -> None:
         """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.

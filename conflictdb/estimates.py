@@ -21,6 +21,8 @@ WORTH_S: Final = 0.5
 # A detection that takes longer than this is not waited for at a desk: look first with what is faster.
 PATIENCE_S: Final = 60.0
 
+# More pairs cost at least this share of what the first ones did on average: less was chance in the timing.
+LEAST_SLOPE: Final = 0.1
 # (below so many seconds, the unit to tell a duration in, its seconds)
 _UNITS: Final = (
     (0.9995e-3, "us", 1e-6),
@@ -53,7 +55,7 @@ class Count:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Seconds that a full detection of the whole scene would take in one process, by stage; `write_s` is the rest."""
+    """Processor seconds of a full detection of the scene in one process, by stage; `write_s` is the rest."""
 
     pieces_s: float
     stage1_s: float
@@ -223,17 +225,17 @@ def share_error(share: float, n: int, sampled: int, frame: int) -> float:
     return math.sqrt(share * (1.0 - share) / n * (1.0 - sampled / frame)) if n else 0.0
 
 
-def extrapolated_s(small_s: float, small: int, large_s: float, large: int, whole_count: float) -> float:
-    """Return the seconds that `whole_count` pairs take, from two measurements.
+def extrapolated_s(once_s: float, copies_s: float, copies: int, pairs: int, whole_pairs: float) -> float:
+    """Return the seconds that `whole_pairs` pairs take, from what some pairs took, and so many copies of them together.
 
-    What a batch costs beyond its pairs is paid once: so the slope between the measurements counts for the rest, but
-    at least a quarter of the mean cost, for two timings of milliseconds prove little.
+    What a batch costs beyond its pairs is paid once: what the copies took more is the cost of more pairs, as far as two
+    timings can be trusted. Without copies cost is proportional.
     """
-    if large == 0:
+    if pairs == 0:
         return 0.0
-    mean = large_s / large
-    slope = (large_s - small_s) / (large - small) if large > small > 0 else mean
-    return large_s + min(max(slope, 0.25 * mean), mean) * max(whole_count - large, 0.0)
+    mean = once_s / pairs
+    slope = (copies_s - once_s) / ((copies - 1) * pairs) if copies > 1 else mean
+    return once_s + min(max(slope, LEAST_SLOPE * mean), mean) * (whole_pairs - pairs)
 
 
 def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthModel, tolerance_m: float) -> str:

@@ -47,7 +47,7 @@ def advice_text(advice: Advice) -> str:
             f"{scene.name}: {scene.method} on {scene.earth} at {scene.tolerance_m:g} m",
             f"{sample}{nlp}; {looked_at}; seed {advice.seed}",
             "",
-            "Cost of a full detection, estimated: seconds in one process, the share of each stage",
+            "Cost of a full detection, estimated: processor time of one process, and the share of each stage",
             _cost_table(advice),
             "",
             f"Wrong, on the sample, against exact at 0 m on {scene.earth}{undecided}",
