@@ -4,10 +4,11 @@ Nothing is written, and nothing of the database is asked but the objects themsel
 
 1. *Objects.* A random subset, only where all would be too many to handle in seconds: whatever lies in it is a pair with
    equal chance, so a count among them scales by the ratio of the pairs of objects.
-2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 would not tell apart at the
-   widest of the tolerances. Whole pairs, not pairs of pieces: what users see, and what is right or wrong, is a pair of
-   objects with its periods. Objects alone would not do: of a few hundred random objects of a large scene hardly two
-   come near each other.
+2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 does not tell apart at the
+   scene's tolerance, or at 10 m. Larger tolerances have a smaller sample of their own: a dense scene has many times as
+   many pairs that come within 1000 m, most of which never meet. Whole pairs, not pairs of pieces: what users see, and
+   what is right or wrong, is a pair of objects with its periods. Objects alone would not do: of a few hundred random
+   objects of a large scene hardly two come near each other.
 
 Each setting then makes the pieces of the drawn objects and takes the drawn pairs through stages 1 to 4, as
 `memory.solve` does. Counts carry their standard error. The truth that answers are held against is method `exact` at
@@ -21,7 +22,7 @@ making of pieces, by the ratios below. `benchmarks/advice.py` holds both against
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,6 @@ from conflictdb.estimates import (
     extrapolated_s,
     recommendation,
     share_error,
-    whole,
     wrongness,
 )
 from conflictdb.geodesy import Floats
@@ -53,6 +53,9 @@ __all__ = ["Advice", "Estimate", "Setting", "advise"]
 TOLERANCES_M: Final = (0.0, 1.0, 10.0, 1000.0)
 # Pairs of objects that are drawn unless said otherwise: shares within 2 %, and an answer within seconds.
 SAMPLE: Final = 500
+# Tolerances up to this, or the scene's own, are tried on one sample; larger ones on one of their own, so much smaller.
+NEARBY_M: Final = 10.0
+FAR_SHARE: Final = 5
 # Pairs of pieces that a sample may hold on average: one pair of areas with coasts has thousands.
 PIECE_PAIRS: Final = 4_000
 # The same for method nlp, which takes 10 ms a pair, and the least number of pairs of objects all the same.
@@ -85,8 +88,10 @@ class Advice:
     scene : its settings
     seed : of the draws; the same seed draws the same sample
     objects, objects_looked_at : of the scene, and of these the ones among which pairs were looked for
-    pairs : pairs of objects of the whole scene that come near each other (stage 1 at the widest tolerance), estimated
-    sampled_pairs, nlp_pairs : pairs of objects drawn, and of these the ones that method nlp was tried on
+    nearby_m : tolerance at which stage 1 finds the pairs that come near each other
+    pairs : such pairs of objects in the whole scene, estimated
+    sampled_pairs, nlp_pairs : of these the pairs drawn, and of those the ones that method nlp was tried on; larger
+        tolerances have pairs of their own, see `Estimate.sampled_pairs`
     undecided_pairs : drawn pairs that the truth itself leaves unresolved
     estimates : by method, earth and tolerance; empty where there is nothing to detect
     recommendation : one or two sentences
@@ -96,6 +101,7 @@ class Advice:
     seed: int
     objects: int
     objects_looked_at: int
+    nearby_m: float
     pairs: Count
     sampled_pairs: int
     nlp_pairs: int
@@ -124,31 +130,35 @@ def advise(
     objects = Objects.of(areas, tracks)
     if not len(objects):
         return _nothing(scene, seed, objects, 0, "the scene holds no objects: there is nothing to detect.")
-    rng = np.random.default_rng(seed)
-    frame = Frame.of(replace(scene, tolerance_m=max(scene.tolerance_m, *TOLERANCES_M)), objects, rng)
-    if not len(frame.pairs):
-        return _nothing(scene, seed, objects, len(frame.looked_at), _nobody_meets(objects, frame))
-
-    mean = len(frame.owner) / len(frame.pairs)
-    n = min(sample, len(frame.pairs), max(1, int(PIECE_PAIRS / mean)))
-    nlp = min(n, max(NLP_LEAST, int(NLP_PIECE_PAIRS / mean)))
-    drawn = frame.pairs[rng.permutation(len(frame.pairs))[:n]]
-    measure = _Measure(scene, objects, frame, drawn)
     settings = _settings(scene)
+    nearby_m = max(scene.tolerance_m, NEARBY_M)
+    rng = np.random.default_rng(seed)
+    draw = _Draw.of(replace(scene, tolerance_m=nearby_m), objects, sample, PIECE_PAIRS, rng)
+    if not len(draw.keys):
+        return _nothing(scene, seed, objects, len(draw.frame.looked_at), _nobody_meets(objects, draw.frame))
+    nlp = min(len(draw.keys), max(NLP_LEAST, int(NLP_PIECE_PAIRS / draw.frame.pieces_per_pair)))
+    measure = _Measure(scene, objects, draw)
+    far_m = max(setting.tolerance_m for setting in settings)
+    far = measure
+    if far_m > nearby_m:
+        few = -(-sample // FAR_SHARE)
+        far = _Measure(scene, objects, _Draw.of(replace(scene, tolerance_m=far_m), objects, few, PIECE_PAIRS // 2, rng))
     estimates = []
     for done, setting in enumerate(settings):
         if progress:
             progress(done, len(settings))
-        estimates.append(measure.estimate(setting, nlp if setting.method == Method.NLP else n))
+        by = measure if setting.tolerance_m <= nearby_m else far
+        estimates.append(by.estimate(setting, nlp if setting.method == Method.NLP else None))
     if progress:
         progress(len(settings), len(settings))
     return Advice(
         scene=scene,
         seed=seed,
         objects=len(objects),
-        objects_looked_at=len(frame.looked_at),
-        pairs=whole(np.ones(len(frame.pairs)), len(frame.pairs), frame.scale, frame.object_error),
-        sampled_pairs=n,
+        objects_looked_at=len(draw.frame.looked_at),
+        nearby_m=nearby_m,
+        pairs=draw.frame.total(np.ones(len(draw.frame.pairs))),
+        sampled_pairs=len(draw.keys),
         nlp_pairs=nlp,
         undecided_pairs=measure.undecided,
         estimates=tuple(estimates),
@@ -157,7 +167,7 @@ def advise(
 
 
 def _nothing(scene: Scene, seed: int, objects: Objects, looked_at: int, why: str) -> Advice:
-    return Advice(scene, seed, len(objects), looked_at, Count(0.0, 0.0), 0, 0, 0, (), why)
+    return Advice(scene, seed, len(objects), looked_at, NEARBY_M, Count(0.0, 0.0), 0, 0, 0, (), why)
 
 
 def _nobody_meets(objects: Objects, frame: Frame) -> str:
@@ -192,31 +202,46 @@ def _settings(scene: Scene) -> list[Setting]:
     return tried
 
 
+@dataclass(frozen=True, slots=True)
+class _Draw:
+    """Pairs of objects drawn from a frame: (n,) keys, in the order they were drawn: any first k are a sample too."""
+
+    frame: Frame
+    keys: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, widest: Scene, objects: Objects, sample: int, piece_pairs: int, rng: np.random.Generator) -> "_Draw":
+        """Return so many pairs, or all, or on average as many as have so many pairs of pieces."""
+        frame = Frame.of(widest, objects, rng)
+        # By the mean of all, not by what is drawn: stopping at a pair with many pieces would favour those with few.
+        n = min(sample, max(1, int(piece_pairs / frame.pieces_per_pair))) if len(frame.pairs) else 0
+        return cls(frame, frame.pairs[rng.permutation(len(frame.pairs))[:n]])
+
+
 class _Measure:
-    """Takes drawn pairs of objects through the stages, setting by setting.
+    """Takes drawn pairs of objects through the stages, setting by setting."""
 
-    drawn : (n,) keys of pairs of objects, in the order they were drawn: any first k of them are a sample too
-    """
-
-    def __init__(self, scene: Scene, objects: Objects, frame: Frame, drawn: NDArray[np.int64]) -> None:
-        self._scene, self._objects, self._frame, self._drawn = scene, objects, frame, drawn
-        self._rank = np.argsort(drawn)
+    def __init__(self, scene: Scene, objects: Objects, draw: _Draw) -> None:
+        self._scene, self._objects, self._frame, self._drawn = scene, objects, draw.frame, draw.keys
+        self._rank = np.argsort(draw.keys)
         self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]] = {}
-        self._truth = self._answer(self._run(Setting(Method.EXACT, scene.earth, 0.0), len(drawn))[0])
+        truth = self._run(Setting(Method.EXACT, scene.earth, 0.0), len(draw.keys), is_timed=False)[0]
+        self._truth = self._answer(truth)
 
     @property
     def undecided(self) -> int:
         """How many of the drawn pairs the truth leaves unresolved."""
         return int(self._truth.is_unresolved.sum())
 
-    def estimate(self, setting: Setting, n: int) -> Estimate:
-        """Return what a setting costs, and how wrong it is, by the first n of the drawn pairs."""
+    def estimate(self, setting: Setting, n: int | None = None) -> Estimate:
+        """Return what a setting costs, and how wrong it is, by the drawn pairs or the first n of them."""
+        n = len(self._drawn) if n is None else n
         reports, done = self._run(setting, n)
         found = self._answer(reports)
         wrong = wrongness(found, self._truth.among(self._drawn[:n]))
         reported = np.isin(self._drawn[:n], found.pair)
         candidate, intersecting, solved, conflicts = (
-            self._whole(of_pair) for of_pair in (done.candidates, done.met, done.solved, reported)
+            self._frame.total(of_pair) for of_pair in (done.candidates, done.met, done.solved, reported)
         )
         made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
         pairs = intersecting.value
@@ -240,11 +265,7 @@ class _Measure:
             false_share_error=share_error(wrong.false_share, wrong.reported, n, len(self._frame.pairs)),
         )
 
-    def _whole(self, of_pair: NDArray[Any]) -> Count:
-        frame = self._frame
-        return whole(of_pair.astype(np.float64), len(frame.pairs), frame.scale, frame.object_error)
-
-    def _run(self, setting: Setting, n: int) -> tuple[Conflicts, "_Pass"]:
+    def _run(self, setting: Setting, n: int, *, is_timed: bool = True) -> tuple[Conflicts, "_Pass"]:
         """Return what a setting makes of the first n drawn pairs, and what that took."""
         scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._stage1(scene)
@@ -259,7 +280,7 @@ class _Measure:
         conflicts, solved, once = self._settled(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
         copies, more = 1, once
-        if scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
+        if is_timed and scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
             copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
             more = self._settled(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]

@@ -18,7 +18,7 @@ from conflictdb.model import EarthModel, Method, Verdict
 # What is saved counts from this share of the cost, and from this time: less is within what timing itself varies by.
 WORTH_SHARE: Final = 0.1
 WORTH_S: Final = 0.5
-# A detection that takes longer than this is not waited for at a desk: look first with what is faster.
+# A detection that takes longer than this is not waited for at a desk: look first with what takes less than half.
 PATIENCE_S: Final = 60.0
 
 # More pairs cost at least this share of what the first ones did on average: less was chance in the timing.
@@ -253,7 +253,7 @@ def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthMo
         for other in saved
         if other == cheaper or saved[other] >= least
     )
-    if saved[cheaper] >= least and exact.cost.total_s > PATIENCE_S:
+    if exact.cost.total_s > PATIENCE_S and saved[cheaper] > 0.5 * exact.cost.total_s:
         advice = f"look with {cheaper} whether there is trouble, and use exact for what goes into an order"
     else:
         advice = "stay with exact" if method == Method.EXACT else "use exact"

@@ -7,21 +7,21 @@ are in it with equal chance, so a count of pairs scales by the ratio of the numb
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Conflicts, Pieces, TrackBatch
-from conflictdb.estimates import object_error
+from conflictdb.estimates import Count, object_error, whole
 from conflictdb.memory import candidates, hulls_of
 from conflictdb.model import Area, Kind, Scene, Track
 from conflictdb.pieces import area_pieces, track_pieces
 
 # Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
 PROBE: Final = 400
-PIECES: Final = 12_000
+PIECES: Final = 15_000
 MEETINGS: Final = 3_000_000
 
 
@@ -92,6 +92,15 @@ class Frame:
     object_error: float
     piece_s: float
     pieces_whole: float
+
+    @property
+    def pieces_per_pair(self) -> float:
+        """Pairs of pieces for a pair of objects, on average; NaN without pairs."""
+        return len(self.owner) / len(self.pairs) if len(self.pairs) else float("nan")
+
+    def total(self, of_pair: NDArray[Any]) -> Count:
+        """Return the total over the whole scene, from a value for each of some pairs drawn at random."""
+        return whole(of_pair.astype(np.float64), len(self.pairs), self.scale, self.object_error)
 
     @classmethod
     def of(cls, widest: Scene, objects: Objects, rng: np.random.Generator) -> "Frame":

@@ -40,12 +40,14 @@ def advice_text(advice: Advice) -> str:
     if advice.objects_looked_at < advice.objects:
         looked_at = f"{advice.objects_looked_at:,} of {advice.objects:,} objects, drawn at random"
     nlp = "" if advice.nlp_pairs == advice.sampled_pairs else f" (nlp, which is dear: on {advice.nlp_pairs} of them)"
+    far = {one.setting.tolerance_m: one.sampled_pairs for one in advice.estimates}
+    others = [f"{m:g} m: {n} pairs that come that near" for m, n in sorted(far.items()) if m > advice.nearby_m]
     undecided = f"; the truth leaves {advice.undecided_pairs} of them open" if advice.undecided_pairs else ""
     sample = f"sample: {advice.sampled_pairs:,} of {_count(advice.pairs)} pairs of objects that come near each other"
     return "\n".join(
         [
             f"{scene.name}: {scene.method} on {scene.earth} at {scene.tolerance_m:g} m",
-            f"{sample}{nlp}; {looked_at}; seed {advice.seed}",
+            "; ".join([f"{sample}{nlp}", *others, looked_at, f"seed {advice.seed}"]),
             "",
             "Cost of a full detection, estimated: processor time of one process, and the share of each stage",
             _cost_table(advice),

@@ -151,6 +151,22 @@ def test_areas_for_ever_have_no_slack() -> None:
         assert (one.conflicts.value, one.wrong.false_pairs, one.wrong.slack_worst_s) == (1.0, 0, 0.0)
 
 
+def test_boxes_that_meet_without_their_hulls_are_settled_by_stage_2() -> None:
+    """Two triangles in opposite corners of nearly the same box, and a track along the gap between them."""
+    areas = [
+        Area(key, shapely.MultiPolygon([shapely.Polygon(ring)]))
+        for key, ring in (("a", [(4, 50), (5, 50), (4, 51)]), ("b", [(5, 51), (5, 50.1), (4.1, 51)]))
+    ]
+    track = Track("t", np.array([[4.05, 51.0], [5.0, 50.05]]), np.array([0, HOUR_US]), np.array([[0.0, 0.0]]))
+    for tracks in ([], [track]):
+        advice = advise(Scene("gap"), areas, tracks)
+        for one in advice.estimates:
+            if one.setting.tolerance_m < 1000.0:
+                assert one.candidate_pairs.value > 0
+                assert (one.intersecting_pairs.value, one.conflicts.value, one.wrong.reported) == (0, 0, 0)
+                assert one.cost.total_s > 0.0
+
+
 def test_many_pieces_make_a_smaller_sample() -> None:
     """Two areas with coasts may be thousands of pairs of pieces: then fewer pairs of objects are tried."""
     combs = []
@@ -224,7 +240,7 @@ def test_the_command_prints_tables(run: Run) -> None:
     assert (done.code, done.err) == (0, "")
     lines = done.out.splitlines()
     assert lines[0] == "strait: exact on wgs84 at 1 m"
-    assert lines[1].startswith("sample: 8 of 8 pairs of objects that come near each other")
+    assert lines[1].startswith("sample: 8 of 8 pairs of objects that come near each other; 1000 m: ")
     assert sum(line.startswith("exact *  wgs84         1 m") for line in lines) == 2
     assert lines[-1].startswith("exact costs ")
 
