@@ -139,13 +139,15 @@ class Answer:
 
     @classmethod
     def of(cls, conflicts: Conflicts, pair: NDArray[np.int64]) -> "Answer":
-        """Return conflicts as an answer; `pair` numbers their pairs of objects."""
+        """Return conflicts as an answer; `pair` numbers their pairs of objects. Pairs that only come near are none."""
+        first, after = conflicts.period_offset[:-1], conflicts.period_offset[1:]
+        rows = np.flatnonzero(after > first)
         return cls(
-            pair,
-            conflicts.period_us[conflicts.period_offset[:-1], 0],
-            conflicts.period_us[conflicts.period_offset[1:] - 1, 1],
-            conflicts.verdict == _UNRESOLVED,
-            conflicts.time_error_s,
+            pair[rows],
+            conflicts.period_us[first[rows], 0],
+            conflicts.period_us[after[rows] - 1, 1],
+            conflicts.verdict[rows] == _UNRESOLVED,
+            conflicts.time_error_s[rows],
         )
 
     def take(self, rows: NDArray[np.int64]) -> "Answer":

@@ -167,6 +167,18 @@ def test_boxes_that_meet_without_their_hulls_are_settled_by_stage_2() -> None:
                 assert one.cost.total_s > 0.0
 
 
+def test_pairs_that_only_come_near_are_no_conflicts() -> None:
+    """`nearest_m` adds pairs without conflict to what a detection finds: they are neither reported nor wrong."""
+    scene, areas, tracks = throw(PAPER, 3, 8, 8)
+    plain = advise(scene, areas, tracks)
+    near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
+    for tolerance_m in (0.0, 1.0):
+        one, other = (of(advice, Method.EXACT, tolerance_m) for advice in (plain, near))
+        assert one.conflicts == other.conflicts
+        assert (other.wrong.false_pairs, other.wrong.missed_pairs) == (0, 0)
+        assert other.candidate_pairs.value > one.candidate_pairs.value
+
+
 def test_many_pieces_make_a_smaller_sample() -> None:
     """Two areas with coasts may be thousands of pairs of pieces: then fewer pairs of objects are tried."""
     combs = []
