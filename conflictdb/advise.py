@@ -57,10 +57,11 @@ SAMPLE: Final = 500
 NEARBY_M: Final = 10.0
 FAR_SHARE: Final = 5
 # Pairs of pieces that a sample may hold on average: one pair of areas with coasts has thousands.
-PIECE_PAIRS: Final = 4_000
+PIECE_PAIRS: Final = 3_000
+FAR_PIECE_PAIRS: Final = 1_000
 # The same for method nlp, which takes 10 ms a pair, and the least number of pairs of objects all the same.
 NLP_PIECE_PAIRS: Final = 60
-NLP_LEAST: Final = 10
+NLP_LEAST: Final = 5
 # Copies of the sample that show what one more pair costs in full batches, and about what time they may take, seconds.
 LEAST_COPIES: Final = 2
 MOST_COPIES: Final = 8
@@ -142,7 +143,7 @@ def advise(
     far = measure
     if far_m > nearby_m:
         few = -(-sample // FAR_SHARE)
-        far = _Measure(scene, objects, _Draw.of(replace(scene, tolerance_m=far_m), objects, few, PIECE_PAIRS // 2, rng))
+        far = _Measure(scene, objects, _Draw.of(replace(scene, tolerance_m=far_m), objects, few, FAR_PIECE_PAIRS, rng))
     estimates = []
     for done, setting in enumerate(settings):
         if progress:
