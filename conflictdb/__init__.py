@@ -25,6 +25,7 @@ from conflictdb.errors import (
 )
 
 if TYPE_CHECKING:
+    from conflictdb.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.detect import Run
     from conflictdb.io import Contents, Skipped, read
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from conflictdb.store import Approach, Conflict
 
 __all__ = [
+    "Advice",
     "Approach",
     "Area",
     "Conflict",
@@ -64,6 +66,7 @@ __all__ = [
 
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
+    **dict.fromkeys(("Advice",), "conflictdb.advise"),
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.detect"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),

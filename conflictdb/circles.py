@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step
 from conflictdb.model import MAX_FROM_CENTRE_DEG
+from conflictdb.motion import Rows
 
 # Cosine of the largest angle from the centre; rounding must not refuse what is exactly there.
 LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
@@ -100,7 +101,7 @@ class CircleGrowth:
     across: Floats
     starboard: Floats
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         """Return the changes of some rows."""
         return type(self)(self.ahead[:, rows], self.across[:, rows], self.starboard[:, rows])
 
@@ -137,7 +138,7 @@ class GreatCircleShapes:
         """Vertices per polygon."""
         return int(self.p.shape[1])
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         """Return the shapes of some rows."""
         arrays: dict[str, Any] = {
             column.name: getattr(self, column.name)[..., rows]

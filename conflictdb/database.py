@@ -28,6 +28,7 @@ from conflictdb.planes import centred
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
+    from conflictdb.advise import Advice
     from conflictdb.detect import Progress, Run
 
 _log = logging.getLogger(__name__)
@@ -306,6 +307,28 @@ class Database:
         """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`."""
         with self._transaction():
             return store.approaches(self.connection, scene)
+
+    def advise(
+        self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
+    ) -> "Advice":
+        """Return what each setting would cost for a scene and how wrong it would be, from a sample; changes nothing.
+
+        Parameters
+        ----------
+        sample : int, optional
+            Pairs of objects to try the settings on; by default as many as take seconds.
+        seed : int
+            Of the draw: the same seed draws the same sample.
+        progress : callable, optional
+            Called with how many settings are measured, and of how many.
+        """
+        settings, areas, tracks = self._read(scene)
+        # Not above: the solvers bring scipy, as they do for `detect`.
+        from conflictdb import advise
+
+        return advise.advise(
+            settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed, progress=progress
+        )
 
     def export(self, scene: str, path: str | Path) -> None:
         """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.

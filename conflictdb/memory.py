@@ -115,7 +115,15 @@ def _point(position_deg: NDArray[np.float64]) -> tuple[float, float] | None:
 
 def pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     """Return the pairs of stages 1 and 2, found with an index in memory by the same predicates as in the database."""
-    hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=_owners(pieces.hull_offset)))
+    return intersections(pieces, *candidates(pieces), regions=regions)
+
+
+def candidates(pieces: Pieces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows (a, b) of the pairs of pieces whose boxes meet in space, time and height: stage 1 in memory.
+
+    By the same predicates as in the database, ordered, each pair once.
+    """
+    hulls = hulls_of(pieces)
     a, b = shapely.STRtree(hulls).query(hulls)
     earlier = (pieces.kind[a] < pieces.kind[b]) | (
         (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
@@ -130,7 +138,12 @@ def pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     keep = (start < end) | ((start == end) & last)
     a, b = a[keep], b[keep]
     order = np.lexsort((b, a))
-    a, b = a[order], b[order]
+    return a[order], b[order]
+
+
+def intersections(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64], *, regions: bool) -> Pairs:
+    """Return the candidates (a, b) whose hulls meet, and where if `regions`: stage 2 in memory."""
+    hulls = hulls_of(pieces)
     met = shapely.intersects(hulls[a], hulls[b])
     a, b = a[met], b[met]
     moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
@@ -141,5 +154,7 @@ def pairs_in_memory(pieces: Pieces, *, regions: bool) -> Pairs:
     return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
 
 
-def _owners(offset: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.repeat(np.arange(len(offset) - 1), np.diff(offset))
+def hulls_of(pieces: Pieces) -> NDArray[np.object_]:
+    """Return the hulls of pieces, polygons of the plane."""
+    owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
+    return np.asarray(shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner)))

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.geodesy import Earth, Floats, direction_of
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, Kind
-from conflictdb.motion import shape_vertices
+from conflictdb.motion import Rows, shape_vertices
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
@@ -274,7 +274,7 @@ class Growth:
     climb: Floats
     spread: Floats
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         return type(self)(*(getattr(self, field.name)[..., rows] for field in fields(self)))
 
 
@@ -335,7 +335,7 @@ class RhumbShapes:
     def vertex_count(self) -> int:
         return int(self.forward.shape[0])
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         return type(self)(
             self.earth,
             self.start[:, rows],

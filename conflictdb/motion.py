@@ -21,6 +21,9 @@ from conflictdb.model import Kind
 ROUNDING_ALLOWANCE_M: Final = 1e-6
 
 
+Rows = NDArray[np.int64] | slice
+
+
 class Shapes(Protocol):
     """n convex polygons of v vertices each, as functions of time (seconds; each row has its own zero and origin)."""
 
@@ -32,8 +35,8 @@ class Shapes(Protocol):
     def is_convex(self) -> bool:
         """Whether the vertices are known to be in convex position in the plane (else their hull is meant)."""
 
-    def take(self, rows: NDArray[np.int64]) -> "Shapes":
-        """Return the shapes of some rows."""
+    def take(self, rows: Rows) -> "Shapes":
+        """Return the shapes of some rows; views of a slice."""
 
     def positions(self, t: Floats) -> Floats:
         """Return the vertices at times t (n,), (2, v, n) plane metres from the row's origin."""
@@ -157,7 +160,7 @@ class StaticShapes:
     def is_convex(self) -> bool:
         return True
 
-    def take(self, rows: NDArray[np.int64]) -> "StaticShapes":
+    def take(self, rows: Rows) -> "StaticShapes":
         return StaticShapes(self.xy[:, :, rows])
 
     def positions(self, t: Floats) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces
 from conflictdb.geodesy import Floats
-from conflictdb.motion import Plane, Shapes, origins, shapes_of
+from conflictdb.motion import Plane, Rows, Shapes, origins, shapes_of
 
 # Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a miss.
 TOUCH_M: Final = 5e-8
@@ -55,7 +55,7 @@ class Encounters:
     def __len__(self) -> int:
         return int(self.origin.shape[1])
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: Rows) -> Self:
         """Return the encounters of some rows."""
         return type(self)(self.plane, self.a.take(rows), self.b.take(rows), self.origin[:, rows], self.separation_m)
 
@@ -126,10 +126,11 @@ def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, 
         point_a[:, apart], point_b[:, apart] = _nearest_points(one, other)
         between = point_b[:, apart] - point_a[:, apart]
         distance = np.hypot(between[0], between[1])
-        # Separated by less than the rounding of the nearest points: the axis found above is as good.
-        sound = distance > 0.0
-        gap[apart] = np.where(sound, distance, gap[apart])
-        axis[:, apart] = np.where(sound, between / np.where(sound, distance, 1.0), axis[:, apart])
+        # The way between points that are close has hardly a direction: then that of an edge separates better.
+        way = between / np.where(distance > 0.0, distance, 1.0)
+        better = gap_along(way, one, other) > gap[apart]
+        axis[:, apart] = np.where(better, way, axis[:, apart])
+        gap[apart] = np.where(distance > 0.0, distance, gap[apart])
     return gap, axis, point_a, point_b
 
 

@@ -39,7 +39,7 @@ def settle_exactly(pairs: Encounters, low: Floats, high: Floats, margin_m: float
         return found
     kind = Touching if pairs.separation_m == 0.0 else Separated
     for first in range(0, n, BLOCK):
-        rows = np.arange(first, min(first + BLOCK, n))
+        rows = slice(first, first + BLOCK)
         block = kind(pairs.take(rows), low[rows], high[rows], margin_m, work)
         block.settle()
         found.is_clear[rows], found.is_solved[rows] = block.is_clear, block.is_solved

@@ -28,6 +28,8 @@ UNRESOLVED: Final = _VERDICTS.index(Verdict.UNRESOLVED)
 
 # A guess of the solver is bracketed within these steps, seconds; failing that, within the whole window.
 BRACKETS_S: Final = (1e-3, 0.1, 10.0)
+# Where a contact ends on the outer side the pair is this far apart, metres: clear of it beyond rounding.
+CLEAR_M: Final = 3.0 * TOUCH_M
 # How often the search moves to an earlier contact that was passed over, and how often a contact is cut.
 MAX_ROUNDS: Final = 16
 # A contact that begins this close to an instant that no longer belongs to the span is not in it: timestamps end there.
@@ -212,12 +214,12 @@ class _Search:
         limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
         """
         outer, witness = limit.copy(), witness.copy()
-        active = np.flatnonzero(pairs.excess(np.arange(len(limit)), limit) > TOUCH_M)
+        active = np.flatnonzero(pairs.excess(np.arange(len(limit)), limit) > CLEAR_M)
         for _ in range(MAX_ROUNDS):
             if not active.size:
                 break
             outside, inside = self._bracket(pairs, active, limit[active], witness[active], latest=latest)
-            outer[active] = crossing(pairs, active, outside, inside, TOUCH_M)[0]
+            outer[active] = crossing(pairs, active, outside, inside, CLEAR_M)[0]
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
             rest = not_clear(pairs, active, *ends, 0.0)
             # Within rounding of a touch, next to the contact: it belongs to it.
@@ -250,7 +252,7 @@ class _Search:
             row, at = rows[known], guess[known]
             outward = np.clip(at + out * step, low[known], high[known])
             inward = np.clip(at - out * step, low[known], high[known])
-            good = (pairs.excess(row, outward) > TOUCH_M) & (pairs.excess(row, inward) <= TOUCH_M)
+            good = (pairs.excess(row, outward) > CLEAR_M) & (pairs.excess(row, inward) <= TOUCH_M)
             outside[known[good]], inside[known[good]] = outward[good], inward[good]
             known = known[~good]
         return outside, inside

@@ -40,42 +40,13 @@ class Touching(Block):
         middle = 0.5 * (low + high)
         a, b = pairs.a.positions(middle), pairs.b.positions(middle)
         scale = pairs.scale(a, b)[0]
-        velocity = pairs.b.velocity(middle) - pairs.a.velocity(middle)
         slack = departure + TOUCH_M * scale
-        apart = slack + self.margin_m * scale
-        # Windows outside of which the pair is apart by the margin, touches at most, and inside of which it overlaps.
-        ends = [[np.full(len(rows), -np.inf), np.full(len(rows), np.inf)] for _ in range(3)]
-        gaps: list[tuple[Floats, Floats]] = []
-        for normal, gap, real in edge_gaps(pairs, a, b):
-            slope = normal[0] * velocity[0] + normal[1] * velocity[1]
-            gap = np.where(real, gap, -np.inf)
-            gaps.append((gap, slope))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                inverse = -1.0 / slope
-                for (first, last), more in zip(ends, (-apart, -slack, slack), strict=True):
-                    # Of a slope of 0, infinities of the right signs: apart for ever, or never.
-                    at = (gap + more) * inverse
-                    np.fmax(
-                        first,
-                        np.where(slope < 0.0, at, np.where((slope == 0.0) & (gap + more > 0.0), np.inf, -np.inf)),
-                        out=first,
-                    )
-                    np.fmin(last, np.where(slope > 0.0, at, np.inf), out=last)
-        outermost, outer, inner = ([first + middle, last + middle] for first, last in ends)
+        velocity = pairs.b.velocity(middle) - pairs.a.velocity(middle)
+        clear, solved, start, end, error = closed_form(
+            edge_gaps(pairs, a, b), velocity, low - middle, high - middle, slack, self.margin_m * scale
+        )
         self.work.closed_forms += len(rows)
-        clear = (outermost[0] > outermost[1]) | (outermost[0] > high) | (outermost[1] < low)
-        start, end = np.maximum(outer[0], low), np.minimum(outer[1], high)
-        sure_start, sure_end = np.maximum(inner[0], low), np.minimum(inner[1], high)
-        # Deep enough in the middle of the contact, and not only from the last instant of the span on.
-        deepest = np.full(len(rows), -np.inf)
-        with np.errstate(invalid="ignore"):
-            at = 0.5 * (sure_start + sure_end) - middle
-            for gap, slope in gaps:
-                deepest = np.fmax(deepest, gap + slope * at)
-            # Of polygons that are points, for they have yet to grow, there is no depth.
-            solved = ~clear & (sure_start < sure_end) & (deepest < -apart) & (deepest > -np.inf)
-            error = np.maximum(sure_start - start, end - sure_end)
-        self._keep(rows, clear, solved, start, end, error)
+        self._keep(rows, clear, solved, middle + start, middle + end, error)
 
     def _wanted_m(self, pairs: Encounters, largest: Floats) -> Floats:
         return (self.margin_m + TOUCH_M) * largest
@@ -131,3 +102,68 @@ def depth_of(
     middle = start + 0.5 * np.clip(u + v, 0.0, 2.0) * (end - start)
     depth = separation(pairs, pairs.a.positions(middle), pairs.b.positions(middle))
     return u > v, (u <= v) & (depth < -(margin_m + TOUCH_M) * largest)
+
+
+def closed_form(
+    gaps: list[tuple[Floats, Floats, NDArray[np.bool_]]],
+    velocity: Floats,
+    low: Floats,
+    high: Floats,
+    slack: Floats,
+    margin: Floats,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats, Floats, Floats]:
+    """Return (clear, solved, start, end, error) of rigid polygons in uniform motion, seconds from where they are.
+
+    gaps : for each edge its normal, the gap along it and whether it is real (see `separation.edge_gaps`)
+    velocity : (2, n) of b against a; low, high : (n,) seconds; slack, margin : (n,) how uncertain gaps are, and how far
+        apart a pair must be to be clear and how deep to be solved, plane metres
+    """
+    n = len(low)
+    first, last = np.full((2, n), -np.inf), np.full((2, n), np.inf)
+    apart = slack + margin
+    never = np.zeros(n, np.bool_)
+    at_edges: list[tuple[Floats, Floats]] = []
+    for normal, gap, real in gaps:
+        slope = normal[0] * velocity[0] + normal[1] * velocity[1]
+        gap = np.where(real, gap, -np.inf)
+        at_edges.append((gap, slope))
+        moves = slope != 0.0
+        inverse = 1.0 / np.where(moves, slope, 1.0)
+        zero, doubt = -gap * inverse, slack * np.abs(inverse)
+        nears, leaves = moves & (slope < 0.0), moves & (slope > 0.0)
+        # The gap opens or closes at `zero`, give or take the doubt.
+        for k, more in enumerate((-doubt, doubt)):
+            np.maximum(first[k], zero + more, out=first[k], where=nears)
+            np.minimum(last[k], zero - more, out=last[k], where=leaves)
+        never |= ~moves & (gap > apart)
+        last[0][~moves & (gap > slack)] = -np.inf
+        last[1][~moves & (gap > -slack)] = -np.inf
+    start, end = np.maximum(first[0], low), np.minimum(last[0], high)
+    sure_start, sure_end = np.maximum(first[1], low), np.minimum(last[1], high)
+    # Where they come no nearer than touching, are they further apart than the margin throughout?
+    clear = never
+    apart_all = np.flatnonzero((start > end) & ~never)
+    if apart_all.size:
+        clear[apart_all] = _stays_apart(at_edges, apart_all, low[apart_all], high[apart_all], apart[apart_all])
+    # Deep enough in the middle of the contact.
+    deepest = np.full(n, -np.inf)
+    with np.errstate(invalid="ignore"):
+        at = 0.5 * (sure_start + sure_end)
+        for gap, slope in at_edges:
+            np.fmax(deepest, gap + slope * at, out=deepest)
+        solved = ~clear & (sure_start < sure_end) & (deepest < -apart)
+        return clear, solved, start, end, np.maximum(sure_start - start, end - sure_end)
+
+
+def _stays_apart(
+    at_edges: list[tuple[Floats, Floats]], rows: NDArray[np.int64], low: Floats, high: Floats, apart: Floats
+) -> NDArray[np.bool_]:
+    """Return (n,) whether some gap is wider than `apart` at every instant of [low, high]."""
+    first, last = low.copy(), high.copy()
+    for gap, slope in ((gap[rows], slope[rows]) for gap, slope in at_edges):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = (apart - gap) / slope
+        np.maximum(first, at, out=first, where=slope < 0.0)
+        np.minimum(last, at, out=last, where=slope > 0.0)
+        last[(slope == 0.0) & (gap > apart)] = -np.inf
+    return first > last

@@ -52,7 +52,7 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _approaches, _export, _worker, _status, _schema, _server, _demo):
+    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _schema, _server, _demo):
         add(commands)
     return parser
 
@@ -141,6 +141,22 @@ def _approaches(commands: Any) -> None:
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
+
+
+def _advise(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "advise",
+        "advice:advise",
+        "estimate what each setting would cost for a scene, and how wrong it would be",
+        "Tries methods, tolerances and earths on a sample of the scene's own pairs. Changes nothing.",
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to advise on")
+    parser.add_argument(
+        "--sample", type=count, metavar="N", help="pairs of objects to try the settings on (default: 500)"
+    )
+    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draw another sample (default: 0)")
+    parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
 
 
 def _export(commands: Any) -> None:
@@ -250,6 +266,13 @@ def count(text: str) -> int:
     """Return a whole number, 1 or more."""
     if not re.fullmatch(r"\d{1,6}", text) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more; got {text!r}")
+    return int(text)
+
+
+def whole(text: str) -> int:
+    """Return a whole number, 0 or more."""
+    if not re.fullmatch(r"\d{1,18}", text):
+        raise argparse.ArgumentTypeError(f"must be a whole number, 0 or more; got {text!r}")
     return int(text)
 
 

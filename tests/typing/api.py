@@ -27,6 +27,10 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
             assert_type(conflict.first_contact, datetime | None)
             assert_type(conflict.periods, list[tuple[datetime | None, datetime | None]])
         assert_type(db.load_files(["a.csv", "b.gpkg"], "s"), list[conflictdb.Loaded])
+        advice = db.advise(scene, sample=200, seed=1)
+        assert_type(advice, conflictdb.Advice)
+        assert_type(advice.recommendation, str)
+        assert_type(advice.estimates[0].cost.total_s, float)
         db.export(scene, "out.geojson")
 
 

@@ -1,0 +1,96 @@
+"""What `advise` foretells against what full detections then take: pairs, conflicts and seconds, and the ratios behind.
+
+    ./run server start; ./.venv/bin/python benchmarks/advice.py [--dsn DSN] [--objects 40 300 1500] [--repeat 3]
+
+Random scenes of so many areas and as many tracks, in a window that grows with them. Below each scene: what the database
+took for a row, in units of what making a piece takes in memory, as the constants of `conflictdb.advise` are
+given. Foretold seconds are processor time: on a busy machine detections take longer. The scenes stay in the database,
+named `advice 40` and so on.
+"""
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from workloads import PAPER, throw
+
+import conflictdb
+from conflictdb import Method, store
+from conflictdb.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.estimates import Setting
+from conflictdb.pieces import area_pieces, track_pieces
+
+METHODS = (Method.SCREEN, Method.WINDOW, Method.EXACT)
+STAGES = ("pieces", "stage1", "stage2", "stage3", "stage4")
+ROW = "{:>12} {:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>7}"
+DEGREES_PER_ROOT = 2.5 / 40**0.5  # degrees of the window for the root of the number of areas
+
+
+def main() -> None:
+    """Foretell, detect, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--dsn", help="database to use; default: the embedded one")
+    parser.add_argument("--objects", type=int, nargs="+", default=[40, 300, 1500], help="areas, and as many tracks")
+    parser.add_argument("--repeat", type=int, default=3, help="detections per method; the median counts")
+    args = parser.parse_args()
+    heads = ("scene", "method", "candidates", "foretold", "conflicts", "foretold", "+-", "seconds", "foretold", "ratio")
+    print(ROW.format(*heads))
+    with conflictdb.connect(args.dsn) as db:
+        for n in args.objects:
+            workload = replace(PAPER, window=DEGREES_PER_ROOT * n**0.5, latitudes=(0.0, 5.0))
+            scene, areas, tracks = throw(workload, 1, n, n)
+            scene = replace(scene, name=f"advice {n}")
+            store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+            compare(db, scene, areas, tracks, args.repeat)
+
+
+def compare(db, scene, areas, tracks, repeat) -> None:
+    """Print one row per method, and the ratios."""
+    foretold = {one.setting: one for one in db.advise(scene.name).estimates}
+    units, made_s = {}, []
+    for method in METHODS:
+        runs, totals = [], []
+        for _ in range(repeat):
+            started = time.perf_counter()
+            pieces = Pieces.concatenate(
+                [area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))]
+            )
+            made_s.append((time.perf_counter() - started) / len(pieces))
+            totals.append(db.detect(scene.name, method=method, full=True).total_s)
+            runs.append(store.runs(db.connection, scene.name)[0])
+        run, one = runs[-1], foretold[Setting(method, scene.earth, scene.tolerance_m)]
+        seconds = median(totals)
+        print(
+            ROW.format(
+                scene.name,
+                method.value,
+                run.candidate_pairs,
+                f"{one.candidate_pairs.value:.0f}",
+                run.conflicts,
+                f"{one.conflicts.value:.0f}",
+                f"{one.conflicts.standard_error:.0f}",
+                f"{seconds:.2f}",
+                f"{one.cost.total_s:.2f}",
+                f"{one.cost.total_s / seconds:.2f}",
+            ),
+            flush=True,
+        )
+        unit = median(made_s)
+        took = {stage: median(getattr(run, f"{stage}_s") for run in runs) for stage in STAGES}
+        units[method] = {
+            "per piece": took["pieces"] / len(pieces) / unit - 1.0,
+            "join per piece": took["stage1"] / len(pieces) / unit,
+            "test per candidate": took["stage2"] / run.candidate_pairs / unit,
+            "write per conflict": (seconds - sum(took.values())) / run.conflicts / unit,
+        }
+    for method, ratios in units.items():
+        print(f"    {method.value:>8}: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items()))
+
+
+if __name__ == "__main__":
+    main()

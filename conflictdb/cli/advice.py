@@ -1,0 +1,124 @@
+"""`advise`: what each setting would cost for a scene, and how wrong it would be."""
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from typing import Any
+
+from conflictdb.advise import Advice, Estimate
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import out, progress, table
+from conflictdb.cli.session import database
+from conflictdb.estimates import Count, duration
+
+_STAGES = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
+
+
+def advise(args: argparse.Namespace) -> int:
+    """Print the advice for a scene; changes nothing."""
+    with database(args) as db:
+        advice = db.advise(args.scene, sample=args.sample, seed=args.seed, progress=_show)
+    progress("")
+    if args.format == "json":
+        out(json.dumps(_members(advice), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        out(advice_text(advice))
+    return DONE
+
+
+def _show(done: int, total: int) -> None:
+    progress(f"trying settings: {done} of {total}" if done < total else "")
+
+
+def advice_text(advice: Advice) -> str:
+    """Return the advice as tables: cost, then wrongness, then what follows."""
+    scene = advice.scene
+    if not advice.estimates:
+        return f"{scene.name}: {advice.recommendation}"
+    looked_at = f"all {advice.objects:,} objects"
+    if advice.objects_looked_at < advice.objects:
+        looked_at = f"{advice.objects_looked_at:,} of {advice.objects:,} objects, drawn at random"
+    nlp = "" if advice.nlp_pairs == advice.sampled_pairs else f" (nlp, which is dear: on {advice.nlp_pairs} of them)"
+    far = {one.setting.tolerance_m: one.sampled_pairs for one in advice.estimates}
+    others = [f"{m:g} m: {n} pairs that come that near" for m, n in sorted(far.items()) if m > advice.nearby_m]
+    undecided = f"; the truth leaves {advice.undecided_pairs} of them open" if advice.undecided_pairs else ""
+    sample = f"sample: {advice.sampled_pairs:,} of {_count(advice.pairs)} pairs of objects that come near each other"
+    return "\n".join(
+        [
+            f"{scene.name}: {scene.method} on {scene.earth} at {scene.tolerance_m:g} m",
+            "; ".join([f"{sample}{nlp}", *others, looked_at, f"seed {advice.seed}"]),
+            "",
+            "Cost of a full detection, estimated: processor time of one process, and the share of each stage",
+            _cost_table(advice),
+            "",
+            f"Wrong, on the sample, against exact at 0 m on {scene.earth}{undecided}",
+            _wrong_table(advice),
+            "",
+            advice.recommendation,
+        ]
+    )
+
+
+def _cost_table(advice: Advice) -> str:
+    header = ["METHOD", "EARTH", "TOLERANCE", "COST", "PIECES", "1", "2", "3", "4", "WRITE", "CONFLICTS"]
+    rows = [
+        [
+            *_setting(advice, estimate),
+            duration(estimate.cost.total_s),
+            *(f"{100.0 * getattr(estimate.cost, stage) / estimate.cost.total_s:.0f} %" for stage in _STAGES),
+            _count(estimate.conflicts),
+        ]
+        for estimate in advice.estimates
+    ]
+    return table(header, rows, right=header[2:])
+
+
+def _wrong_table(advice: Advice) -> str:
+    header = ["METHOD", "EARTH", "TOLERANCE", "REPORTED", "NEVER MEET", "MISSED", "TOO LONG: MEDIAN", "95 %", "WORST"]
+    header += ["TOO SHORT", "ERROR BOUND", "UNRESOLVED"]
+    rows = []
+    for estimate in advice.estimates:
+        wrong = estimate.wrong
+        error = f"±{100.0 * estimate.false_share_error:.1f}" if estimate.false_share_error else ""
+        share = f"{wrong.false_pairs} ({100.0 * wrong.false_share:.1f}{error} %)"
+        times = (wrong.slack_median_s, wrong.slack_p95_s, wrong.slack_worst_s, wrong.short_worst_s, wrong.time_error_s)
+        rows.append(
+            [
+                *_setting(advice, estimate),
+                wrong.reported,
+                share if wrong.false_pairs else 0,
+                wrong.missed_pairs,
+                *map(duration, times),
+                wrong.unresolved,
+            ]
+        )
+    return table(header, rows, right=header[2:])
+
+
+def _setting(advice: Advice, estimate: Estimate) -> list[object]:
+    setting, scene = estimate.setting, advice.scene
+    is_own = (setting.method, setting.earth, setting.tolerance_m) == (scene.method, scene.earth, scene.tolerance_m)
+    return [f"{setting.method}{' *' if is_own else ''}", setting.earth, f"{setting.tolerance_m:g} m"]
+
+
+def _count(count: Count) -> str:
+    error = f"±{count.standard_error:,.0f}" if count.standard_error >= 0.5 else ""
+    return f"{count.value:,.0f}{error}"
+
+
+def _members(advice: Advice) -> dict[str, Any]:
+    """Return the advice for JSON: the members of `Advice`, with sums, and null for what is not a number."""
+    members = _finite(asdict(advice))
+    for estimate, shown in zip(advice.estimates, members["estimates"], strict=True):
+        shown["cost"]["total_s"] = estimate.cost.total_s
+        shown["wrong"]["false_share"] = estimate.wrong.false_share
+    return dict(members)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(member) for name, member in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(member) for member in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

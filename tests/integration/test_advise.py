@@ -1,0 +1,289 @@
+"""`advise`: it changes nothing, its counts are those of a detection, and it says where there is nothing to advise."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from commands import STRAIT, Run, runner
+from workloads import LONG_LEGS, PAPER, throw
+
+import conflictdb
+from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track, store
+from conflictdb.advise import NLP_LEAST, TOLERANCES_M, Advice, Estimate, advise
+from conflictdb.estimates import Setting
+from conflictdb.sample import Objects
+
+TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
+HOUR_US = 3_600_000_000
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+def contents(dsn: str) -> list[Any]:
+    """Return every row of every table, with the transaction that wrote it."""
+    with psycopg.connect(dsn) as conn:
+        return [
+            conn.execute(f"SELECT t.xmin::text, t.ctid::text, t::text FROM conflictdb.{table} t ORDER BY 2").fetchall()
+            for table in TABLES
+        ]
+
+
+def of(advice: Advice, method: Method, tolerance_m: float, earth: EarthModel = EarthModel.WGS84) -> Estimate:
+    (found,) = (one for one in advice.estimates if one.setting == Setting(method, earth, tolerance_m))
+    return found
+
+
+def counts(advice: Advice) -> list[Any]:
+    """Return all that does not depend on the clock."""
+    return [advice.pairs, advice.sampled_pairs, advice.objects_looked_at] + [
+        (one.setting, one.candidate_pairs, one.intersecting_pairs, one.solved_pairs, one.conflicts, repr(one.wrong))
+        for one in advice.estimates
+    ]
+
+
+def strangers(count: int) -> list[Track]:
+    """Tracks of an hour each, a day apart, all in the same place."""
+    return [
+        Track(
+            f"T{i}",
+            np.array([[5.0, 50.0], [5.1, 50.0]]),
+            np.array([24 * i * HOUR_US, (24 * i + 1) * HOUR_US]),
+            np.array([[0.0, 0.0]]),
+        )
+        for i in range(count)
+    ]
+
+
+@pytest.mark.parametrize("detected", [False, True])
+def test_it_changes_nothing(dsn: str, detected: bool) -> None:
+    """Not a row is written, of a scene with pending changes or without: readers may ask, in read-only sessions too."""
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        if detected:
+            db.detect("strait")
+    before = contents(dsn)
+    with conflictdb.connect(f"{dsn} options='-c default_transaction_read_only=on -c role=conflictdb_reader'") as db:
+        assert db.advise("strait").estimates
+    assert contents(dsn) == before
+
+
+def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        advice = db.advise("strait")
+        assert advice.sampled_pairs == advice.pairs.value
+        for estimate in advice.estimates:
+            setting = estimate.setting
+            if setting.earth != EarthModel.WGS84:
+                continue
+            done = db.detect("strait", method=setting.method, tolerance_m=setting.tolerance_m, full=True)
+            found = (estimate.candidate_pairs, estimate.intersecting_pairs, estimate.conflicts)
+            assert [count.value for count in found] == [done.candidate_pairs, done.intersecting_pairs, done.conflicts]
+            assert {count.standard_error for count in found} == {0.0}
+            assert estimate.solved_pairs.value == pytest.approx(done.solved_pairs)
+            assert estimate.wrong.unresolved == done.unresolved
+
+
+def test_estimates_are_near_what_a_detection_counts(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 240 objects some are looked at, and 150 pairs of these: within the errors, and within a factor of 3."""
+    scene, areas, tracks = throw(replace(PAPER, window=6.0), 4, 120, 120)
+    monkeypatch.setattr("conflictdb.sample.PROBE", 60)
+    monkeypatch.setattr("conflictdb.sample.PIECES", 450)
+    with conflictdb.connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        advice = db.advise(scene.name, sample=150, seed=1)
+        assert 100 < advice.objects_looked_at < 200
+        assert advice.sampled_pairs == 150
+        for method in (Method.SCREEN, Method.WINDOW, Method.EXACT):
+            done = db.detect(scene.name, method=method, full=True)
+            estimate = of(advice, method, scene.tolerance_m)
+            for count, true in (
+                (estimate.candidate_pairs, done.candidate_pairs),
+                (estimate.intersecting_pairs, done.intersecting_pairs),
+                (estimate.solved_pairs, done.solved_pairs),
+                (estimate.conflicts, done.conflicts),
+            ):
+                assert true / 3 <= count.value <= true * 3, method
+                assert abs(count.value - true) <= 4.0 * count.standard_error + 1e-6, method
+
+
+@pytest.mark.parametrize("earth", list(EarthModel))
+def test_on_the_scenes_own_earth_nothing_is_missed_or_short(earth: EarthModel) -> None:
+    scene, areas, tracks = throw(LONG_LEGS, 2, 14, 14, earth, tolerance_m=50.0)
+    advice = advise(scene, areas, tracks, sample=80)
+    own = [one for one in advice.estimates if one.setting.earth == earth]
+    assert {one.setting.tolerance_m for one in own} == {50.0, *TOLERANCES_M}
+    assert {one.setting.method for one in own} == set(Method)
+    for one in own:
+        assert one.wrong.missed_pairs == 0
+        assert one.wrong.short_worst_s <= 1e-5
+    truth = of(advice, Method.EXACT, 0.0, earth).wrong
+    assert (truth.false_pairs, truth.slack_worst_s) == (0, 0.0)
+    screen, window = (of(advice, method, 50.0, earth).wrong for method in (Method.SCREEN, Method.WINDOW))
+    assert screen.false_pairs >= window.false_pairs > 0
+    assert screen.slack_worst_s >= window.slack_worst_s > 0.0
+    (other,) = {*EarthModel} - {earth}
+    assert of(advice, Method.EXACT, 50.0, other).wrong.slack_worst_s > 1.0
+
+
+def test_the_same_seed_draws_the_same_sample_whatever_the_order_of_objects() -> None:
+    scene, areas, tracks = throw(PAPER, 3, 10, 10)
+    first = advise(scene, areas, tracks, sample=12, seed=7)
+    assert first.sampled_pairs == 12
+    assert NLP_LEAST <= first.nlp_pairs <= 12
+    assert counts(advise(scene, areas[::-1], tracks[::-1], sample=12, seed=7)) == counts(first)
+    assert counts(advise(scene, areas, tracks, sample=12, seed=8)) != counts(first)
+
+
+def test_areas_for_ever_have_no_slack() -> None:
+    areas = [
+        Area(key, shapely.MultiPolygon([shapely.box(x, 50.0, x + 1.0, 51.0)])) for x, key in ((4.0, "a"), (4.5, "b"))
+    ]
+    advice = advise(Scene("areas"), areas, [])
+    for one in advice.estimates:
+        assert (one.conflicts.value, one.wrong.false_pairs, one.wrong.slack_worst_s) == (1.0, 0, 0.0)
+
+
+def test_boxes_that_meet_without_their_hulls_are_settled_by_stage_2() -> None:
+    """Two triangles in opposite corners of nearly the same box, and a track along the gap between them."""
+    areas = [
+        Area(key, shapely.MultiPolygon([shapely.Polygon(ring)]))
+        for key, ring in (("a", [(4, 50), (5, 50), (4, 51)]), ("b", [(5, 51), (5, 50.1), (4.1, 51)]))
+    ]
+    track = Track("t", np.array([[4.05, 51.0], [5.0, 50.05]]), np.array([0, HOUR_US]), np.array([[0.0, 0.0]]))
+    for tracks in ([], [track]):
+        advice = advise(Scene("gap"), areas, tracks)
+        for one in advice.estimates:
+            if one.setting.tolerance_m < 1000.0:
+                assert one.candidate_pairs.value > 0
+                assert (one.intersecting_pairs.value, one.conflicts.value, one.wrong.reported) == (0, 0, 0)
+                assert one.cost.total_s > 0.0
+
+
+def test_pairs_that_only_come_near_are_no_conflicts() -> None:
+    """`nearest_m` adds pairs without conflict to what a detection finds: they are neither reported nor wrong."""
+    scene, areas, tracks = throw(PAPER, 3, 8, 8)
+    plain = advise(scene, areas, tracks)
+    near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
+    for tolerance_m in (0.0, 1.0):
+        one, other = (of(advice, Method.EXACT, tolerance_m) for advice in (plain, near))
+        assert one.conflicts == other.conflicts
+        assert (other.wrong.false_pairs, other.wrong.missed_pairs) == (0, 0)
+        assert other.candidate_pairs.value > one.candidate_pairs.value
+
+
+def test_many_pieces_make_a_smaller_sample() -> None:
+    """Two areas with coasts may be thousands of pairs of pieces: then fewer pairs of objects are tried."""
+    combs = []
+    for k in range(12):
+        teeth = [
+            corner
+            for i in range(40)
+            for corner in ((4.0 + i * 0.02, 50.0 + 0.01 * k), (4.01 + i * 0.02, 50.5 + 0.01 * k))
+        ]
+        ring = [*teeth, (4.8, 49.9 + 0.01 * k), (4.0, 49.9 + 0.01 * k)]
+        combs.append(Area(f"A{k}", shapely.MultiPolygon([shapely.Polygon(ring)])))
+    advice = advise(Scene("combs"), combs, [])
+    assert advice.pairs.value == 66
+    assert 1 <= advice.sampled_pairs < 66
+
+
+def test_an_empty_scene_and_strangers_need_no_advice(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("empty"), [], [], merge=False)
+        store.replace_scene(db.connection, Scene("apart"), [], strangers(3), merge=False)
+        store.replace_scene(db.connection, Scene("one"), [], strangers(1), merge=False)
+        assert db.advise("empty").estimates == ()
+        assert "holds no objects" in db.advise("empty").recommendation
+        for name in ("apart", "one"):
+            advice = db.advise(name)
+            assert (advice.estimates, advice.pairs.value) == ((), 0.0)
+            assert "come near each other" in advice.recommendation
+
+
+def test_strangers_among_some_objects_are_said_to_be_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conflictdb.sample.PROBE", 4)
+    monkeypatch.setattr("conflictdb.sample.PIECES", 4)
+    advice = advise(Scene("apart"), [], strangers(40))
+    assert advice.objects_looked_at < 40
+    assert (
+        f"no two of {advice.objects_looked_at} of the 40 objects, drawn at random, come near" in advice.recommendation
+    )
+
+
+def test_wrong_arguments_and_unknown_scenes_are_refused(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        with pytest.raises(InvalidInput, match="not in this database"):
+            db.advise("nowhere")
+        db.load(STRAIT)
+        for wrong in ({"sample": 0}, {"sample": -3}, {"sample": 1.5}, {"seed": -1}, {"sample": True}):
+            with pytest.raises(InvalidInput, match="must be a whole number"):
+                db.advise("strait", **wrong)  # type: ignore[arg-type]
+
+
+def test_progress_counts_settings() -> None:
+    scene, areas, tracks = throw(PAPER, 3, 4, 4)
+    told: list[tuple[int, int]] = []
+    advice = advise(scene, areas, tracks, progress=lambda done, total: told.append((done, total)))
+    total = len(advice.estimates)
+    assert told == [(done, total) for done in range(total + 1)]
+
+
+def test_keys_of_pairs_are_one_number_for_both_orders() -> None:
+    scene, areas, tracks = throw(PAPER, 3, 3, 3)
+    objects = Objects.of(areas, tracks)
+    pieces = objects.pieces(scene, np.arange(len(objects)))
+    a, b = np.arange(len(pieces) - 1), np.arange(1, len(pieces))
+    keys = objects.pair_keys(pieces, a, b)
+    np.testing.assert_array_equal(keys, objects.pair_keys(pieces, b, a))
+    assert set(objects.members(keys).tolist()) == set(range(6))
+
+
+def test_the_command_prints_tables(run: Run) -> None:
+    run("load", STRAIT)
+    done = run("advise", "--scene", "strait")
+    assert (done.code, done.err) == (0, "")
+    lines = done.out.splitlines()
+    assert lines[0] == "strait: exact on wgs84 at 1 m"
+    assert lines[1].startswith("sample: 8 of 8 pairs of objects that come near each other; 1000 m: ")
+    assert sum(line.startswith("exact *  wgs84         1 m") for line in lines) == 2
+    assert lines[-1].startswith("exact costs ")
+
+
+def test_the_command_says_what_nlp_was_tried_on(run: Run, dsn: str) -> None:
+    scene, areas, tracks = throw(PAPER, 3, 12, 12)
+    with conflictdb.connect(dsn) as db:
+        store.replace_scene(db.connection, replace(scene, name="s"), areas, tracks, merge=False)
+    done = run("advise", "--scene", "s", "--sample", "60", "--seed", "3")
+    assert "(nlp, which is dear: on " in done.out
+    assert "seed 3" in done.out
+
+
+def test_the_command_prints_json(run: Run) -> None:
+    run("load", STRAIT)
+    done = run("advise", "--scene", "strait", "--format", "json", "--sample", "4")
+    advice = json.loads(done.out)
+    assert (done.code, advice["scene"]["name"], advice["sampled_pairs"]) == (0, "strait", 4)
+    for one in advice["estimates"]:
+        cost = one["cost"]
+        assert cost["total_s"] == pytest.approx(sum(value for name, value in cost.items() if name != "total_s"))
+        assert 0.0 <= one["wrong"]["false_share"] <= 1.0
+        assert set(one["setting"]) == {"method", "earth", "tolerance_m"}
+
+
+def test_the_command_answers_where_there_is_nothing(run: Run, dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("empty"), [], [], merge=False)
+    done = run("advise", "--scene", "empty")
+    assert (done.code, done.out) == (0, "empty: the scene holds no objects: there is nothing to detect.\n")
+    assert json.loads(run("advise", "--scene", "empty", "--format", "json").out)["estimates"] == []
+    assert run("advise", "--scene", "nowhere").code == 4
+    for wrong in (("advise",), ("advise", "--scene", "s", "--sample", "0"), ("advise", "--scene", "s", "--seed", "-1")):
+        assert run(*wrong).code == 2
