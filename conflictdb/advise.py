@@ -44,6 +44,7 @@ from conflictdb.estimates import (
 from conflictdb.geodesy import Floats
 from conflictdb.memory import candidates, intersections
 from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.planes import centred
 from conflictdb.sample import Frame, Objects
 from conflictdb.settle import needs_regions, settle
 
@@ -131,6 +132,7 @@ def advise(
     objects = Objects.of(areas, tracks)
     if not len(objects):
         return _nothing(scene, seed, objects, 0, "the scene holds no objects: there is nothing to detect.")
+    scene = centred(scene, areas, tracks)
     settings = _settings(scene)
     nearby_m = max(scene.tolerance_m, NEARBY_M)
     rng = np.random.default_rng(seed)

@@ -1,13 +1,16 @@
 """Scenes of great circles on their way in and out: settings, files, what their plane holds, and what it makes whole."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
+from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, rectangle_outline_m, solve
+from conflictdb.advise import advise
 from conflictdb.batches import AreaBatch, TrackBatch
 from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.geodesy import great_circle_distance
@@ -219,3 +222,13 @@ def test_scenes_near_and_far_from_their_centre_give_one_answer() -> None:
             assert (one.a_key, one.b_key, one.verdict) == (other.a_key, other.b_key, other.verdict)
             for ours, theirs in zip(one.periods_us, other.periods_us, strict=True):
                 assert ours == pytest.approx(theirs, abs=2)
+
+
+def test_advice_about_great_circles() -> None:
+    """On the only earth they are on, and about the middle of the objects if the scene has no centre yet."""
+    scene, areas, tracks = throw(OCEAN, 3, 8, 8)
+    for centre in (scene.centre, None):
+        advice = advise(replace(scene, centre=centre), areas, tracks, sample=10)
+        assert {estimate.setting.earth for estimate in advice.estimates} == {EarthModel.SPHERE}
+        assert advice.scene.centre is not None
+        assert advice.sampled_pairs > 0
