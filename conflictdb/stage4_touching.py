@@ -145,13 +145,13 @@ def closed_form(
     apart_all = np.flatnonzero((start > end) & ~never)
     if apart_all.size:
         clear[apart_all] = _stays_apart(at_edges, apart_all, low[apart_all], high[apart_all], apart[apart_all])
-    # Deep enough in the middle of the contact.
+    # Deep enough in the middle of the contact; polygons without any edge have no depth.
     deepest = np.full(n, -np.inf)
     with np.errstate(invalid="ignore"):
         at = 0.5 * (sure_start + sure_end)
         for gap, slope in at_edges:
             np.fmax(deepest, gap + slope * at, out=deepest)
-        solved = ~clear & (sure_start < sure_end) & (deepest < -apart)
+        solved = ~clear & (sure_start < sure_end) & (deepest < -apart) & np.isfinite(deepest)
         return clear, solved, start, end, np.maximum(sure_start - start, end - sure_end)
 
 
