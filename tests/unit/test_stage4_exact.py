@@ -1,0 +1,181 @@
+"""The exact solver held to the search, which shares none of its shortcuts, and to answers known by hand."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import scenes
+import shapely
+from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
+
+from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.geodesy import Floats
+from conflictdb.memory import pairs_in_memory
+from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.motion import likeness
+from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.planes import plane_of
+from conflictdb.separation import TOUCH_M, Encounters
+from conflictdb.stage3_projection import shared_span
+from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
+from conflictdb.stage4_exact import Work, settle_exactly
+from conflictdb.stage4_search import search
+
+DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Pairs whose shapes share arrays, timed from the start of their shared spans."""
+
+    pairs: Encounters
+    span_s: Floats
+
+    def settled(self, margin_m: float, work: Work | None = None) -> object:
+        return settle_exactly(self.pairs, np.zeros(len(self.pairs)), self.span_s, margin_m, work or Work())
+
+
+def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
+    """All pairs with a track that pass stages 1 and 2."""
+    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
+    start, end = shared_span(pieces, pairs)
+    sort = likeness(plane_of(scene), pieces)
+    key = sort[pairs.a] * (sort.max() + 1) + sort[pairs.b]
+    found = []
+    for kind in np.unique(key):
+        rows = np.flatnonzero(key == kind)
+        encounters = Encounters.of(plane_of(scene), scene.separation_m, pieces, pairs, rows, start[rows])
+        found.append(Group(encounters, (end - start)[rows] / 1e6))
+    return found
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize(
+    ("workload", "tolerance_m", "separation_m"),
+    [
+        (PAPER, 0.0, 0.0),
+        (HIGH_LATITUDE, 1.0, 0.0),
+        (LONG_LEGS, 20.0, 0.0),
+        (EQUATOR, 0.0, 0.0),
+        (HARBOUR, 0.0, 0.0),
+        (PAPER, 0.0, 3000.0),
+        (HIGH_LATITUDE, 1.0, 1000.0),
+    ],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_what_is_settled_is_what_the_search_finds(
+    workload: object, tolerance_m: float, separation_m: float, earth: EarthModel
+) -> None:
+    """Clear is clear, one contact is one contact, and its ends agree within both bounds; hardly anything is left."""
+    scene, areas, tracks = throw(workload, 4, 12, 12, earth, tolerance_m, separation_m)
+    total = left = solved = 0
+    for group in groups(scene, areas, tracks):
+        n = len(group.pairs)
+        settled = group.settled(max(tolerance_m, TOUCH_M))
+        found = search(group.pairs, tolerance_m, np.zeros(n), group.span_s, np.full(n, np.inf), None)
+        for row in range(n):
+            mine = np.flatnonzero(found.pair == row)
+            if settled.is_clear[row]:
+                assert not len(mine)
+            if settled.is_solved[row]:
+                assert found.verdict[mine].tolist() == [CONFLICT]
+                allowed = settled.error_s[row] + found.error_s[mine[0]] + 1e-7
+                assert settled.start_s[row] == pytest.approx(found.start_s[mine[0]], abs=allowed)
+                assert settled.end_s[row] == pytest.approx(found.end_s[mine[0]], abs=allowed)
+        total += n
+        left += int((~settled.is_clear & ~settled.is_solved).sum())
+        solved += int(settled.is_solved.sum())
+    assert solved >= 5
+    assert left <= 0.1 * total
+
+
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
+def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_speed(workload: object) -> None:
+    scene, areas, tracks = throw(workload, 7, 25, 25, EarthModel.WGS84, 0.0)
+    for group in groups(scene, areas, tracks):
+        settled = group.settled(TOUCH_M)
+        rows = np.flatnonzero(settled.is_solved & (settled.error_s > 1e-6))
+        if rows.size:
+            # By how much the gap changes in the second before and after either end.
+            some = group.pairs.take(rows)
+            every = np.arange(len(rows))
+            slow = np.zeros(len(rows), np.bool_)
+            for end in (settled.start_s[rows], settled.end_s[rows]):
+                slow |= np.abs(some.excess(every, end + 1.0) - some.excess(every, end - 1.0)) < 1.5
+            assert slow.all()
+
+
+def test_uniform_motion_takes_the_closed_form() -> None:
+    """A haven along the equator, through a box: answers by hand, without one evaluation of the true motion."""
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
+    box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
+    work = Work()
+    for group in groups(scene, [box], [track]):
+        group.settled(TOUCH_M, work)
+    assert work.closed_forms >= 1
+    assert work.windows == work.evaluations == 0
+    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of([box])), track_pieces(scene, TrackBatch.of([track]))])
+    pairs = pairs_in_memory(pieces, regions=False)
+    start, end = shared_span(pieces, pairs)
+    found, _ = contacts(scene, pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    seconds = (start[found.pair] - scenes.T0_US) / 1e6
+    assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
+    assert (seconds + found.end_s).max() == pytest.approx((0.6 + 2000 / DEGREE) * 3600, abs=1e-6)
+    assert found.error_s.max() < 1e-6
+
+
+def test_answers_do_not_depend_on_the_company() -> None:
+    """Each pair alone, bit for bit what it is among all others."""
+    scene, areas, tracks = throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0)
+    for group in groups(scene, areas, tracks):
+        together = group.settled(1.0)
+        for row in range(len(group.pairs)):
+            alone = Group(group.pairs.take(np.array([row])), group.span_s[[row]]).settled(1.0)
+            for name in ("is_clear", "is_solved", "start_s", "end_s", "error_s"):
+                assert getattr(alone, name)[0] == getattr(together, name)[row]
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "verdict"), [(500.0, CONFLICT), (99.0, GRAZING), (0.0, GRAZING), (-99.0, GRAZING), (-101.0, None)]
+)
+def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int | None) -> None:
+    """Past a box to the north of the equator, so deep in it, at a tolerance of 100 m."""
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=100.0)
+    north = np.degrees((500.0 - depth_m) / 6371008.771415)
+    box = scenes.area("A", shapely.box(0.5, north, 0.6, north + 0.1))
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
+    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of([box])), track_pieces(scene, TrackBatch.of([track]))])
+    pairs = pairs_in_memory(pieces, regions=False)
+    start, end = shared_span(pieces, pairs)
+    found, effort = contacts(scene, pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
+    if depth_m in (500.0, 99.0, -101.0):
+        assert effort.searched_pairs == 0
+    if verdict is not None:
+        assert (found.touches == (depth_m >= 0.0)).all()
+    assert UNRESOLVED not in found.verdict
+
+
+def test_a_pair_of_points_is_left_to_the_search() -> None:
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
+    size = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
+    tracks = [
+        scenes.track("T", [(0, 0), (1, 0)], [0, 3600], **size),
+        scenes.track("U", [(1, 0), (0, 0)], [0, 3600], **size),
+    ]
+    (group,) = [g for g in groups(scene, [], tracks) if len(g.pairs)][:1]
+    settled = group.settled(TOUCH_M)
+    assert not (settled.is_clear | settled.is_solved).any()
+
+
+def test_no_pairs_are_settled_as_none() -> None:
+    """An empty batch of pairs is settled, too."""
+    scene = Scene("s", tolerance_m=0.0)
+    box = scenes.area("A", shapely.box(0, 0, 1, 1))
+    pieces = area_pieces(scene, AreaBatch.of([box]))
+    none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
+    found, effort = contacts(scene, pieces, none, np.empty(0), np.empty(0))
+    assert len(found) == effort.searched_pairs == 0
