@@ -185,9 +185,9 @@ class Earth:
         mean_slope = 0.5 * (self._conformal_slope(mu1) + self._conformal_slope(mu2))
         return np.asarray(change * mean_slope + 0.5 * (1.0 / cos1 + 1.0 / cos2) * slope_of_chi)
 
-    def plane_scale(self, psi: ArrayLike) -> Floats:
+    def plane_scale(self, psi: Floats) -> Floats:
         """Return plane metres per metre on the earth at an isometric latitude (the projection is conformal)."""
-        return self.radius_m / self.rectifying_m * self.slope(self.rectifying_of_isometric(psi))
+        return np.asarray(np.cosh(psi) * self.radius_m / self.conformal_radius_m(psi))
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres of longitudes and latitudes in degrees."""

@@ -133,6 +133,9 @@ class Plane(Protocol):
         scale : the largest on the way; in a plane that keeps angles it is 0
         """
 
+    def understated_m(self, distance_m: float, scale: Floats) -> Floats:
+        """Return (n,) by how much at most `distance_m` understates such a distance; scale : the largest on the way."""
+
     def distance_m(self, a: Floats, b: Floats) -> Floats:
         """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
 

@@ -132,14 +132,14 @@ def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats)
 
 
 def crossing(
-    pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: float
+    pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: Floats | float
 ) -> tuple[Floats, Floats]:
     """Return brackets (outer, inner) of where the excess crosses a level, no wider than BRACKET_S.
 
     outside, inside : (n,) seconds, with excess > level at outside and <= level at inside (either may be the later).
     A pair that is not above the level at `outside` gets `outside` for both.
     """
-    outer = outside.copy()
+    outer, level_m = outside.copy(), np.broadcast_to(level_m, outside.shape)
     above, below = pairs.excess(rows, outer) - level_m, pairs.excess(rows, inside) - level_m
     inner = np.where(above > 0.0, inside, outer)
     side = np.zeros(len(rows), np.int8)
@@ -156,7 +156,7 @@ def crossing(
         over = 0.4 * BRACKET_S / np.abs(last - first) * np.where(side[active] > 0, 1.0, -1.0)
         at = first + np.clip(share + np.where(step % 3 < 2, over, 0.0), 0.0, 1.0) * (last - first)
         at = np.where((at == first) | (at == last), 0.5 * (first + last), at)
-        found = pairs.excess(rows[active], at) - level_m
+        found = pairs.excess(rows[active], at) - level_m[active]
         is_above = found > 0.0
         again = side[active] == np.where(is_above, 1, -1)
         outer[active] = np.where(is_above, at, first)

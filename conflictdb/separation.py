@@ -76,6 +76,10 @@ class Encounters:
         step = max(1, BATCH_NUMBERS // (self.a.vertex_count + self.b.vertex_count))
         return [slice(first, first + step) for first in range(0, max(n, 1), step)]
 
+    def doubt_m(self, largest: Floats) -> Floats:
+        """Return (n,) how much nearer than wanted a pair must be to be so beyond doubt; largest : scale on the way."""
+        return TOUCH_M + self.plane.understated_m(self.separation_m, largest)
+
     def scale(self, *polygons: Floats) -> tuple[Floats, Floats]:
         """Return (n,) the largest and smallest scale in the hulls of all vertices (2, v, n) of each of these pairs."""
         points = np.concatenate(polygons, axis=1) + self.origin[:, None, :]

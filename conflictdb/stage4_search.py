@@ -278,19 +278,24 @@ def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *
 def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
     """Return (n,) how far from the start, and from the end, of a contact it is beyond doubt, seconds.
 
-    The plane is rounded by less than TOUCH_M: a contact is beyond doubt where it is deeper. If it is nowhere found to
+    The plane is rounded by less than TOUCH_M, and distances are understated by a trace: a contact is beyond doubt
+    where it is deeper. If it is nowhere found to
     be, it is in doubt altogether.
 
     first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
     """
     every = np.arange(len(start))
+    deep_m = -TOUCH_M * np.ones(len(start))
+    if pairs.separation_m > 0.0:
+        at = [(shape.positions(t)) for t in (start, end) for shape in (pairs.a, pairs.b)]
+        deep_m = -pairs.doubt_m(pairs.scale(*at)[0])
     doubts = []
     for outer, witness in ((start, first), (end, last)):
         doubt = end - start
         quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
         for deep in (outer, *quarters, witness):
-            sunk = np.flatnonzero((pairs.excess(every, deep) <= -TOUCH_M) & (doubt >= end - start))
-            settled = crossing(pairs, sunk, outer[sunk], deep[sunk], -TOUCH_M)[1]
+            sunk = np.flatnonzero((pairs.excess(every, deep) <= deep_m) & (doubt >= end - start))
+            settled = crossing(pairs, sunk, outer[sunk], deep[sunk], deep_m[sunk])[1]
             doubt[sunk] = np.abs(settled - outer[sunk])
         doubts.append(doubt)
     return doubts[0], doubts[1]

@@ -60,14 +60,14 @@ class Separated(Block):
             zone_end[active] = end
             closing = self._closes_in(some, limit[active], end, inward[active], largest[active], low)
             gap, within = self._excess_m(some, limit[active]), self._excess_m(some, end)
-            metre = np.full(len(active), TOUCH_M)
-            good = np.flatnonzero(found & closing & (gap > TOUCH_M) & (within < -TOUCH_M))
+            doubt = pairs.doubt_m(largest)[active]
+            good = np.flatnonzero(found & closing & (gap > doubt) & (within < -doubt))
 
             def measure(rows: NDArray[np.int64], t: Floats) -> Floats:
                 return self._excess_m(some.take(good[rows]), t)
 
             if good.size:
-                root = roots(measure, limit[active][good], gap[good], zone_end[active][good], within[good], metre[good])
+                root = roots(measure, limit[active][good], gap[good], zone_end[active][good], within[good], doubt[good])
                 outer[active[good]], inner[active[good]] = root.outer, root.inner
                 sure[active[good]] = root.is_found
         sure &= self._holds(pairs, zone_end, inside, depth, touch, smallest)

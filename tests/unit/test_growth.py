@@ -15,10 +15,11 @@ from workloads import GROWING, PAPER, throw
 from conflictdb import InvalidInput, solve
 from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
-from conflictdb.mercator import Mercator, RhumbShapes
+from conflictdb.mercator import Mercator
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion import StaticShapes, likeness
 from conflictdb.pieces import check_plane, track_pieces
+from conflictdb.rhumb import RhumbShapes
 from conflictdb.separation import Encounters, separation
 from conflictdb.stage4_exact import settle_exactly
 from conflictdb.stage4_windows import Work

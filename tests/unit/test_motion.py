@@ -12,10 +12,11 @@ from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
 from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
-from conflictdb.mercator import Mercator, RhumbShapes
+from conflictdb.mercator import Mercator
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion import padding_m
 from conflictdb.pieces import track_pieces
+from conflictdb.rhumb import RhumbShapes
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65
