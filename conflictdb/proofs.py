@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.geodesy import Floats
-from conflictdb.separation import TOUCH_M, Encounters, gap_along, nearest
+from conflictdb.separation import TOUCH_M, Encounters, edges, gap_along, gaps_along, nearest
 
 # Intervals are not split below a microsecond, the resolution of a timestamp (seconds).
 SHORTEST_INTERVAL_S: Final = 1e-6
@@ -243,22 +243,18 @@ def clear_window(a0: Floats, b0: Floats, a1: Floats, b1: Floats, slack: Floats) 
     n = a0.shape[2]
     u, v = np.zeros(n), np.ones(n)
     for mine0, mine1, other0, other1 in ((a0, a1, b0, b1), (b0, b1, a0, a1)):
-        count = mine0.shape[1]
         middle = mine0 + mine1
-        for k in range(count if count > 1 else 0):
-            m = (k + 1) % count
+        for k, m in edges(mine0, other0, convex=True):
             nx, ny = middle[1, m] - middle[1, k], middle[0, k] - middle[0, m]
             wanted = slack * np.sqrt(nx * nx + ny * ny)
-            g0 = (nx * other0[0] + ny * other0[1]).min(axis=0)
-            g0 -= (nx * mine0[0] + ny * mine0[1]).max(axis=0)
-            g0 -= wanted
-            g1 = (nx * other1[0] + ny * other1[1]).min(axis=0)
-            g1 -= (nx * mine1[0] + ny * mine1[1]).max(axis=0)
-            g1 -= wanted
+            # Of a polygon that stands still, the edge itself is the furthest along its own normal.
+            still = mine0 is mine1 and mine0.shape[1] > 2
+            g0 = gaps_along(nx, ny, mine0, other0, k, convex=still) - wanted
+            g1 = gaps_along(nx, ny, mine1, other1, k, convex=still) - wanted
             with np.errstate(divide="ignore", invalid="ignore"):
                 zero = g0 / (g0 - g1)
             before, after = g0 > 0.0, g1 > 0.0
-            np.maximum(u, zero, out=u, where=before & ~after)
-            np.minimum(v, zero, out=v, where=after & ~before)
-            u[before & after] = 2.0
+            np.maximum(u, np.where(before & ~after, zero, 0.0).max(axis=0), out=u)
+            np.minimum(v, np.where(after & ~before, zero, 1.0).min(axis=0), out=v)
+            u[(before & after).any(axis=0)] = 2.0
     return u, v

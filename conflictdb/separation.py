@@ -19,6 +19,8 @@ TOUCH_M: Final = 5e-8
 # Below this many metres on the earth the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude, so
 # that the nearest points in the plane are those on the earth.
 SHORT_M: Final = 1e-3
+# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
+EDGE_NUMBERS: Final = 32_768
 # Numbers held at once by one array of an evaluation (8 bytes each; there are a few such arrays): more do not fit the
 # processor's cache.
 BATCH_NUMBERS: Final = 100_000
@@ -186,33 +188,52 @@ def widest_gap(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]
         axes = [(normal, found)]
         if 2 in (a.shape[1], b.shape[1]):
             along = np.stack([-normal[1], normal[0]])
-            axes.append((along, gap_along(along, a, b)))
+            axes.append((along, np.stack([gap_along(along[:, e], a, b) for e in range(along.shape[1])])))
         for candidate, width in axes:
-            wider = real & (width > gap)
-            gap = np.where(wider, width, gap)
-            axis = np.where(wider, candidate, axis)
+            _take_wider(gap, axis, candidate, np.where(real, width, -np.inf))
     return gap, axis
 
 
+def _take_wider(gap: Floats, axis: Floats, normal: Floats, found: Floats) -> None:
+    """Put in place the widest of gaps (e, n) along normals (2, e, n) where it is wider."""
+    best = found.argmax(axis=0)
+    every = np.arange(len(gap))
+    widest = found[best, every]
+    wider = widest > gap
+    np.copyto(gap, widest, where=wider)
+    np.copyto(axis, normal[:, best, every], where=wider)
+
+
 def edge_gaps(pairs: Encounters, a: Floats, b: Floats) -> list[tuple[Floats, Floats, NDArray[np.bool_]]]:
-    """Return for each edge of both polygons its unit normal from a to b (2, n), the gap along it, and if it is real."""
+    """Return for edges of both polygons unit normals from a to b (2, e, n), gaps along them (e, n), if they are real.
+
+    In blocks of as many edges as fit the processor's cache.
+    """
     found = []
     for mine, other, convex, sign in ((a, b, pairs.a.is_convex, 1.0), (b, a, pairs.b.is_convex, -1.0)):
-        count = mine.shape[1]
-        for k, m in edges(count, convex=convex):
-            normal = np.empty((2, mine.shape[2]))
-            np.subtract(mine[1, m], mine[1, k], out=normal[0])
-            np.subtract(mine[0, k], mine[0, m], out=normal[1])
+        for k, m in edges(mine, other, convex=convex):
+            normal = np.stack([mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]])
             length = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
             real = length > 0.0
             normal /= np.where(real, length, 1.0)
-            gap = (normal[0] * other[0] + normal[1] * other[1]).min(axis=0)
-            if convex and count > 2:
-                gap -= normal[0] * mine[0, k] + normal[1] * mine[1, k]
-            else:
-                gap -= (normal[0] * mine[0] + normal[1] * mine[1]).max(axis=0)
-            found.append((sign * normal, gap, real))
+            found.append((sign * normal, gaps_along(normal[0], normal[1], mine, other, k, convex=convex), real))
     return found
+
+
+def gaps_along(nx: Floats, ny: Floats, mine: Floats, other: Floats, k: NDArray[np.int64], *, convex: bool) -> Floats:
+    """Return (e, n) gaps along normals nx, ny (e, n) of edges that start at vertices k of `mine`."""
+    gap = _along(nx, ny, other).min(axis=1)
+    if convex and mine.shape[1] > 2:
+        # The edge itself is the furthest of a convex polygon along its own normal.
+        gap -= nx * mine[0, k] + ny * mine[1, k]
+    else:
+        gap -= _along(nx, ny, mine).max(axis=1)
+    return np.asarray(gap)
+
+
+def _along(nx: Floats, ny: Floats, polygon: Floats) -> Floats:
+    """Return (e, v, n) vertices along directions nx, ny (e, n)."""
+    return np.asarray(nx[:, None] * polygon[0] + ny[:, None] * polygon[1])
 
 
 def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
@@ -222,18 +243,13 @@ def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
     """
     widest = np.full(a.shape[2], -np.inf)
     for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
-        count = mine.shape[1]
-        for k, m in edges(count, convex=convex):
+        for k, m in edges(mine, other, convex=convex):
             nx, ny = mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]
-            gap = (nx * other[0] + ny * other[1]).min(axis=0)
-            if convex and count > 2:
-                gap -= nx * mine[0, k] + ny * mine[1, k]
-            else:
-                gap -= (nx * mine[0] + ny * mine[1]).max(axis=0)
+            gap = gaps_along(nx, ny, mine, other, k, convex=convex)
             length = nx * nx + ny * ny
             # No edge between vertices that coincide.
             gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
-            np.fmax(widest, gap, out=widest)
+            np.fmax(widest, np.fmax.reduce(gap, axis=0), out=widest)
     return np.where(widest > -np.inf, widest, np.nan)
 
 
@@ -241,19 +257,24 @@ def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats
     """Return the widest gap along the normals of the edges, and its axis (2, n) from a to b."""
     widest, axis = np.full(a.shape[2], -np.inf), np.zeros((2, a.shape[2]))
     for normal, gap, real in edge_gaps(pairs, a, b):
-        wider = real & (gap > widest)
-        widest = np.where(wider, gap, widest)
-        axis = np.where(wider, normal, axis)
+        _take_wider(widest, axis, normal, np.where(real, gap, -np.inf))
     return widest, axis
 
 
-def edges(count: int, *, convex: bool) -> list[tuple[int, int]]:
-    """Return the vertices that edges of polygons run between: any two, where it is not known which are edges."""
+def edges(mine: Floats, other: Floats, *, convex: bool) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Return blocks of vertices (k, m) that edges of `mine` run between: any two, where edges are not known."""
+    count = mine.shape[1]
     if count == 1:
         return []
+    first = np.arange(count)
     if convex:
-        return [(k, (k + 1) % count) for k in range(count)]
-    return [(k, m) for k in range(count) for m in range(count) if k != m]
+        k, m = first, np.roll(first, -1)
+    else:
+        k, m = np.divmod(np.arange(count * count), count)
+        k, m = k[k != m], m[k != m]
+    width = max(count, other.shape[1]) * mine.shape[2]
+    size = max(1, EDGE_NUMBERS // max(width, 1))
+    return [(k[i : i + size], m[i : i + size]) for i in range(0, len(k), size)]
 
 
 def _nearest_points(a: Floats, b: Floats) -> tuple[Floats, Floats]:

@@ -114,7 +114,7 @@ def closed_form(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats, Floats, Floats]:
     """Return (clear, solved, start, end, error) of rigid polygons in uniform motion, seconds from where they are.
 
-    gaps : for each edge its normal, the gap along it and whether it is real (see `separation.edge_gaps`)
+    gaps : blocks of edges with their normals, gaps, and whether they are real (see `separation.edge_gaps`)
     velocity : (2, n) of b against a; low, high : (n,) seconds; slack, margin : (n,) how uncertain gaps are, and how far
         apart a pair must be to be clear and how deep to be solved, plane metres
     """
@@ -127,17 +127,18 @@ def closed_form(
         slope = normal[0] * velocity[0] + normal[1] * velocity[1]
         gap = np.where(real, gap, -np.inf)
         at_edges.append((gap, slope))
-        moves = slope != 0.0
-        inverse = 1.0 / np.where(moves, slope, 1.0)
+        nears, leaves = slope < 0.0, slope > 0.0
+        still = ~(nears | leaves)
+        inverse = 1.0 / np.where(still, 1.0, slope)
         zero, doubt = -gap * inverse, slack * np.abs(inverse)
-        nears, leaves = moves & (slope < 0.0), moves & (slope > 0.0)
         # The gap opens or closes at `zero`, give or take the doubt.
         for k, more in enumerate((-doubt, doubt)):
-            np.maximum(first[k], zero + more, out=first[k], where=nears)
-            np.minimum(last[k], zero - more, out=last[k], where=leaves)
-        never |= ~moves & (gap > apart)
-        last[0][~moves & (gap > slack)] = -np.inf
-        last[1][~moves & (gap > -slack)] = -np.inf
+            np.maximum(first[k], np.where(nears, zero + more, -np.inf).max(axis=0), out=first[k])
+            np.minimum(last[k], np.where(leaves, zero - more, np.inf).min(axis=0), out=last[k])
+        if still.any():
+            never |= (still & (gap > apart)).any(axis=0)
+            last[0][(still & (gap > slack)).any(axis=0)] = -np.inf
+            last[1][(still & (gap > -slack)).any(axis=0)] = -np.inf
     start, end = np.maximum(first[0], low), np.minimum(last[0], high)
     sure_start, sure_end = np.maximum(first[1], low), np.minimum(last[1], high)
     # Where they come no nearer than touching, are they further apart than the margin throughout?
@@ -150,7 +151,7 @@ def closed_form(
     with np.errstate(invalid="ignore"):
         at = 0.5 * (sure_start + sure_end)
         for gap, slope in at_edges:
-            np.fmax(deepest, gap + slope * at, out=deepest)
+            np.fmax(deepest, np.fmax.reduce(gap + slope * at, axis=0), out=deepest)
         solved = ~clear & (sure_start < sure_end) & (deepest < -apart) & np.isfinite(deepest)
         return clear, solved, start, end, np.maximum(sure_start - start, end - sure_end)
 
@@ -160,10 +161,10 @@ def _stays_apart(
 ) -> NDArray[np.bool_]:
     """Return (n,) whether some gap is wider than `apart` at every instant of [low, high]."""
     first, last = low.copy(), high.copy()
-    for gap, slope in ((gap[rows], slope[rows]) for gap, slope in at_edges):
+    for gap, slope in ((gap[:, rows], slope[:, rows]) for gap, slope in at_edges):
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (apart - gap) / slope
-        np.maximum(first, at, out=first, where=slope < 0.0)
-        np.minimum(last, at, out=last, where=slope > 0.0)
-        last[(slope == 0.0) & (gap > apart)] = -np.inf
+        np.maximum(first, np.where(slope < 0.0, at, -np.inf).max(axis=0), out=first)
+        np.minimum(last, np.where(slope > 0.0, at, np.inf).min(axis=0), out=last)
+        last[((slope == 0.0) & (gap > apart)).any(axis=0)] = -np.inf
     return first > last
