@@ -23,6 +23,7 @@ printf '%s\n' "$description" >description
     [ "$socket_directory" = "$home" ] || rmdir "$socket_directory"
     echo "ended $$" 1<>alive # wakes the loop below, also when the server crashed while it has users
 } 3<&- &
+serving=$!
 
 server=
 trap 'kill -INT "$server"' TERM
@@ -37,4 +38,8 @@ while read -r command token <&3; do
 done
 [ -n "$server" ] || server=$(cat server.pid)
 kill -INT "$server" 2>/dev/null
-wait
+# A server that has only just begun does not hear it yet: say it again until it is gone.
+(while sleep 1 && kill -INT "$server" 2>/dev/null; do :; done) 3<&- 4>&- &
+again=$!
+wait "$serving"
+kill "$again" 2>/dev/null || :

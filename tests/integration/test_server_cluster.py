@@ -207,6 +207,35 @@ def test_kill_while_it_starts_leaves_nothing(home: Path, user: Callable[[], User
         assert query(embedded.dsn, "SELECT 1") == 1
 
 
+DEAF_AT_FIRST = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+time.sleep(0.5)
+signal.signal(signal.SIGINT, lambda *_: sys.exit())
+while True:
+    time.sleep(0.01)
+"""
+
+
+def test_server_that_does_not_hear_yet_is_told_again_to_stop(tmp_path: Path) -> None:
+    """The last user may go before the server has set up its signals: the supervisor ends all the same."""
+    os.mkfifo(tmp_path / "alive")
+    reading = os.open(tmp_path / "alive", os.O_RDONLY | os.O_NONBLOCK)
+    writing = os.open(tmp_path / "alive", os.O_WRONLY)
+    os.set_blocking(reading, True)
+    script = Path(server.__file__).with_name("supervise.sh").read_text()
+    supervisor = subprocess.Popen(
+        ["/bin/sh", "-c", script, "supervise", tmp_path, tmp_path, "test", sys.executable, "-c", DEAF_AT_FIRST],
+        stdin=reading,
+    )
+    os.close(reading)
+    os.close(writing)
+    try:
+        assert supervisor.wait(PATIENCE_S) == 0
+    finally:
+        supervisor.kill()
+
+
 def test_joining_a_server_that_stops_gives_a_working_one(home: Path) -> None:
     """A user that comes just when the last one leaves gets a server that stays."""
     for _ in range(5):
