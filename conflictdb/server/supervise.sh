@@ -26,9 +26,13 @@ printf '%s\n' "$description" >description
 serving=$!
 
 server=
+# The server's process may not have been begun yet; while what begins it is there, it will be.
+find_server() {
+    while [ -z "$server" ] && kill -0 "$serving"; do read -r server <server.pid || sleep 0.01; done 2>/dev/null
+}
 trap 'kill -INT "$server"' TERM
 while read -r command token <&3; do
-    until [ -n "$server" ]; do read -r server <server.pid; done 2>/dev/null
+    find_server
     case $command in
         hold) [ -p alive ] && exec 4>alive && : >held ;; # a user of our own: the server stays until release
         release) exec 4>&- && rm -f held ;;
@@ -36,7 +40,7 @@ while read -r command token <&3; do
     esac
     echo "$token" >joined
 done
-[ -n "$server" ] || server=$(cat server.pid)
+find_server
 kill -INT "$server" 2>/dev/null
 # A server that has only just begun does not hear it yet: say it again until it is gone.
 (while sleep 1 && kill -INT "$server" 2>/dev/null; do :; done) 3<&- 4>&- &

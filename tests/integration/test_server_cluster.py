@@ -217,13 +217,16 @@ while True:
 """
 
 
-def test_server_that_does_not_hear_yet_is_told_again_to_stop(tmp_path: Path) -> None:
-    """The last user may go before the server has set up its signals: the supervisor ends all the same."""
+@pytest.mark.parametrize("start", ["", "sleep 0.5; "], ids=["deaf", "not there yet"])
+def test_server_that_does_not_hear_yet_is_told_again_to_stop(tmp_path: Path, start: str) -> None:
+    """The last user may go before the server is there or has set up its signals: the supervisor ends all the same."""
     os.mkfifo(tmp_path / "alive")
     reading = os.open(tmp_path / "alive", os.O_RDONLY | os.O_NONBLOCK)
     writing = os.open(tmp_path / "alive", os.O_WRONLY)
     os.set_blocking(reading, True)
     script = Path(server.__file__).with_name("supervise.sh").read_text()
+    assert '    "$@" &' in script
+    script = script.replace('    "$@" &', f'    {start}"$@" &')
     supervisor = subprocess.Popen(
         ["/bin/sh", "-c", script, "supervise", tmp_path, tmp_path, "test", sys.executable, "-c", DEAF_AT_FIRST],
         stdin=reading,
