@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces
 from conflictdb.geodesy import Floats
-from conflictdb.motion import Plane, Rows, Shapes, origins, shapes_of
+from conflictdb.motion import Plane, Rows, Shapes, likeness, origins, shapes_of
 
 # Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a miss.
 TOUCH_M: Final = 5e-8
 # Below this many metres on the earth the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude, so
 # that the nearest points in the plane are those on the earth.
 SHORT_M: Final = 1e-3
-# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
-EDGE_NUMBERS: Final = 32_768
+# Pairs taken together: enough to fill the arrays, few enough to keep them in memory.
+PAIRS_AT_ONCE: Final = 20_000
 # Numbers held at once by one array of an evaluation (8 bytes each; there are a few such arrays): more do not fit the
 # processor's cache.
 BATCH_NUMBERS: Final = 100_000
+# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
+EDGE_NUMBERS: Final = 32_768
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,19 @@ class Nearest:
     axis: Floats
     point_a: Floats
     point_b: Floats
+
+
+def alike(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return batches of rows of pairs whose pieces can share arrays."""
+    if not len(rows):
+        return []
+    sort = likeness(plane, pieces)
+    _, group = np.unique(np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]]), axis=1, return_inverse=True)
+    batches = []
+    for g in range(int(group.max()) + 1):
+        same = rows[group == g]
+        batches += [same[first : first + PAIRS_AT_ONCE] for first in range(0, len(same), PAIRS_AT_ONCE)]
+    return batches
 
 
 def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -> Nearest:

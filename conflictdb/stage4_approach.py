@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from conflictdb.batches import Pairs, Pieces
 from conflictdb.geodesy import Floats
 from conflictdb.model import SINCE_EVER_US, Kind, Scene
-from conflictdb.motion import Plane, likeness
+from conflictdb.motion import Plane
 from conflictdb.planes import plane_of
 from conflictdb.proofs import BRACKET_S, SHORTEST_INTERVAL_S, Leaf, not_clear
-from conflictdb.separation import TOUCH_M, Encounters, gap_along, nearest, short_m
+from conflictdb.separation import TOUCH_M, Encounters, alike, gap_along, nearest, short_m
 
 # The distance is found to this, unless the work below is used up first, metres.
 APPROACH_M: Final = 1e-3
@@ -36,8 +36,6 @@ GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 MAX_ROUNDS: Final = 16
 # Steps of a golden section along an edge: they shrink 1,000 km to less than a micrometre.
 EDGE_STEPS: Final = 60
-# Pairs of pieces searched together.
-PAIRS_AT_ONCE: Final = 20_000
 # The least distance on the earth is understated by less than this share (see `motion.Plane.distance_m`).
 UNDERSTATED: Final = 1e-8
 
@@ -202,7 +200,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     """
     plane = plane_of(scene)
     searches = []
-    for rows in _alike(plane, pieces, pairs):
+    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
         start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
         still = (pieces.kind[pairs.a[rows]] == Kind.AREA) & (pieces.kind[pairs.b[rows]] == Kind.AREA)
@@ -248,7 +246,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     found.pair[owner], found.at_s[owner], found.at_us[owner] = pair[chosen], at_s[chosen], at_us[chosen]
     found.error_m[least == 0.0] = 0.0
     some = pairs.take(found.pair[owner])
-    for rows in _alike(plane, pieces, some):
+    for rows in alike(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
         encounters = Encounters.of(plane, 0.0, pieces, some, rows, start)
         one, other = _nearest_points(encounters, found.at_s[owner[rows]])
@@ -356,16 +354,3 @@ def _vertex_and_edge(plane: Plane, points: Floats, polygon: Floats) -> tuple[Flo
 def _degrees(plane: Plane, xy: Floats) -> Floats:
     lon, lat = plane.from_plane(xy[0], xy[1])
     return np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)
-
-
-def _alike(plane: Plane, pieces: Pieces, pairs: Pairs) -> list[NDArray[np.int64]]:
-    """Return batches of pairs whose pieces can share arrays."""
-    if not len(pairs):
-        return []
-    sort = likeness(plane, pieces)
-    _, kind = np.unique(np.stack([sort[pairs.a], sort[pairs.b]]), axis=1, return_inverse=True)
-    batches = []
-    for k in range(int(kind.max()) + 1):
-        same = np.flatnonzero(kind == k)
-        batches += [same[first : first + PAIRS_AT_ONCE] for first in range(0, len(same), PAIRS_AT_ONCE)]
-    return batches

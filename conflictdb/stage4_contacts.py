@@ -7,7 +7,6 @@ programs where to look.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Final
 
 import numpy as np
 import shapely
@@ -16,17 +15,13 @@ from numpy.typing import NDArray
 from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Floats
 from conflictdb.model import Method, Scene
-from conflictdb.motion import Plane, likeness
 from conflictdb.planes import plane_of
-from conflictdb.separation import TOUCH_M, Encounters
+from conflictdb.separation import TOUCH_M, Encounters, alike
 from conflictdb.stage4_exact import Settled, Work, settle_exactly
 from conflictdb.stage4_search import CONFLICT, END_RESOLUTION_S, GRAZING, UNRESOLVED, Programs, nothing, search
 from conflictdb.stage4_touching import depth_of
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "still_pairs"]
-
-# Pairs settled together: enough to fill the arrays, few enough to keep them in memory.
-PAIRS_AT_ONCE: Final = 20_000
 
 Progress = Callable[[int], None]
 
@@ -63,7 +58,7 @@ def contacts(
     plane = plane_of(scene)
     effort = Effort()
     found = [nothing()]
-    for rows in _alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
+    for rows in alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
@@ -148,7 +143,7 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
     plane = plane_of(scene)
     verdict = np.full(len(pairs), -1, np.int8)
-    for rows in _alike(plane, pieces, pairs, np.arange(len(pairs))):
+    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
         excess = encounters.excess(np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
@@ -163,7 +158,7 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
     """
     plane = plane_of(scene)
     places = np.full((len(pairs), 2), np.nan)
-    for rows in _alike(plane, pieces, pairs, np.arange(len(pairs))):
+    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         found = encounters.nearest(np.arange(len(rows)), at_s[rows])
@@ -184,20 +179,6 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
 def _hulls(polygons: Floats) -> NDArray[np.object_]:
     """Return the convex hulls (n,) of vertices (2, v, n)."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(np.moveaxis(polygons, 0, 2).swapaxes(0, 1))))
-
-
-def _alike(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return batches of rows whose pieces can share arrays."""
-    if not len(rows):
-        return []
-    sort = likeness(plane, pieces)
-    keys = np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]])
-    _, group = np.unique(keys, axis=1, return_inverse=True)
-    batches = []
-    for g in range(int(group.max()) + 1):
-        same = rows[group == g]
-        batches += [same[first : first + PAIRS_AT_ONCE] for first in range(0, len(same), PAIRS_AT_ONCE)]
-    return batches
 
 
 def _end_belongs(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
