@@ -1,10 +1,12 @@
 """`demo`: a small scene that comes with the program, taken through all stages."""
 
 import argparse
+import os
+import shlex
 from typing import Final
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import out, progress, table
+from conflictdb.cli.output import out, program, progress, table
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database, show_progress
 from conflictdb.database import DEMO_SCENE
@@ -35,11 +37,15 @@ def demo(args: argparse.Namespace) -> int:
     if _BELOW not in pairs:
         out("SUB-1 and SUB-2 cross, but one passes below the other: the first stage told them apart.")
     out()
-    command = f"conflictdb --dsn '{args.dsn}'" if args.dsn else "conflictdb"
+    # A database that the environment names needs no naming, and its password no printing.
+    given = args.dsn and args.dsn != os.environ.get("CONFLICTDB_DSN")
+    command = f"{program()} --dsn {shlex.quote(args.dsn)}" if given else program()
     out("Try next:")
     out(f"  {command} conflicts --scene {DEMO_SCENE} --format geojson > conflicts.geojson   # for a map")
-    out(f"  {command} export --scene {DEMO_SCENE} my.geojson   # change it, then: {command} detect my.geojson")
+    out(f"  {command} export --scene {DEMO_SCENE} my.geojson   # change it, then:")
+    out(f"  {command} detect my.geojson")
     out(f"  {command} status")
+    out(f"  {command} psql   # the view conflictdb.conflicts, and what else SQL can ask")
     return DONE
 
 

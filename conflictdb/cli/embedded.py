@@ -1,10 +1,17 @@
-"""`server`: the embedded database."""
+"""`server` and `psql`: the embedded database, and a way in."""
 
 import argparse
+import os
+from collections.abc import Sequence
+from typing import NoReturn
+
+from psycopg import conninfo
 
 from conflictdb import server as embedded
-from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import note, out, remark
+from conflictdb import store
+from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.cli.output import as_called, note, out, remark
+from conflictdb.database import connect
 
 
 def server(args: argparse.Namespace) -> int:
@@ -37,9 +44,36 @@ def _describe(state: embedded.ServerStatus) -> int:
     if not state.running:
         out(f"stopped; its home is {state.home}")
         return DONE
-    stays = "stays until `conflictdb server stop`" if state.held else "stops when its last user has gone"
+    stays = as_called("stays until `conflictdb server stop`") if state.held else "stops when its last user has gone"
     out(f"running, {stays}")
     out(f"server  {state.description}")
     out(f"home    {state.home}")
     out(f"dsn     {state.dsn}")
     return DONE
+
+
+def psql(args: argparse.Namespace) -> int:
+    """Become psql on the database; the embedded one runs until that ends."""
+    if args.dsn:
+        dsn, found = args.dsn, embedded.find_psql()
+    else:
+        connect(say=note).close()  # makes the schema, if need be
+        running = embedded.embedded(say=note)
+        dsn, found = running.dsn, embedded.find_psql(running)
+        running.stay_through_exec()
+    if found is not None:
+        _become(found, dsn, args.arguments)
+    remark(
+        "there is no psql on this machine (Debian, Ubuntu: sudo apt-get install postgresql-client);"
+        " any other client takes what `conflictdb server dsn` prints"
+    )
+    return FAILED
+
+
+def _become(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
+    with store.translated():
+        parts = conninfo.conninfo_to_dict(dsn)
+    password = parts.pop("password", None)  # arguments can be read by all users of a machine
+    environ = {**os.environ, **psql.environ, **({"PGPASSWORD": str(password)} if password else {})}
+    command = ["psql", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
+    os.execve(psql.path, command, environ)  # noqa: S606 (a shell would not help)

@@ -8,7 +8,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.cli.output import note, out, remark, table
+from conflictdb.cli.output import as_called, note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text, run_text
 from conflictdb.cli.session import database, worker_connections
@@ -73,7 +73,7 @@ def status(args: argparse.Namespace) -> int:
     out(
         table(header, rows, right=header[1:6])
         if rows
-        else "no scenes: `conflictdb demo` or `conflictdb load FILE` makes one"
+        else as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
     )
     return DONE
 

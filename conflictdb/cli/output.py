@@ -1,5 +1,7 @@
 """What the command line prints: results on stdout; progress and remarks on stderr, progress on a terminal only."""
 
+import os
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -14,10 +16,20 @@ def out(text: str = "", *, flush: bool = False) -> None:
         sys.stdout.flush()
 
 
+def program() -> str:
+    """Return what to type for this program: ./run says how it was called, else its name."""
+    return shlex.quote(os.environ.get("CONFLICTDB_PROGRAM") or "conflictdb")
+
+
+def as_called(text: str) -> str:
+    """Return a message whose `conflictdb COMMAND` are written as this program was called, so that they can be typed."""
+    return text.replace("`conflictdb ", f"`{program()} ")
+
+
 def remark(text: str) -> None:
     """Say something about the work, which is no part of its result."""
     _end_progress()
-    sys.stderr.write(f"conflictdb: {text}\n")
+    sys.stderr.write(f"conflictdb: {as_called(text)}\n")
 
 
 def note(text: str) -> None:

@@ -8,6 +8,8 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final, NoReturn
 
+from conflictdb.cli.output import program
+
 # Kept in step with conflictdb.model.Method by a test; the model itself would bring numpy and shapely with it.
 METHODS: Final = ("screen", "window", "exact", "nlp")
 FORMATS: Final = ("table", "json", "csv", "geojson")
@@ -29,7 +31,20 @@ Command = Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose usage errors are one line that names the help."""
+    """A parser whose usage errors are one line that names the help.
+
+    hands_on : it only knows --help; everything else becomes `arguments`, as it is, for another program
+    """
+
+    hands_on = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the namespace, and the arguments that are not known."""
+        if not self.hands_on or args in (["-h"], ["--help"]):
+            return super().parse_known_args(args, namespace)
+        namespace, _ = super().parse_known_args([], namespace)
+        namespace.arguments = args
+        return namespace, []
 
     def error(self, message: str) -> NoReturn:
         """End the program with exit code 2."""
@@ -39,7 +54,7 @@ class Parser(argparse.ArgumentParser):
 def build() -> Parser:
     """Return the parser of the whole command line."""
     parser = Parser(
-        prog="conflictdb",
+        prog=program(),
         description="Find when and where moving and static areas interfere, inside PostGIS.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,7 +67,9 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _schema, _server, _demo):
+    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _schema, _server):
+        add(commands)
+    for add in (_psql, _demo):
         add(commands)
     return parser
 
@@ -206,9 +223,15 @@ def _server(commands: Any) -> None:
         ("start", "start it and keep it running until `server stop`"),
         ("stop", "stop it, as soon as nobody uses it any more"),
         ("status", "show whether it runs, and where it lives"),
-        ("dsn", "start it and print its connection string, for psql and others"),
+        ("dsn", "start it and print its connection string, for other programs"),
     ):
         actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False)
+
+
+def _psql(commands: Any) -> None:
+    parser = _command(commands, "psql", "embedded:psql", "open the database in psql", "It gets all arguments.")
+    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="handed to psql, such as -c 'SELECT 1'")
+    parser.hands_on = True
 
 
 def _demo(commands: Any) -> None:

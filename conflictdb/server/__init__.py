@@ -24,9 +24,20 @@ from types import TracebackType
 from typing import Final, Self
 
 from conflictdb.server.cluster import Cluster, ServerStatus
+from conflictdb.server.discovery import Psql, psql_of
 from conflictdb.server.settings import Settings
 
-__all__ = ["EmbeddedServer", "ServerStatus", "Settings", "embedded", "start_holder", "status", "stop_holder"]
+__all__ = [
+    "EmbeddedServer",
+    "Psql",
+    "ServerStatus",
+    "Settings",
+    "embedded",
+    "find_psql",
+    "start_holder",
+    "status",
+    "stop_holder",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -54,6 +65,15 @@ class EmbeddedServer:
     def status(self) -> ServerStatus:
         """Return the state of the server."""
         return self._cluster.status()
+
+    def programs(self) -> Path:
+        """Return the directory of the server's programs."""
+        return self._cluster.programs()
+
+    def stay_through_exec(self) -> None:
+        """Let the program that this process becomes go on with this use; it ends with that."""
+        if self._alive is not None:
+            os.set_inheritable(self._alive, True)
 
     def stop(self) -> None:
         """End this use; the server stops if it was the last one. May be called again."""
@@ -128,6 +148,11 @@ def stop_holder(
                 break
             time.sleep(0.01)
     return cluster.status()
+
+
+def find_psql(server: EmbeddedServer | None = None, *, settings: Settings | None = None) -> Psql | None:
+    """Return psql: the one that is beside a server's programs, else whatever is on this machine; None without any."""
+    return psql_of(_settings(None, settings), server.programs() if server else None)
 
 
 def status(home: Path | None = None, *, settings: Settings | None = None) -> ServerStatus:

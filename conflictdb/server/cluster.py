@@ -134,6 +134,11 @@ class Cluster:
         """Return how to connect to the running server."""
         return configuration.dsn(self._postmaster()[2])
 
+    def programs(self) -> Path:
+        """Return the directory of the programs of the running server."""
+        command = (self.data / "postmaster.opts").read_text()
+        return Path(command.partition(' "')[0]).parent
+
     def _prepare_home(self) -> None:
         """Make the home of a new cluster; refuse a directory that holds something else."""
         home, account = self.home, self._account

@@ -82,6 +82,27 @@ class Server:
         return f"PostgreSQL {self.version} with PostGIS {self.postgis} ({self.origin}: {self.bin})"
 
 
+@dataclass(frozen=True, slots=True)
+class Psql:
+    """The client program psql, and what it needs in its environment."""
+
+    path: Path
+    environ: Mapping[str, str]
+
+
+def psql_of(settings: Settings, programs: Path | None) -> Psql | None:
+    """Return the psql in the directory of a server's programs, else on PATH, of the machine's servers, in the cache."""
+    places = [programs] if programs else []
+    places += [Path(place) for place in os.get_exec_path()]
+    places += [directory for place in PLACES for directory in _matching(place)]
+    places += [tree.bin for tree in packages.unpacked_trees(settings.cache) if tree.bin]
+    for directory in places:
+        if os.access(directory / "psql", os.X_OK):
+            tree = packages.tree_of(directory)
+            return Psql(directory / "psql", tree.environ if tree else {})
+    return None
+
+
 @dataclass(slots=True)
 class _Search:
     """What was looked at, for the error that says so."""
@@ -155,7 +176,7 @@ def machine_directories(environ: Mapping[str, str] = os.environ) -> Iterator[Pat
     named = [Path(environ[name], "bin") for name in ("CONDA_PREFIX", "VIRTUAL_ENV") if environ.get(name)]
     named += [Path(place) for place in environ.get("PATH", "").split(os.pathsep) if place.startswith("/")]
     for place in PLACES:
-        named += sorted(Path("/").glob(place.lstrip("/")), key=_numbers, reverse=True)
+        named += _matching(place)
     seen = set()
     for directory in named:
         try:
@@ -166,6 +187,11 @@ def machine_directories(environ: Mapping[str, str] = os.environ) -> Iterator[Pat
         if real not in seen and all(os.access(real / name, os.X_OK) for name in ("postgres", "initdb")):
             seen.add(real)
             yield real
+
+
+def _matching(place: str) -> list[Path]:
+    """Return the directories that a pattern of PLACES names, the highest version first."""
+    return sorted(Path("/").glob(place.lstrip("/")), key=_numbers, reverse=True)
 
 
 def _numbers(path: Path) -> list[int]:

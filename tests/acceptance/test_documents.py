@@ -29,6 +29,7 @@ def shell(command: str, folder: Path, **more: str) -> str:
         ["/bin/sh", "-c", command],
         cwd=folder,
         env={**os.environ, **more},
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=120,
@@ -45,7 +46,12 @@ def folder() -> Iterator[Path]:
         folder = Path(name)
         folder.chmod(0o755)
         script = folder / "run"
-        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m conflictdb "$@"\n')
+        script.write_text(
+            f"""#!/bin/sh
+            if [ "$1" = python ]; then shift && exec "{sys.executable}" "$@"; fi
+            CONFLICTDB_PROGRAM=$0 exec "{sys.executable}" -m conflictdb "$@"
+            """
+        )
         script.chmod(0o755)
         yield folder
 
@@ -59,19 +65,26 @@ def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -
     assert commands(first) == ["./run demo", "./run test"]
     shell("./run server start", folder)
     try:
-        assert "FERRY" in shell("./run demo", folder)
+        told = shell("./run demo", folder)
+        assert "FERRY" in told
+        next_commands = told.partition("Try next:\n")[2].splitlines()
+        assert all(command.startswith("  ./run ") for command in next_commands)
+        for command in next_commands:
+            shell(command, folder)
         for command in commands(second):
             shell(command, folder)
         assert "FIRING" in (folder / "mine.geojson").read_text()
-        with psycopg.connect(shell("./run server dsn", folder).strip()) as conn:
-            (sql,) = blocks("README.md", "sql")
-            for statement in filter(str.strip, sql.split(";\n")):
-                assert conn.execute(statement.encode()).fetchall(), statement
+        assert "`./run psql` opens" in (ROOT / "README.md").read_text()
+        (sql,) = blocks("README.md", "sql")
+        for statement in filter(str.strip, sql.split(";\n")):
+            (folder / "query.sql").write_text(statement)
+            assert shell("./run psql -v ON_ERROR_STOP=1 -At -f query.sql", folder).strip(), statement
         shell("./run worker --once", folder)
         assert "REGATTA" in shell("./run conflicts --scene strait", folder)
         (python,) = blocks("README.md", "python")
         (folder / "example.py").write_text(python)
-        assert "conflicts in" in shell(f'"{sys.executable}" example.py', folder)
+        assert "`./run python example.py` runs this" in (ROOT / "README.md").read_text()
+        assert "conflicts in" in shell("./run python example.py", folder)
     finally:
         shell("./run server stop", folder)
     assert [line.split()[0] for line in commands(own)] == ["pip", "conflictdb", "conflictdb", "conflictdb"]

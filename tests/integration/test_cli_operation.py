@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
@@ -84,6 +85,51 @@ def test_a_traceback_only_with_debug(run: Run, tmp_path: Path, monkeypatch: pyte
     assert (plain.code, plain.err) == (4, f"conflictdb: {missing}: file: does not exist\n")
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     assert "Traceback" in run("--debug", "load", missing).err
+
+
+def test_messages_name_commands_as_they_can_be_typed(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What ./run says it was called as, quoted for a shell; a database of the environment is not printed."""
+    monkeypatch.setenv("CONFLICTDB_PROGRAM", "/my plans/run")
+    monkeypatch.setenv("CONFLICTDB_DSN", dsn)
+    assert main(["status"]) == 0
+    assert "`'/my plans/run' demo`" in capsys.readouterr().out
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = '0001'")
+    assert main(["status"]) == 3
+    assert "run `'/my plans/run' upgrade`" in capsys.readouterr().err
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", (schema.head(),))
+    assert main(["demo"]) == 0
+    told = capsys.readouterr().out
+    assert "\n  '/my plans/run' status\n" in told
+    assert "dbname" not in told
+
+
+def test_psql_opens_the_database_and_gets_all_arguments(dsn: str, tmp_path: Path) -> None:
+    """Whichever psql comes first on PATH; a password is in its environment, where other users do not see it."""
+    fake = tmp_path / "psql"
+    fake.write_text('#!/bin/sh\nfor a in "$@"; do echo "<$a>"; done; echo "$PGPASSWORD"; exit 6\n')
+    fake.chmod(0o755)
+    done = psql("--dsn", "postgresql://me:secret@there/plans", "psql", "-c", "SELECT 1", "--", path=tmp_path)
+    assert done.returncode == 6
+    assert done.stdout == "<--dbname>\n<user=me dbname=plans host=there>\n<-c>\n<SELECT 1>\n<-->\nsecret\n"
+
+
+def test_without_psql_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("conflictdb.server.discovery.PLACES", ())
+    monkeypatch.setattr("conflictdb.server.packages.unpacked_trees", lambda cache: [])
+    assert main(["--dsn", "dbname=plans", "psql"]) == 1
+    assert "sudo apt-get install postgresql-client" in capsys.readouterr().err
+
+
+def psql(*words: str, path: Path) -> "subprocess.CompletedProcess[str]":
+    environ = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
+    program = [sys.executable, "-m", "conflictdb", *words]
+    return subprocess.run(program, env=environ, capture_output=True, text=True, timeout=60, check=False)
 
 
 def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ def run(path: Path, venv: Path, *arguments: str) -> "subprocess.CompletedProcess
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return a PATH with the system's programs that ./run needs, and without any Python."""
-    for name in ("dirname", "cat", "cmp", "head", "rm", "echo", "sh"):
+    for name in ("dirname", "cat", "cmp", "head", "rm", "rmdir", "echo", "sh"):
         (tmp_path / "bin").mkdir(exist_ok=True)
         (tmp_path / "bin" / name).symlink_to(str(shutil.which(name)))
     return tmp_path / "bin"
@@ -58,19 +58,89 @@ def test_python_without_venv_names_the_package(tmp_path: Path, path: Path) -> No
 def test_complete_environment_is_used_as_it_is(tmp_path: Path, path: Path) -> None:
     """Nothing is made, nothing is said, and the command gets its arguments unchanged."""
     venv = tmp_path / "venv"
-    program(venv / "bin/python", "exit 9")
-    program(venv / "bin/conflictdb", 'for a in "$@"; do echo "<$a>"; done; exit 7')
-    pins = (ROOT / "requirements.txt").read_text() + (ROOT / "pyproject.toml").read_text()
-    (venv / "made-from").write_text(f"{venv}\n{pins}")
-    answer = run(path, venv, "detect", "two words", "")
-    assert (answer.returncode, answer.stdout, answer.stderr) == (7, "<detect>\n<two words>\n<>\n", "")
+    shows = 'for a in "$@"; do echo "<$a>"; done; exit 7'
+    program(venv / "bin/python", shows)
+    program(venv / "bin/conflictdb", f'echo "$CONFLICTDB_PROGRAM"; {shows}')
+    for pins in ("requirements.txt", "requirements-dev.txt"):
+        made(venv, pins)
+        answer = run(path, venv, "detect", "two words", "")
+        printed = f"{ROOT / 'run'}\n<detect>\n<two words>\n<>\n"
+        assert (answer.returncode, answer.stdout, answer.stderr) == (7, printed, "")
+        answer = run(path, venv, "python", "-c", "print()")
+        assert (answer.returncode, answer.stdout, answer.stderr) == (7, "<-c>\n<print()>\n", "")
+    answer = run(path, venv, "test", "-k", "words")
+    assert answer.stdout == "<-m>\n<pytest>\n<-n>\n<2>\n<-k>\n<words>\n"
+    assert answer.stderr == ""
+    assert "about ten minutes" in run(path, venv, "test").stderr
 
 
-def test_pins_carry_hashes_and_no_addresses() -> None:
+def test_tools_are_added_when_they_are_first_asked_for(tmp_path: Path, path: Path) -> None:
+    """What runs the program stays as it is meanwhile; nothing but the pinned tools is installed."""
+    venv = tmp_path / "venv"
+    made(venv, "requirements.txt")
+    program(path / "python3", "exit 0")
+    program(venv / "bin/python", f'echo "$@" >>{tmp_path}/calls')
+    answer = run(path, venv, "test", "-k", "words")
+    assert answer.returncode == 0
+    assert "adding the developers' tools" in answer.stderr
+    installed, started = (tmp_path / "calls").read_text().splitlines()
+    assert installed.endswith(f"--require-hashes -r {ROOT / 'requirements-dev.txt'}")
+    assert started.startswith("-m pytest")
+    assert run(path, venv, "test").stderr.count("tools") == 0
+
+
+def test_interrupted_environment_is_made_anew(tmp_path: Path, path: Path) -> None:
+    """A package that was half installed when Ctrl-C came is not taken for a whole one."""
+    venv = tmp_path / "venv"
+    (venv / "half").mkdir(parents=True)
+    (venv / "pyvenv.cfg").touch()
+    (venv / "made-from").touch()
+    program(venv / "bin/python", "exit 0")
+    made = f"{shutil.which('mkdir')} -p {venv}/bin; echo new >{venv}/new"
+    program(path / "python3", f'case "$*" in "-m venv"*) {made} ;; esac')
+    assert run(path, venv, "python").returncode != 0, "the stand-in makes no programs"
+    assert not (venv / "half").exists()
+    assert (venv / "new").exists()
+
+
+def test_a_directory_that_is_no_environment_is_left_alone(tmp_path: Path, path: Path) -> None:
+    """A CONFLICTDB_VENV that names somebody's files is refused, not emptied."""
+    program(path / "python3", "exit 0")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "letter").touch()
+    answer = run(path, tmp_path / "letters", "demo")
+    assert answer.returncode == 1
+    assert "is no virtual environment" in answer.stderr
+    assert (tmp_path / "letters" / "letter").exists()
+
+
+def made(venv: Path, pins: str) -> None:
+    """Say that an environment was made from a file of pins."""
+    venv.mkdir(exist_ok=True)
+    (venv / "made-from").write_text(f"{venv}\n{(ROOT / pins).read_text()}{(ROOT / 'pyproject.toml').read_text()}")
+
+
+@pytest.mark.parametrize("file", ["requirements.txt", "requirements-dev.txt"])
+def test_pins_carry_hashes_and_no_addresses(file: str) -> None:
     """Every requirement has a version and hashes; where packages come from is the machine's business."""
-    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    lines = (ROOT / file).read_text().splitlines()
     pinned = [line for line in lines if line and not line.startswith(("#", " "))]
     assert all("==" in line and line.endswith("\\") for line in pinned)
     assert all(line.lstrip().startswith("--hash=sha256:") for line in lines if line.startswith(" "))
     assert not any("://" in line for line in lines)
     assert os.access(ROOT / "run", os.X_OK)
+
+
+def test_there_is_one_set_of_versions() -> None:
+    """What run time needs is pinned for development too, word for word, and developers' tools only there."""
+    run_time, development = (pins(ROOT / file) for file in ("requirements.txt", "requirements-dev.txt"))
+    assert run_time < development
+    names = {pin.partition("==")[0] for pin in run_time}
+    assert {"numpy", "psycopg-binary", "pyogrio", "hatchling"} <= names
+    assert not names & {"pytest", "mypy", "ruff", "hypothesis", "testcontainers"}
+
+
+def pins(file: Path) -> set[str]:
+    """Return the pins of a file with their hashes."""
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
+    return set("\n".join(lines).replace("\n    ", " ").splitlines())
