@@ -321,7 +321,7 @@ FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_cen
 FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text)
+FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
     RETURNS void LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_times(p_who text, p_path geometry)
@@ -336,7 +336,7 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_earth text)
+FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
@@ -363,7 +363,7 @@ FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat dou
 FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _from_plane(p_geometry geometry, p_earth text)
+FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
@@ -402,6 +402,9 @@ FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
+FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _middle_of(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -435,10 +438,10 @@ FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _plane_srid(p_earth text)
+FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _radius_m(p_earth text)
+FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
@@ -504,7 +507,7 @@ FUNCTION _settle_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _to_plane(p_geometry geometry, p_earth text)
+FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _track_before()

@@ -1,6 +1,6 @@
 -- The scene's plane: Mercator, on WGS84 (EPSG:3395) or on the sphere of mean radius, or gnomonic about the scene's
--- centre on the sphere. What is called p_earth names it: 'wgs84' and 'sphere' are the Mercator planes, anything else is
--- what PROJ makes a gnomonic one of (see _plane).
+-- centre on the sphere. p_plane names it, as _plane makes it of a scene: 'wgs84' and 'sphere' are the Mercator planes,
+-- anything else is what PROJ makes a gnomonic one of. p_earth is only ever a figure of the earth: 'wgs84' or 'sphere'.
 --
 -- ST_Transform wraps longitudes into +-180; objects across the seam must not be. Shifting longitude by c shifts x by
 -- a * c exactly, so geometries are centred before and moved back after.
@@ -23,19 +23,20 @@ COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
 'The plane of a scene, where its tracks and edges are straight: the earth of a Mercator plane, or what PROJ makes a '
 'gnomonic one of.';
 
-CREATE OR REPLACE FUNCTION _radius_m(p_earth text) RETURNS double precision
+CREATE OR REPLACE FUNCTION _radius_m(p_plane text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth WHEN 'sphere' THEN 6371008.771415 ELSE 6378137.0 END::double precision;
+    SELECT CASE p_plane WHEN 'wgs84' THEN 6378137.0 ELSE 6371008.771415 END::double precision;
 END;
-COMMENT ON FUNCTION _radius_m(text) IS 'Equatorial radius of the figure of the earth, metres: plane x per radian.';
+COMMENT ON FUNCTION _radius_m(text) IS
+'Equatorial radius of the earth of a plane, metres: of a Mercator plane, x per radian.';
 
-CREATE OR REPLACE FUNCTION _plane_srid(p_earth text) RETURNS integer
+CREATE OR REPLACE FUNCTION _plane_srid(p_plane text) RETURNS integer
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth WHEN 'wgs84' THEN 3395 ELSE 0 END;
+    SELECT CASE p_plane WHEN 'wgs84' THEN 3395 ELSE 0 END;
 END;
-COMMENT ON FUNCTION _plane_srid(text) IS 'SRID of the plane of a scene: EPSG:3395 on WGS84, none on the sphere.';
+COMMENT ON FUNCTION _plane_srid(text) IS 'SRID of a plane: EPSG:3395 on WGS84, none on the sphere.';
 
 CREATE OR REPLACE FUNCTION _middle_x(p_geometry geometry, p_half_width double precision) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -48,10 +49,10 @@ COMMENT ON FUNCTION _middle_x(geometry, double precision) IS
 
 -- EPSG:3857 is the Mercator plane of a sphere that has the radius of the WGS84 equator; ours has another size.
 
-CREATE OR REPLACE FUNCTION _to_plane(p_geometry geometry, p_earth text) RETURNS geometry
+CREATE OR REPLACE FUNCTION _to_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth WHEN 'wgs84' THEN
+    SELECT CASE p_plane WHEN 'wgs84' THEN
         ST_Translate(ST_Transform(ST_Translate(p_geometry, -_middle_x(p_geometry, 180.0), 0), 3395),
                      radians(_middle_x(p_geometry, 180.0)) * 6378137.0, 0)
     WHEN 'sphere' THEN
@@ -60,7 +61,7 @@ BEGIN ATOMIC
                      6371008.771415 / 6378137.0, 6371008.771415 / 6378137.0),
             radians(_middle_x(p_geometry, 180.0)) * 6371008.771415, 0), 0)
     ELSE
-        ST_Transform(p_geometry, '+proj=longlat +R=6371008.771415 +no_defs', p_earth)
+        ST_Transform(p_geometry, '+proj=longlat +R=6371008.771415 +no_defs', p_plane)
     END;
 END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
@@ -144,10 +145,10 @@ COMMENT ON FUNCTION _from_gnomonic(geometry, text) IS
 'A gnomonic plane (metres, see _plane) to longitude and latitude (degrees, not wrapped, SRID 4326), with points put on '
 'long sides; around a pole it runs along latitude 90.';
 
-CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_earth text) RETURNS geometry
+CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth WHEN 'wgs84' THEN
+    SELECT CASE p_plane WHEN 'wgs84' THEN
         ST_Translate(
             ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6378137.0), 0), 3395), 4326),
             degrees(_middle_x(p_geometry, pi() * 6378137.0) / 6378137.0), 0)
@@ -157,7 +158,7 @@ BEGIN ATOMIC
                      6378137.0 / 6371008.771415, 6378137.0 / 6371008.771415), 3857), 4326),
             degrees(_middle_x(p_geometry, pi() * 6371008.771415) / 6371008.771415), 0)
     ELSE
-        _from_gnomonic(p_geometry, p_earth)
+        _from_gnomonic(p_geometry, p_plane)
     END;
 END;
 COMMENT ON FUNCTION _from_plane(geometry, text) IS
@@ -171,3 +172,17 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _wrapped(geometry) IS
 'A geometry with longitudes within +-180 degrees, cut at the seam where it crosses it (RFC 7946).';
+
+CREATE OR REPLACE FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Not in degrees, where the edges run elsewhere. By distance, which parts cut at the seam do not disturb; a
+    -- millimetre is more than going there and back rounds.
+    SELECT EXISTS (SELECT FROM generate_series(-1, 1) turn
+                   WHERE ST_DWithin(_to_plane(p_region, p_plane),
+                                    ST_Translate(_to_plane(p_geometry, p_plane),
+                                                 turn * 2 * pi() * _radius_m(p_plane), 0), 0.001)
+                     AND (turn = 0 OR p_plane IN ('wgs84', 'sphere')));
+END;
+COMMENT ON FUNCTION _meets(geometry, geometry, text) IS
+'Whether a region (within +-180 degrees) meets a geometry (longitude and latitude) where both have straight edges.';

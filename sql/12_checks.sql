@@ -74,25 +74,25 @@ $$;
 COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 'Refuses longitudes and latitudes (degrees) that are not finite, out of range or beyond the scene''s plane.';
 
-CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_earth text) RETURNS void
+CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text) RETURNS void
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_planar geometry;
     v_reason text;
 BEGIN
-    IF p_earth LIKE '+proj=gnom%' AND (ST_XMax(p_footprint) >= 180 OR ST_XMin(p_footprint) <= -180
+    IF p_plane LIKE '+proj=gnom%' AND (ST_XMax(p_footprint) >= 180 OR ST_XMin(p_footprint) <= -180
                                        OR greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)) >= 90) THEN
         -- What is cut at the seam, or runs along a pole, is whole in this plane: its cuts are no fault.
         RETURN;
     END IF;
-    v_planar := _to_plane(p_footprint, p_earth);
+    v_planar := _to_plane(p_footprint, p_plane);
     v_reason := ST_IsValidReason(v_planar);
     -- A polygon narrower than the plane's rounding (metres) may look invalid without being so.
     IF v_reason <> 'Valid Geometry'
        AND ST_Area(ST_OrientedEnvelope(v_planar)) > 1e-6 * greatest(ST_Perimeter(v_planar), 1) THEN
         PERFORM _refuse('ZC001', p_who, 'footprint',
                         format('crosses itself when its edges are %s (%s)',
-                               CASE WHEN p_earth LIKE '+proj=gnom%' THEN 'great circles' ELSE 'rhumb lines' END,
+                               CASE WHEN p_plane LIKE '+proj=gnom%' THEN 'great circles' ELSE 'rhumb lines' END,
                                split_part(v_reason, '[', 1)),
                         'footprint_valid_in_plane', 'Points on the long edges make them what is meant.');
     END IF;

@@ -75,7 +75,8 @@ BEGIN
         USING (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) marked
         WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id;
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
-    RETURN (SELECT _plane_srid(s.earth) FROM scene s WHERE s.scene_id = p_scene_id);
+    RETURN (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) FROM scene s
+            WHERE s.scene_id = p_scene_id);
 END
 $$;
 COMMENT ON FUNCTION _begin_pieces(bigint) IS

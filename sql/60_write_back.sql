@@ -2,13 +2,13 @@
 -- covered marks. After a crash either nothing of it happened or all.
 
 CREATE OR REPLACE FUNCTION _conflict_region(
-    p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_earth text
+    p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_plane text
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
 -- Planning for each pair anew takes ten times as long as doing it.
 SET plan_cache_mode = force_generic_plan AS $$
 DECLARE
-    v_turn_m double precision := 2 * pi() * _radius_m(p_earth);
+    v_turn_m double precision := 2 * pi() * _radius_m(p_plane);
     v_region geometry;
 BEGIN
     -- Parts may lie on both sides of the seam: each is brought to longitude and latitude by itself. OFFSET 0 lets each
@@ -16,7 +16,7 @@ BEGIN
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
         SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _from_plane(m.part, p_earth) AS part, m.nr
+            FROM (SELECT _from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                                ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
                                (a.part, a.turn, b.part, b.turn) AS nr
@@ -30,7 +30,7 @@ BEGIN
         -- Hulls are padded: polygons that are only nearer than the separation meet in them.
         SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _from_plane(m.part, p_earth) AS part, m.nr
+            FROM (SELECT _from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
                         FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
                         WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
@@ -77,8 +77,8 @@ DECLARE
     v_run_id bigint;
 BEGIN
     SELECT * INTO STRICT v_scene FROM scene s WHERE s.scene_id = p_scene_id;
-    v_turn_m := 2 * pi() * _radius_m(v_scene.earth);
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
+    v_turn_m := 2 * pi() * _radius_m(v_plane);
     DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.old, pg_temp.result, pg_temp.static_region;
     CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
         SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;

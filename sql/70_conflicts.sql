@@ -161,7 +161,8 @@ BEGIN ATOMIC
     WHERE c.scene = p_scene AND c.periods && p_span
       -- As subplans these are looked up in a table of hashes.
       AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
-      AND ST_Intersects(c.region, _wrapped(p_geometry));
+      AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
+                                        FROM scene o WHERE o.name = p_scene));
 END;
 COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
 'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet '
@@ -196,12 +197,12 @@ BEGIN ATOMIC
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, b.object_kind AS b_kind, b.object_id AS b_id,
                  range_agg(a.span * b.span) AS spans,
-                 ST_Union(_wrapped(_from_plane(ST_Intersection(a.hull, b.hull), s.earth))) AS region
-          FROM scene s
+                 ST_Union(_wrapped(_from_plane(ST_Intersection(a.hull, b.hull), s.plane))) AS region
+          FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
+                WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
-          WHERE s.scene_id = _scene_id(p_scene)
-            AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
+          WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
             AND ST_Intersects(a.hull, b.hull)

@@ -132,6 +132,22 @@ def test_other_routines_at_the_same_revision_are_outdated_and_upgraded(dsn: str)
         conn.execute("SELECT conflictdb._footprints('{}')")
 
 
+def test_parameters_get_other_names_under_views_of_users(dsn: str) -> None:
+    """A routine that is replaced because its parameter has another name takes nothing with it."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute("CREATE VIEW public.mine AS SELECT a_key, region FROM conflictdb.conflicts")
+        conn.execute(
+            """UPDATE pg_proc SET proargnames = array_replace(proargnames, 'p_plane', 'p_earth')
+               WHERE pronamespace = 'conflictdb'::regnamespace AND proname IN (
+                   '_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar', '_conflict_region')"""
+        )
+        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
+    schema.upgrade(dsn)
+    assert catalog(dsn)[0] == SNAPSHOT.read_text()
+    with psycopg.connect(dsn) as conn:
+        assert conn.execute("SELECT * FROM public.mine").fetchall() == []
+
+
 def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '9999'")

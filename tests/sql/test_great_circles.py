@@ -277,20 +277,8 @@ REGIONS = {
 }
 
 
-@pytest.mark.parametrize("name", REGIONS)
-def test_region_is_where_areas_overlap(conn: Conn, name: str) -> None:
-    """Longitude and latitude within +-180, valid, and right at places thrown all over it."""
-    areas, middle = REGIONS[name]
-    middle = (middle[0] - 360.0 if middle[0] > 180.0 else middle[0], middle[1])
-    load(conn, Scene("s", Motion.GREAT_CIRCLE, centre=middle), areas, [])
-    detect(conn, "s", jobs=1)
-    (row,) = store.conflicts(conn, "s", with_region=True)
-    assert row.region is not None
-    region = shapely.from_geojson(row.region)
-    assert region.is_valid
-    west, south, east, north = region.bounds
-    assert -180.0 <= west < east <= 180.0
-    assert -90.0 <= south < north <= 90.0
+def thrown(areas: list[Area], middle: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return places (n, 2) all around where the first two areas overlap, and whether they do there."""
     plane = Gnomonic(*middle)
     flat = []
     for area in areas[:2]:
@@ -307,10 +295,56 @@ def test_region_is_where_areas_overlap(conn: Conn, name: str) -> None:
     xy = rng.uniform(box_of[:2] - 1e5, box_of[2:] + 1e5, (4000, 2))
     xy = xy[shapely.distance(shapely.points(xy), common.boundary) > 500.0]
     lon, lat = plane.from_plane(*xy.T)
-    places = np.stack([(lon + 180.0) % 360.0 - 180.0, lat], axis=1)
     expected = shapely.intersects_xy(common, *xy.T)
     assert 0 < expected.sum() < len(expected)
-    assert np.array_equal(inside(region, places), expected)
+    return np.stack([(lon + 180.0) % 360.0 - 180.0, lat], axis=1), expected
+
+
+def one_region(conn: Conn, query: str) -> shapely.Geometry:
+    """Return the only region of a query, which must be valid and within +-180 and +-90 degrees."""
+    ((text,),) = conn.execute(query.encode()).fetchall()
+    region = shapely.from_wkb(text)
+    assert region.is_valid
+    west, south, east, north = region.bounds
+    assert -180.0 <= west < east <= 180.0
+    assert -90.0 <= south < north <= 90.0
+    return region
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_region_is_where_areas_overlap(conn: Conn, name: str) -> None:
+    """Of the conflict, of the candidates and of a probe with one of them: right at places thrown all over it."""
+    areas, middle = REGIONS[name]
+    middle = (middle[0] - 360.0 if middle[0] > 180.0 else middle[0], middle[1])
+    load(conn, Scene("s", Motion.GREAT_CIRCLE, centre=middle), areas, [])
+    detect(conn, "s", jobs=1)
+    places, expected = thrown(areas, middle)
+    probe = """SELECT p.region::text FROM conflictdb.area a, conflictdb.probe('s', a.footprint) p
+               WHERE a.key = 'B' AND p.key = 'A'"""
+    for query in (
+        "SELECT region::text FROM conflictdb.conflicts",
+        "SELECT region::text FROM conflictdb.candidates('s')",
+        probe,
+    ):
+        assert np.array_equal(inside(one_region(conn, query), places), expected), query
+
+
+def test_conflicts_within_counts_edges_as_great_circles(conn: Conn) -> None:
+    """The northern edge of the place asked about, from 40 W to 40 E along 62 N, runs over 67 N half way."""
+    load(conn, CIRCLES, [box("A", -1, 64.5, 1, 65.5), box("B", -1, 65, 1, 66), box("C", -1, 68, 1, 69)], [])
+    detect(conn, "s", jobs=1)
+    asked = "SELECT a_key, b_key FROM conflictdb.conflicts_within('s', ST_MakeEnvelope(-40, %s, 40, %s, 4326), '(,)')"
+    assert conn.execute(asked, [50, 62]).fetchall() == [("A", "B")]
+    assert conn.execute(asked, [63.5, 70]).fetchall() == []
+
+
+def test_conflicts_within_counts_edges_as_rhumb_lines(conn: Conn) -> None:
+    """A rhumb line from 0 N 0 E to 80 N 60 E passes 40 N at 18.8 E; a straight line on a map of degrees at 30 E."""
+    load(conn, Scene("s"), [box("A", 24, 38, 26, 40), box("B", 24, 39, 26, 41)], [])
+    detect(conn, "s", jobs=1)
+    asked = "SELECT a_key, b_key FROM conflictdb.conflicts_within('s', ST_GeomFromText(%s, 4326), '(,)')"
+    assert conn.execute(asked, ["POLYGON((0 0, 60 0, 60 80, 0 0))"]).fetchall() == [("A", "B")]
+    assert conn.execute(asked, ["POLYGON((0 0, 60 80, 0 80, 0 0))"]).fetchall() == []
 
 
 def test_questions_about_places(conn: Conn) -> None:

@@ -1,0 +1,18 @@
+-- A routine whose parameters get other names cannot be replaced, and what depends on it (views, also those of users)
+-- must not be dropped. So the old one steps aside under another name; 95_retired.sql drops it, when all are bound to
+-- the new one.
+
+DO $$
+DECLARE
+    v_routine regprocedure;
+BEGIN
+    FOR v_routine IN
+        SELECT p.oid FROM pg_catalog.pg_proc p
+        WHERE p.pronamespace = 'conflictdb'::regnamespace AND 'p_earth' = ANY (p.proargnames)
+          AND p.proname IN ('_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar', '_conflict_region')
+    LOOP
+        EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
+                       '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));
+    END LOOP;
+END
+$$;

@@ -1,0 +1,12 @@
+-- What stepped aside in 06_retired.sql goes, now that nothing is bound to it any more.
+
+DO $$
+DECLARE
+    v_routines text := (SELECT string_agg(p.oid::regprocedure::text, ', ') FROM pg_catalog.pg_proc p
+                        WHERE p.pronamespace = 'conflictdb'::regnamespace AND starts_with(p.proname, '_retired_'));
+BEGIN
+    IF v_routines IS NOT NULL THEN
+        EXECUTE 'DROP FUNCTION ' || v_routines;
+    END IF;
+END
+$$;
