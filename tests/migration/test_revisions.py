@@ -13,8 +13,14 @@ from conflictdb import schema
 VERSIONS = Path(schema.__file__).resolve().parent.parent / "migrations" / "versions"
 FILES = sorted(VERSIONS.glob("*.py"))
 
-# SHA-256 of every revision that was in a release: a line is added with the release, and none ever changes.
-RELEASED: dict[str, str] = {}
+# SHA-256 of every revision that a database may have run: a line is added with its release, and none ever changes.
+RELEASED: dict[str, str] = {
+    "0001_create_conflictdb.py": "c9a252450bfb04c274273db806b379e2d8271e61bfefe909b0ae94dd63b81f0b",
+    "0002_offer_exact.py": "d16e82f67f75e882b4f59d715003f7965ac4fd191e4410d670744ec26b90fcf3",
+    "0003_let_havens_grow.py": "b04cae3b84169f79482edd7c366acce69701e7c09d65845e9cdb36767251df4d",
+    "0004_add_closest_approach.py": "458fa32ce69f481487b86887acee51deb6b0712201eb1daaa8a9be1fe6e63784",
+    "0005_add_great_circles.py": "9d6b891094698f6d087d21471e01335861b9fe88f31613d787db570091af36f1",
+}
 
 
 def module(file: Path) -> ModuleType:

@@ -1,5 +1,8 @@
 """Stage 4: the two programs on passages with known times, and what is certified when they fail."""
 
+from dataclasses import replace
+from types import ModuleType
+
 import numpy as np
 import pytest
 import scenes
@@ -8,7 +11,7 @@ from verdicts import solved
 
 from conflictdb import stage4_lp, stage4_nlp
 from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
-from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
+from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.planes import plane_of
 from conflictdb.separation import Encounters
@@ -83,23 +86,31 @@ def test_a_solver_that_fails_or_errs_changes_no_answer(monkeypatch: pytest.Monke
         scenes.seam(EarthModel.SPHERE),
     ]
     before = [solved(k.scene, k.areas, k.tracks) for k in known]
+    asked = []
 
-    def wrong(_pair: Encounters, start_s: float, end_s: float, *, latest: bool) -> float | None:
-        return None if answer is None else min(max(answer, start_s), end_s)
+    def misled(program: ModuleType) -> None:
+        def wrong(_pair: Encounters, start_s: float, end_s: float, *, latest: bool) -> float | None:
+            asked.append(program)
+            return None if answer is None else min(max(answer, start_s), end_s)
 
-    monkeypatch.setattr(stage4_nlp, "extreme_contact", wrong)
-    monkeypatch.setattr(stage4_lp, "extreme_contact", wrong)
+        monkeypatch.setattr(program, "extreme_contact", wrong)
+
+    misled(stage4_nlp)
+    misled(stage4_lp)
     for k, expected in zip(known, before, strict=True):
-        found = solved(k.scene, k.areas, k.tracks)
+        found = solved(replace(k.scene, method=Method.NLP), k.areas, k.tracks)
         assert found.keys() == expected.keys()
         for pair, one in found.items():
             other = expected[pair]
             assert one.verdict is other.verdict
+            # A wide bound would excuse any answer.
+            assert max(one.time_error_s, other.time_error_s) < 1e-5
             assert len(one.periods_us) == len(other.periods_us)
             for mine, theirs in zip(one.periods_us, other.periods_us, strict=True):
                 for x, y in zip(mine, theirs, strict=True):
                     assert (x is None) == (y is None)
                     assert x is None or y is None or abs(x - y) <= 2 + 1e6 * (one.time_error_s + other.time_error_s)
+    assert {stage4_lp, stage4_nlp} <= set(asked)
 
 
 def test_verdicts_by_depth() -> None:
