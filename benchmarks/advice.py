@@ -38,7 +38,18 @@ def main() -> None:
     parser.add_argument("--objects", type=int, nargs="+", default=[40, 300, 1500], help="areas, and as many tracks")
     parser.add_argument("--repeat", type=int, default=3, help="detections per method; the median counts")
     args = parser.parse_args()
-    heads = ("scene", "method", "candidates", "foretold", "conflicts", "foretold", "+-", "seconds", "foretold", "ratio")
+    heads = (
+        "scene",
+        "method",
+        "candidates",
+        "foretold",
+        "conflicts",
+        "foretold",
+        "95 %",
+        "seconds",
+        "foretold",
+        "ratio",
+    )
     print(ROW.format(*heads))
     with conflictdb.connect(args.dsn) as db:
         for n in args.objects:
@@ -73,7 +84,7 @@ def compare(db, scene, areas, tracks, repeat) -> None:
                 f"{one.candidate_pairs.value:.0f}",
                 run.conflicts,
                 f"{one.conflicts.value:.0f}",
-                f"{one.conflicts.standard_error:.0f}",
+                f"{one.conflicts.low:.0f}-{one.conflicts.high:.0f}",
                 f"{seconds:.2f}",
                 f"{one.cost.total_s:.2f}",
                 f"{one.cost.total_s / seconds:.2f}",

@@ -11,8 +11,8 @@ Nothing is written, and nothing of the database is asked but the objects themsel
    objects of a large scene hardly two come near each other.
 
 Each setting then makes the pieces of the drawn objects and takes the drawn pairs through stages 1 to 4, as
-`memory.solve` does. Counts carry their standard error. The truth that answers are held against is method `exact` at
-tolerance 0 on the scene's own earth, on the same pairs.
+`memory.solve` does. Counts and shares carry their 95 % interval, also where they are nothing or everything. The truth
+that answers are held against is method `exact` at tolerance 0 on the scene's own earth, on the same pairs.
 
 Seconds are processor time on this machine: what a detection takes where it need not share. The pieces, the regions of
 stage 2 and stages 3 and 4 are timed; what only a database does (its joins, rows in and out) is set in proportion to the
@@ -35,10 +35,10 @@ from conflictdb.estimates import (
     Count,
     Estimate,
     Setting,
+    Share,
     duration,
     extrapolated_s,
     recommendation,
-    share_error,
     wrongness,
 )
 from conflictdb.geodesy import Floats
@@ -131,21 +131,26 @@ def advise(
             raise InvalidInput("advise", name, f"must be a whole number, {least} or more; got {value!r}")
     objects = Objects.of(areas, tracks)
     if not len(objects):
-        return _nothing(scene, seed, objects, 0, "the scene holds no objects: there is nothing to detect.")
+        why = "the scene holds no objects: there is nothing to detect."
+        return _nothing(scene, seed, objects, 0, Count(0.0, 0.0, 0.0), why)
     scene = centred(scene, areas, tracks)
     settings = _settings(scene)
     nearby_m = max(scene.tolerance_m, NEARBY_M)
     rng = np.random.default_rng(seed)
-    draw = _Draw.of(replace(scene, tolerance_m=nearby_m), objects, sample, PIECE_PAIRS, rng)
+    # Of all methods exact looks the furthest, where the scene wants closest approaches.
+    widest = replace(scene, method=Method.EXACT, tolerance_m=nearby_m)
+    draw = _Draw.of(widest, objects, sample, PIECE_PAIRS, rng)
     if not len(draw.keys):
-        return _nothing(scene, seed, objects, len(draw.frame.looked_at), _nobody_meets(objects, draw.frame))
+        frame = draw.frame
+        return _nothing(scene, seed, objects, len(frame.looked_at), frame.pairs_whole, _nobody_meets(objects, frame))
     nlp = min(len(draw.keys), max(NLP_LEAST, int(NLP_PIECE_PAIRS / draw.frame.pieces_per_pair)))
     measure = _Measure(scene, objects, draw)
     far_m = max(setting.tolerance_m for setting in settings)
     far = measure
     if far_m > nearby_m:
         few = -(-sample // FAR_SHARE)
-        far = _Measure(scene, objects, _Draw.of(replace(scene, tolerance_m=far_m), objects, few, FAR_PIECE_PAIRS, rng))
+        draw_far = _Draw.of(replace(widest, tolerance_m=far_m), objects, few, FAR_PIECE_PAIRS, rng)
+        far = _Measure(scene, objects, draw_far)
     estimates = []
     for done, setting in enumerate(settings):
         if progress:
@@ -160,7 +165,7 @@ def advise(
         objects=len(objects),
         objects_looked_at=len(draw.frame.looked_at),
         nearby_m=nearby_m,
-        pairs=draw.frame.total(np.ones(len(draw.frame.pairs))),
+        pairs=draw.frame.pairs_whole,
         sampled_pairs=len(draw.keys),
         nlp_pairs=nlp,
         undecided_pairs=measure.undecided,
@@ -169,8 +174,8 @@ def advise(
     )
 
 
-def _nothing(scene: Scene, seed: int, objects: Objects, looked_at: int, why: str) -> Advice:
-    return Advice(scene, seed, len(objects), looked_at, NEARBY_M, Count(0.0, 0.0), 0, 0, 0, (), why)
+def _nothing(scene: Scene, seed: int, objects: Objects, looked_at: int, pairs: Count, why: str) -> Advice:
+    return Advice(scene, seed, len(objects), looked_at, NEARBY_M, pairs, 0, 0, 0, (), why)
 
 
 def _nobody_meets(objects: Objects, frame: Frame) -> str:
@@ -228,8 +233,8 @@ class _Measure:
         self._scene, self._objects, self._frame, self._drawn = scene, objects, draw.frame, draw.keys
         self._rank = np.argsort(draw.keys)
         self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]] = {}
-        truth = self._run(Setting(Method.EXACT, scene.earth, 0.0), len(draw.keys), is_timed=False)[0]
-        self._truth = self._answer(truth)
+        self._truth_is = Setting(Method.EXACT, scene.earth, 0.0)
+        self._truth = self._answer(self._run(self._truth_is, len(draw.keys), is_timed=False)[0])
 
     @property
     def undecided(self) -> int:
@@ -241,11 +246,18 @@ class _Measure:
         n = len(self._drawn) if n is None else n
         reports, done = self._run(setting, n)
         found = self._answer(reports)
-        wrong = wrongness(found, self._truth.among(self._drawn[:n]))
-        reported = np.isin(self._drawn[:n], found.pair)
-        candidate, intersecting, solved, conflicts = (
-            self._frame.total(of_pair) for of_pair in (done.candidates, done.met, done.solved, reported)
+        truth = self._truth.among(self._drawn[:n])
+        wrong = wrongness(found, truth)
+        candidate, intersecting, solved = (
+            self._frame.total(of_pair, self._drawn, self._frame.pieces_per_pair)
+            for of_pair in (done.candidates, done.met, done.solved)
         )
+        conflicts = self._frame.total(np.isin(self._drawn[:n], found.pair), self._drawn[:n], 1.0)
+        of_reported = self._frame.sampling(n, found.pair).share
+        of_meeting = self._frame.sampling(n, truth.pair[~truth.is_unresolved]).share
+        # The truth is not wrong against itself, and that nothing is missed on the scene's own earth is proven.
+        false_share = Share.certain if setting == self._truth_is else of_reported
+        missed_share = Share.certain if setting.earth == self._truth_is.earth else of_meeting
         made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
         pairs = intersecting.value
         region_s = REGION_RATIO * done.region_s * pairs / max(done.handled, 1)
@@ -265,7 +277,9 @@ class _Measure:
                 write_s=made_s * WRITE_PER_CONFLICT * conflicts.value + FIXED_S,
             ),
             wrong=wrong,
-            false_share_error=share_error(wrong.false_share, wrong.reported, n, len(self._frame.pairs)),
+            false_share=false_share(wrong.false_pairs, wrong.reported),
+            unresolved_share=of_reported(wrong.unresolved, wrong.reported),
+            missed_share=missed_share(wrong.missed_pairs, wrong.meeting_pairs),
         )
 
     def _run(self, setting: Setting, n: int, *, is_timed: bool = True) -> tuple[Conflicts, "_Pass"]:
@@ -308,8 +322,8 @@ class _Measure:
         return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)
 
     def _stage1(self, scene: Scene) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the pieces of the drawn objects and their candidates, made once for all methods."""
-        which = (scene.earth, scene.tolerance_m)
+        """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
+        which = (scene.earth, scene.reach_m)
         if which not in self._candidates:
             pieces = self._objects.pieces(scene, self._objects.members(self._drawn))
             a, b = candidates(pieces)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
+import scipy.special  # scipy.optimize of stage 4 has loaded it already
 from numpy.typing import NDArray
 
 from conflictdb.batches import Conflicts
@@ -33,6 +34,9 @@ _UNITS: Final = (
     (math.inf, "d", 86_400.0),
 )
 _MORE_OR_LESS: Final = ("less", "more")
+# How often the intervals that are told hold what the whole scene has, and the standard errors that this is of a mean.
+CONFIDENCE: Final = 0.95
+_ERRORS: Final = 1.959964
 _UNRESOLVED: Final = list(Verdict).index(Verdict.UNRESOLVED)
 
 
@@ -47,10 +51,66 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """A number in the whole scene, estimated, and its standard error; 0 where all of the scene was counted."""
+    """A number in the whole scene, estimated, and its 95 % interval; all three are one where everything was counted."""
 
     value: float
-    standard_error: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """How many of the sampled pairs that could be so are so, and the 95 % interval of their share in the whole scene.
+
+    Where nothing could be so the interval is everything; where all of the scene was counted it is the share itself.
+    """
+
+    count: int
+    of: int
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        """Share on the sample; NaN where nothing could be so."""
+        return self.count / self.of if self.of else math.nan
+
+    @classmethod
+    def certain(cls, count: int, of: int) -> "Share":
+        """Return a share that no sample can change."""
+        return cls(count, of, *([count / of] * 2 if of else [0.0, 1.0]))
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How pairs of objects were drawn.
+
+    fraction : of all such pairs of the scene that were drawn: 1 is all of them
+    effect : pairs that tell as much as one alone, where pairs of a random part of the objects share some (1 or more)
+    """
+
+    fraction: float
+    effect: float
+
+    @property
+    def narrowing(self) -> float:
+        """By how much intervals are narrower than those of a sample of a scene without end."""
+        return math.sqrt(max(1.0 - self.fraction, 0.0))
+
+    def share(self, count: int, of: int) -> Share:
+        """Return the share of `count` pairs among `of` drawn ones.
+
+        The exact interval of a binomial share (Clopper and Pearson 1934) for as many pairs as count for one each (Korn
+        and Graubard 1998), narrowed by what was drawn of all: it holds the truth in at least 95 % of all samples, also
+        where none or all of the pairs are so.
+        """
+        if of == 0 or self.fraction >= 1.0:
+            return Share.certain(count, of)
+        value, some, others = count / of, count / self.effect, (of - count) / self.effect
+        tail = 0.5 * (1.0 - CONFIDENCE)
+        low = float(scipy.special.betaincinv(some, others + 1.0, tail)) if some else 0.0
+        high = float(scipy.special.betaincinv(some + 1.0, others, 1.0 - tail)) if others else 1.0
+        return Share(count, of, value - self.narrowing * (value - low), value + self.narrowing * (high - value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +136,8 @@ class Wrongness:
 
     reported : pairs of objects that the answer reports
     false_pairs : of these, pairs that do not meet
-    missed_pairs : pairs that meet and are not reported: 0 but for another earth
+    meeting_pairs : pairs that meet
+    missed_pairs : of these, pairs that are not reported: 0 but for another earth
     unresolved : reported pairs that it does not decide
     slack_median_s, slack_p95_s, slack_worst_s : how much too early pairs that meet start, or too late they end, over
         both ends of each, seconds; NaN where none meets
@@ -86,6 +147,7 @@ class Wrongness:
 
     reported: int
     false_pairs: int
+    meeting_pairs: int
     missed_pairs: int
     unresolved: int
     slack_median_s: float
@@ -93,11 +155,6 @@ class Wrongness:
     slack_worst_s: float
     short_worst_s: float
     time_error_s: float
-
-    @property
-    def false_share(self) -> float:
-        """Share of the reported pairs that do not meet; 0 where none is reported."""
-        return self.false_pairs / self.reported if self.reported else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +164,8 @@ class Estimate:
     sampled_pairs : pairs of objects that it was tried on
     candidate_pairs, intersecting_pairs, solved_pairs : pairs of pieces after stages 1 and 2, and given to stage 4
     conflicts : pairs of objects that would be reported
-    false_share_error : standard error of `wrong.false_share`
+    false_share, unresolved_share : of the pairs that it reports, those that do not meet, and those it does not decide
+    missed_share : of the pairs that meet, those that it does not report
     """
 
     setting: Setting
@@ -118,7 +176,9 @@ class Estimate:
     conflicts: Count
     cost: Cost
     wrong: Wrongness
-    false_share_error: float
+    false_share: Share
+    unresolved_share: Share
+    missed_share: Share
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +234,7 @@ def wrongness(found: Answer, truth: Answer) -> Wrongness:
     return Wrongness(
         reported=len(found.pair),
         false_pairs=int((~np.isin(found.pair, truth.pair)).sum()),
+        meeting_pairs=len(meets.pair),
         missed_pairs=int((~np.isin(meets.pair, found.pair)).sum()),
         unresolved=int(found.is_unresolved.sum()),
         slack_median_s=median,
@@ -189,22 +250,31 @@ def _later_s(one: NDArray[np.int64], other: NDArray[np.int64]) -> Floats:
     return np.where(one == other, 0.0, (one.astype(np.float64) - other.astype(np.float64)) / 1e6)
 
 
-def whole(of_pair: Floats, frame: int, scale: float, object_error: float) -> Count:
+def whole(of_pair: Floats, all_pairs: float, sampling: Sampling, object_error: float, typical: float) -> Count:
     """Return the total over a scene, from its value for each of some pairs of objects.
+
+    How many pairs have a value at all and how much it is on average are estimated apart, and the errors of both added
+    in squares on either side (Zou and Donner 2008): a total of nothing has an interval too.
 
     Parameters
     ----------
-    of_pair : (n,) values of pairs drawn at random, without repetition, from `frame` pairs
-    scale : how often the scene holds what the frame holds: pairs of all objects for one of the objects looked at
-    object_error : relative standard error of `scale` times the frame's own total (see `object_error`)
+    of_pair : (n,) values of the pairs drawn, 0 or more
+    all_pairs : pairs in the scene of those from which they were drawn
+    object_error : relative standard error of `all_pairs` (see `object_error`)
+    typical : a value, for where all are 0
     """
-    n = len(of_pair)
-    if n == 0:
-        return Count(0.0, 0.0)
-    total = frame * scale * float(np.mean(of_pair))
-    spread = float(np.std(of_pair, ddof=1)) if n > 1 else abs(float(of_pair[0]))
-    drawn = frame * scale * spread / math.sqrt(n) * math.sqrt(1.0 - n / frame)
-    return Count(total, math.hypot(drawn, total * object_error))
+    some = of_pair[of_pair > 0.0]
+    share = sampling.share(len(some), len(of_pair))
+    if not share.of:
+        return Count(0.0, 0.0, 0.0)
+    mean = float(np.mean(some)) if len(some) else typical
+    spread = float(np.std(some, ddof=1)) / math.sqrt(len(some)) if len(some) > 1 else 0.0
+    mean_error = _ERRORS * sampling.narrowing * math.sqrt(sampling.effect) * spread * share.value
+    shared_error = math.hypot(mean_error, _ERRORS * object_error * share.value * mean)
+    below = math.hypot(mean * (share.value - share.low), shared_error)
+    above = math.hypot(mean * (share.high - share.value), shared_error)
+    value = share.value * mean
+    return Count(all_pairs * value, all_pairs * max(value - below, 0.0), all_pairs * (value + above))
 
 
 def object_error(degree: Floats, objects: int) -> float:
@@ -220,11 +290,6 @@ def object_error(degree: Floats, objects: int) -> float:
     if m < 2 or m >= objects or mean == 0.0:
         return 0.0
     return 2.0 * float(np.std(degree, ddof=1)) / mean / math.sqrt(m) * math.sqrt(1.0 - m / objects)
-
-
-def share_error(share: float, n: int, sampled: int, frame: int) -> float:
-    """Return the standard error of a share of n pairs, found among `sampled` pairs of `frame`."""
-    return math.sqrt(share * (1.0 - share) / n * (1.0 - sampled / frame)) if n else 0.0
 
 
 def extrapolated_s(once_s: float, copies_s: float, copies: int, pairs: int, whole_pairs: float) -> float:
@@ -251,7 +316,7 @@ def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthMo
     least = max(WORTH_S, WORTH_SHARE * exact.cost.total_s)
     cheaper = max(saved, key=lambda other: saved[other])
     rough = " and ".join(
-        f"{other} would {_saving(saved[other], least)} and {_falsehood(at[Setting(other, earth, tolerance_m)].wrong)}"
+        f"{other} would {_saving(saved[other], least)} and {_falsehood(at[Setting(other, earth, tolerance_m)])}"
         for other in saved
         if other == cheaper or saved[other] >= least
     )
@@ -281,8 +346,8 @@ def _tolerance_advice(at: dict[Setting, Estimate], exact: Estimate) -> str:
         "at about the same cost" if abs(more) < WORTH_S else f"for {duration(abs(more))} {_MORE_OR_LESS[more > 0.0]}"
     )
     return (
-        f" Of the pairs that exact reports at {exact.setting.tolerance_m:g} m {_percent(exact.wrong.false_share)} come "
-        f"close and do not meet; at {best.setting.tolerance_m:g} m {_percent(best.wrong.false_share)} would, {costs}."
+        f" Of the pairs that exact reports at {exact.setting.tolerance_m:g} m {percent(exact.false_share)} come "
+        f"close and do not meet; at {best.setting.tolerance_m:g} m {percent(best.false_share)} would, {costs}."
     )
 
 
@@ -292,14 +357,30 @@ def _saving(seconds: float, least: float) -> str:
     return f"save {'' if seconds >= least else 'only '}{duration(seconds)}"
 
 
-def _falsehood(wrong: Wrongness) -> str:
-    if not wrong.false_pairs:
-        return f"report no pair that never meets, but periods up to {duration(wrong.slack_worst_s)} too long"
-    return f"report pairs of which {_percent(wrong.false_share)} never meet"
+def _falsehood(one: Estimate) -> str:
+    if not one.wrong.false_pairs:
+        never = f" (at most {_number(one.false_share.high)} % of all)" if one.false_share.high else ""
+        return f"report no pair that never meets{never}, but periods up to {duration(one.wrong.slack_worst_s)} too long"
+    return f"report pairs of which {percent(one.false_share)} never meet"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share else "none"
+def percent(share: Share) -> str:
+    """Return the interval of a share in percent, in words; the share itself where it is certain."""
+    value, low, high = share.value, share.low, share.high
+    if math.isnan(value):
+        return "-"
+    if low == high:
+        return {0.0: "none", 1.0: "all"}.get(value, f"{_number(value)} %")
+    if low == 0.0:
+        return f"at most {_number(high)} %"
+    if high == 1.0:
+        return f"at least {_number(low)} %"
+    return f"{_number(low)}-{_number(high)} %"
+
+
+def _number(share: float) -> str:
+    """Return percent to two digits, never rounded to what is certain: neither to 0 nor to 100."""
+    return f"{100.0 * share:.2g}" if share < 0.995 else f"{min(100.0 * share, 99.99):.4g}"
 
 
 def duration(seconds: float) -> str:

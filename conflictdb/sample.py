@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Conflicts, Pieces, TrackBatch
-from conflictdb.estimates import Count, object_error, whole
+from conflictdb.estimates import Count, Sampling, object_error, whole
 from conflictdb.memory import candidates, hulls_of
 from conflictdb.model import Area, Kind, Scene, Track
 from conflictdb.pieces import area_pieces, track_pieces
@@ -76,6 +76,7 @@ class Objects:
 class Frame:
     """The pairs that samples are drawn from.
 
+    objects : of the whole scene
     looked_at : (m,) numbers of the objects among which pairs were looked for
     pairs : (f,) keys of pairs of objects, increasing
     owner : (p,) row in `pairs` of each pair of pieces
@@ -85,6 +86,7 @@ class Frame:
     pieces_whole : pieces of the whole scene, estimated
     """
 
+    objects: int
     looked_at: NDArray[np.int64]
     pairs: NDArray[np.int64]
     owner: NDArray[np.int64]
@@ -98,9 +100,33 @@ class Frame:
         """Pairs of pieces for a pair of objects, on average; NaN without pairs."""
         return len(self.owner) / len(self.pairs) if len(self.pairs) else float("nan")
 
-    def total(self, of_pair: NDArray[Any]) -> Count:
+    @property
+    def pairs_whole(self) -> Count:
+        """Pairs of the whole scene, estimated."""
+        m = len(self.looked_at)
+        if not len(self.pairs) and 1 < m < self.objects:
+            # None of all pairs of these objects, each of which is in m - 1 of them.
+            seen = m * (m - 1) // 2
+            return whole(np.zeros(seen), seen * self.scale, Sampling(1.0 / self.scale, 2.0 * m - 3.0), 0.0, 1.0)
+        counted = len(self.pairs)
+        return whole(np.ones(counted), counted * self.scale, Sampling(1.0, 1.0), self.object_error, 1.0)
+
+    def sampling(self, drawn: int, some: NDArray[np.int64]) -> Sampling:
+        """Return how some pairs, given their keys, are among so many that were drawn.
+
+        Of a part of the objects, pairs that share one are taken to be right or wrong together, which is the worst that
+        can be. Of all objects pairs are drawn from a list, and nothing else is left to chance.
+        """
+        effect = 1.0
+        if len(some) and len(self.looked_at) < self.objects:
+            degree = np.bincount(np.concatenate([some // self.objects, some % self.objects]))
+            effect = float((degree**2).sum() - len(some)) / len(some)
+        return Sampling(drawn / (len(self.pairs) * self.scale), effect)
+
+    def total(self, of_pair: NDArray[Any], drawn: NDArray[np.int64], typical: float) -> Count:
         """Return the total over the whole scene, from a value for each of some pairs drawn at random."""
-        return whole(of_pair.astype(np.float64), len(self.pairs), self.scale, self.object_error)
+        sampling = self.sampling(len(drawn), drawn)
+        return whole(of_pair.astype(np.float64), len(self.pairs) * self.scale, sampling, self.object_error, typical)
 
     @classmethod
     def of(cls, widest: Scene, objects: Objects, rng: np.random.Generator) -> "Frame":
@@ -116,7 +142,7 @@ class Frame:
         degree = np.bincount(members.ravel(), minlength=n)[looked_at]
         scale = n * (n - 1) / (m * (m - 1)) if m > 1 else 1.0
         error = object_error(degree.astype(np.float64), n)
-        return cls(looked_at, pairs, owner, scale, error, piece_s, len(pieces) * n / m)
+        return cls(n, looked_at, pairs, owner, scale, error, piece_s, len(pieces) * n / m)
 
 
 def _affordable(widest: Scene, objects: Objects, probe: NDArray[np.int64]) -> int:

@@ -10,7 +10,7 @@ from conflictdb.advise import Advice, Estimate
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, progress, table
 from conflictdb.cli.session import database
-from conflictdb.estimates import Count, duration
+from conflictdb.estimates import Count, Share, duration, percent
 
 _STAGES = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
 
@@ -52,7 +52,7 @@ def advice_text(advice: Advice) -> str:
             "Cost of a full detection, estimated: processor time of one process, and the share of each stage",
             _cost_table(advice),
             "",
-            f"Wrong, on the sample, against exact at 0 m on {scene.earth}{undecided}",
+            f"Wrong, on the sample, against exact at 0 m on {scene.earth}{undecided}; in brackets what share of all",
             _wrong_table(advice),
             "",
             advice.recommendation,
@@ -80,17 +80,15 @@ def _wrong_table(advice: Advice) -> str:
     rows = []
     for estimate in advice.estimates:
         wrong = estimate.wrong
-        error = f"±{100.0 * estimate.false_share_error:.1f}" if estimate.false_share_error else ""
-        share = f"{wrong.false_pairs} ({100.0 * wrong.false_share:.1f}{error} %)"
         times = (wrong.slack_median_s, wrong.slack_p95_s, wrong.slack_worst_s, wrong.short_worst_s, wrong.time_error_s)
         rows.append(
             [
                 *_setting(advice, estimate),
                 wrong.reported,
-                share if wrong.false_pairs else 0,
-                wrong.missed_pairs,
+                _share(estimate.false_share),
+                _share(estimate.missed_share),
                 *map(duration, times),
-                wrong.unresolved,
+                _share(estimate.unresolved_share),
             ]
         )
     return table(header, rows, right=header[2:])
@@ -103,8 +101,15 @@ def _setting(advice: Advice, estimate: Estimate) -> list[object]:
 
 
 def _count(count: Count) -> str:
-    error = f"±{count.standard_error:,.0f}" if count.standard_error >= 0.5 else ""
-    return f"{count.value:,.0f}{error}"
+    low, high = f"{count.low:,.0f}", f"{count.high:,.0f}"
+    return f"{count.value:,.0f}" if low == high else f"{count.value:,.0f} ({low}-{high})"
+
+
+def _share(share: Share) -> str:
+    """Return how many, and in percent what that is, or may be, of all; nothing more where none are for certain."""
+    if share.high == 0.0:
+        return "0"
+    return f"{share.count} ({percent(share).replace('at most ', '≤').replace('at least ', '≥')})"
 
 
 def _members(advice: Advice) -> dict[str, Any]:
@@ -112,7 +117,8 @@ def _members(advice: Advice) -> dict[str, Any]:
     members = _finite(asdict(advice))
     for estimate, shown in zip(advice.estimates, members["estimates"], strict=True):
         shown["cost"]["total_s"] = estimate.cost.total_s
-        shown["wrong"]["false_share"] = estimate.wrong.false_share
+        for name in ("false_share", "unresolved_share", "missed_share"):
+            shown[name] = {"value": _finite(getattr(estimate, name).value), **shown[name]}
     return dict(members)
 
 

@@ -86,7 +86,7 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
             done = db.detect("strait", method=setting.method, tolerance_m=setting.tolerance_m, full=True)
             found = (estimate.candidate_pairs, estimate.intersecting_pairs, estimate.conflicts)
             assert [count.value for count in found] == [done.candidate_pairs, done.intersecting_pairs, done.conflicts]
-            assert {count.standard_error for count in found} == {0.0}
+            assert all(count.low == count.value == count.high for count in found)
             assert estimate.solved_pairs.value == pytest.approx(done.solved_pairs)
             assert estimate.wrong.unresolved == done.unresolved
 
@@ -111,7 +111,7 @@ def test_estimates_are_near_what_a_detection_counts(dsn: str, monkeypatch: pytes
                 (estimate.conflicts, done.conflicts),
             ):
                 assert true / 3 <= count.value <= true * 3, method
-                assert abs(count.value - true) <= 4.0 * count.standard_error + 1e-6, method
+                assert count.low <= true <= count.high, method
 
 
 @pytest.mark.parametrize("earth", list(EarthModel))
@@ -172,11 +172,16 @@ def test_pairs_that_only_come_near_are_no_conflicts() -> None:
     scene, areas, tracks = throw(PAPER, 3, 8, 8)
     plain = advise(scene, areas, tracks)
     near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
+    # Also where the scene's own method does not look for them.
+    by_window = advise(replace(scene, nearest_m=50_000.0, method=Method.WINDOW), areas, tracks)
+    assert of(by_window, Method.EXACT, 1.0).candidate_pairs == of(near, Method.EXACT, 1.0).candidate_pairs
     for tolerance_m in (0.0, 1.0):
         one, other = (of(advice, Method.EXACT, tolerance_m) for advice in (plain, near))
         assert one.conflicts == other.conflicts
         assert (other.wrong.false_pairs, other.wrong.missed_pairs) == (0, 0)
-        assert other.candidate_pairs.value > one.candidate_pairs.value
+        assert other.candidate_pairs.value > 2.0 * one.candidate_pairs.value
+        # Methods that tell no approach do not look further for one.
+        assert of(near, Method.WINDOW, tolerance_m).candidate_pairs.value == pytest.approx(one.candidate_pairs.value)
 
 
 def test_many_pieces_make_a_smaller_sample() -> None:
@@ -274,7 +279,14 @@ def test_the_command_prints_json(run: Run) -> None:
     for one in advice["estimates"]:
         cost = one["cost"]
         assert cost["total_s"] == pytest.approx(sum(value for name, value in cost.items() if name != "total_s"))
-        assert 0.0 <= one["wrong"]["false_share"] <= 1.0
+        for name in ("false_share", "unresolved_share", "missed_share"):
+            share = one[name]
+            assert set(share) == {"value", "count", "of", "low", "high"}
+            assert 0.0 <= share["low"] <= share["high"] <= 1.0
+            assert share["value"] is None or share["low"] <= share["value"] <= share["high"]
+        exact_is_truth = one["setting"] == {"method": "exact", "earth": "wgs84", "tolerance_m": 0.0}
+        # Four of eight pairs: what none of them is, others may be.
+        assert exact_is_truth or one["false_share"]["high"] > 0.0
         assert set(one["setting"]) == {"method", "earth", "tolerance_m"}
 
 

@@ -11,17 +11,20 @@ from conflictdb.estimates import (
     Cost,
     Count,
     Estimate,
+    Sampling,
     Setting,
+    Share,
     Wrongness,
     duration,
     extrapolated_s,
     object_error,
+    percent,
     recommendation,
-    share_error,
     whole,
     wrongness,
 )
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, EarthModel, Method
+from conflictdb.sample import Frame
 
 HOUR_US = 3_600_000_000
 NO_COST = Cost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -36,8 +39,7 @@ def answer(*rows: tuple[int, int, int, bool]) -> Answer:
 def test_an_answer_is_not_wrong_against_itself() -> None:
     same = answer((3, 0, HOUR_US, False), (7, SINCE_EVER_US, FOR_EVER_US, False))
     wrong = wrongness(same, same)
-    assert wrong == Wrongness(2, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.25)
-    assert wrong.false_share == 0.0
+    assert wrong == Wrongness(2, 0, 2, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.25)
 
 
 def test_false_missed_and_unresolved_pairs_are_told_apart() -> None:
@@ -45,8 +47,8 @@ def test_false_missed_and_unresolved_pairs_are_told_apart() -> None:
     truth = answer((1, 0, 10, False), (2, 0, 10, False), (3, 0, 10, True), (4, 0, 10, True))
     found = answer((9, 0, 10, True), (2, 0, 10, False), (3, 0, 99, False))
     wrong = wrongness(found, truth)
-    assert (wrong.reported, wrong.false_pairs, wrong.missed_pairs, wrong.unresolved) == (3, 1, 1, 1)
-    assert wrong.false_share == pytest.approx(1 / 3)
+    assert (wrong.reported, wrong.false_pairs, wrong.unresolved) == (3, 1, 1)
+    assert (wrong.meeting_pairs, wrong.missed_pairs) == (2, 1)
     assert wrong.slack_worst_s == 0.0
 
 
@@ -62,22 +64,132 @@ def test_without_a_pair_that_meets_there_is_no_slack() -> None:
     wrong = wrongness(answer((1, 0, 1, False)), answer())
     assert math.isnan(wrong.slack_median_s)
     assert math.isnan(wrong.slack_worst_s)
-    assert wrong.false_share == 1.0
-    assert wrongness(answer(), answer()).false_share == 0.0
+    assert (wrong.reported, wrong.false_pairs, wrong.meeting_pairs) == (1, 1, 0)
+
+
+EVERYTHING = Sampling(1.0, 1.0)
+LITTLE = Sampling(0.0, 1.0)
 
 
 def test_a_whole_that_was_counted_has_no_error() -> None:
-    assert whole(np.array([1.0, 0.0, 5.0]), 3, 1.0, 0.0) == Count(6.0, 0.0)
-    assert whole(np.empty(0), 3, 1.0, 0.0) == Count(0.0, 0.0)
+    assert whole(np.array([1.0, 0.0, 5.0]), 3, EVERYTHING, 0.0, 1.0) == Count(6.0, 6.0, 6.0)
+    assert whole(np.zeros(3), 3, EVERYTHING, 0.0, 1.0) == Count(0.0, 0.0, 0.0)
+    assert whole(np.empty(0), 0, EVERYTHING, 0.0, 1.0) == Count(0.0, 0.0, 0.0)
 
 
-def test_estimated_totals_scatter_about_the_truth_as_their_error_says() -> None:
+@pytest.mark.parametrize("is_count", [True, False])
+@pytest.mark.parametrize("rate", [0.003, 0.05, 0.5, 2.0])
+@pytest.mark.parametrize("n", [20, 150])
+def test_intervals_of_totals_hold_the_truth(rate: float, n: int, is_count: bool) -> None:
+    """Of 400 pairs of which hardly any, some or most have a value; also where none of the sample has one."""
     rng = np.random.default_rng(5)
-    population = rng.poisson(2.0, 400).astype(np.float64)
-    estimates = [whole(rng.permutation(population)[:50], 400, 1.0, 0.0) for _ in range(400)]
-    off = np.array([(one.value - population.sum()) / one.standard_error for one in estimates])
-    assert abs(off.mean()) < 0.2
-    assert 0.85 < off.std() < 1.15
+    population = rng.poisson(rate, 400).astype(np.float64)
+    population[0] = 1.0
+    if not is_count:
+        population = np.minimum(population, 1.0)
+    counts = [whole(rng.permutation(population)[:n], 400, Sampling(n / 400, 1.0), 0.0, 1.0) for _ in range(600)]
+    assert all(one.low <= one.value <= one.high for one in counts)
+    # Shares are exact: 5 % at most, and what 600 draws make of it. Means of few counts, which are skewed, miss more.
+    missed = np.mean([not one.low <= population.sum() <= one.high for one in counts])
+    assert missed < (0.075 if is_count else 0.06)
+    if rate >= 0.5:  # and they are of use
+        assert np.median([one.high - one.low for one in counts]) < 5.0 * np.std([one.value for one in counts])
+
+
+def test_an_unknown_number_of_pairs_widens_the_interval() -> None:
+    """By the error of the objects looked at, in squares."""
+    of_pair = np.ones(10_000)
+    sharp, wide = (whole(of_pair, 1e6, Sampling(0.01, 1.0), error, 1.0) for error in (0.0, 0.1))
+    assert (sharp.value, wide.value) == (1e6, 1e6)
+    assert sharp.high == 1e6
+    assert sharp.low == pytest.approx(1e6, rel=4e-4)
+    assert (wide.low, wide.high) == pytest.approx((1e6 - 1.96e5, 1e6 + 1.96e5), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "low", "high"),
+    [
+        # C. J. Clopper, E. S. Pearson, Biometrika 26 (1934): 1 - 0.025^(1/n) where there is none, and so on.
+        (0, 10, 0.0, 0.3085),
+        (0, 100, 0.0, 0.03622),
+        (1, 10, 0.00253, 0.4450),
+        (5, 10, 0.1871, 0.8129),
+        (9, 10, 0.5550, 0.99747),
+        (10, 10, 0.6915, 1.0),
+    ],
+)
+def test_interval_of_a_share_is_the_exact_one(count: int, of: int, low: float, high: float) -> None:
+    share = LITTLE.share(count, of)
+    assert (share.low, share.high) == pytest.approx((low, high), abs=1e-4)
+    assert share.value == count / of
+    assert Sampling(0.0, 2.0).share(2 * count, 2 * of).low == pytest.approx(low, abs=1e-4)
+    narrow = Sampling(0.75, 1.0).share(count, of)
+    assert narrow.high - narrow.low == pytest.approx(0.5 * (high - low), abs=1e-4)
+    assert EVERYTHING.share(count, of) == Share.certain(count, of) == Share(count, of, count / of, count / of)
+
+
+def test_the_share_of_nothing_may_be_any() -> None:
+    for share in (LITTLE.share(0, 0), EVERYTHING.share(0, 0)):
+        assert (share.low, share.high) == (0.0, 1.0)
+        assert math.isnan(share.value)
+
+
+def test_intervals_hold_the_truth_where_pairs_share_objects() -> None:
+    """Among a part of the objects, some of which are wrong with whomever they meet: the worst that can be."""
+    rng = np.random.default_rng(7)
+    objects, looked_at, drawn = 2000, 100, 60
+    is_bad = np.arange(objects) < 60
+    true = 1.0 - (1940 * 1939) / (2000 * 1999)
+    outside = np.zeros(2)
+    for _ in range(400):
+        some = rng.permutation(objects)[:looked_at]
+        a, b = np.triu_indices(looked_at, 1)
+        chosen = rng.permutation(len(a))[:drawn]
+        a, b = some[a[chosen]], some[b[chosen]]
+        keys = np.minimum(a, b) * objects + np.maximum(a, b)
+        frame = Frame(objects, some, np.arange(4950), np.arange(4950), 404.0, 0.1, 1e-3, 1e4)
+        share = frame.sampling(drawn, keys).share(int((is_bad[a] | is_bad[b]).sum()), drawn)
+        outside += (share.high < true, share.low > true)
+    assert (outside / 400 < 0.05).all()
+
+
+def test_pairs_that_share_objects_count_for_less_where_objects_were_drawn() -> None:
+    """A star of pairs is as one; pairs apart are each one; and of all objects it is pairs that were drawn."""
+    star, apart = np.array([1, 2, 3, 4]), np.array([1, 203, 405, 607])  # of 100 objects: 0-1, 0-2, ...; 0-1, 2-3, ...
+    some = Frame(100, np.arange(50), np.arange(40), np.arange(40), 4.0, 0.1, 1e-3, 1e4)
+    assert some.sampling(4, star).effect == 4.0
+    assert some.sampling(4, apart).effect == 1.0
+    assert some.sampling(4, star).fraction == 4 / 160
+    everyone = replace(some, looked_at=np.arange(100), scale=1.0)
+    assert (everyone.sampling(4, star).effect, everyone.sampling(4, star).fraction) == (1.0, 0.1)
+
+
+def test_no_pair_among_some_objects_is_not_none_among_all() -> None:
+    nobody = np.empty(0, np.int64)
+    some = Frame(1000, np.arange(100), nobody, nobody, 999_000 / 9_900, 0.0, 1e-3, 1e4)
+    assert (some.pairs_whole.value, some.pairs_whole.low) == (0.0, 0.0)
+    # Three objects that meet all others would be overlooked as often as not: that is 3000 pairs.
+    assert 3000.0 < some.pairs_whole.high < 499_500.0
+    everyone = replace(some, looked_at=np.arange(1000), scale=1.0)
+    assert everyone.pairs_whole == Count(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (Share.certain(0, 5), "none"),
+        (Share.certain(5, 5), "all"),
+        (Share.certain(1, 8), "12 %"),
+        (Share.certain(0, 0), "-"),
+        (LITTLE.share(0, 100), "at most 3.6 %"),
+        (LITTLE.share(100, 100), "at least 96 %"),
+        (LITTLE.share(1, 100), "0.025-5.4 %"),
+        (LITTLE.share(999, 1000), "99-99.99 %"),
+    ],
+)
+def test_shares_in_words(share: Share, text: str) -> None:
+    """Never rounded to none or all where that is not certain."""
+    assert percent(share) == text
 
 
 def test_counts_among_some_objects_scatter_as_their_error_says() -> None:
@@ -99,12 +211,6 @@ def test_all_objects_or_none_that_meet_leave_no_error() -> None:
     assert object_error(np.ones(5), 5) == 0.0
     assert object_error(np.zeros(5), 50) == 0.0
     assert object_error(np.empty(0), 0) == 0.0
-
-
-def test_share_error() -> None:
-    assert share_error(0.5, 100, 100, 10**9) == pytest.approx(0.05, rel=1e-6)
-    assert share_error(0.5, 100, 200, 200) == 0.0
-    assert share_error(0.0, 0, 10, 20) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -144,11 +250,15 @@ def test_durations(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
-def estimate(method: Method, tolerance_m: float, seconds: float, reported: int, false_pairs: int) -> Estimate:
-    wrong = Wrongness(reported, false_pairs, 0, 0, 0.0, 60.0, 600.0, 0.0, 0.0)
-    none = Count(0.0, 0.0)
+def estimate(
+    method: Method, tolerance_m: float, seconds: float, reported: int, false_pairs: int, fraction: float = 1.0
+) -> Estimate:
+    wrong = Wrongness(reported, false_pairs, 10, 0, 0, 0.0, 60.0, 600.0, 0.0, 0.0)
+    none = Count(0.0, 0.0, 0.0)
     setting = Setting(method, EarthModel.WGS84, tolerance_m)
-    return Estimate(setting, 10, none, none, none, none, replace(NO_COST, stage4_s=seconds), wrong, 0.0)
+    cost = replace(NO_COST, stage4_s=seconds)
+    shares = [Sampling(fraction, 1.0).share(*of) for of in ((false_pairs, reported), (0, reported), (0, 10))]
+    return Estimate(setting, 10, none, none, none, none, cost, wrong, *shares)
 
 
 def said(exact_s: float, window_s: float, screen_s: float, own: Method = Method.EXACT) -> str:
@@ -207,3 +317,38 @@ def test_a_tolerance_that_reports_what_does_not_meet_is_remarked() -> None:
     assert text.endswith(
         " Of the pairs that exact reports at 1000 m 8 % come close and do not meet; at 10 m none would, for 7.0 s less."
     )
+
+
+def test_nothing_on_a_sample_is_not_told_as_nothing() -> None:
+    """Neither of what a method would report, nor of what a tolerance would."""
+    text = recommendation(
+        [
+            estimate(Method.EXACT, 1.0, 9.0, 100, 8, 0.0),
+            estimate(Method.EXACT, 0.5, 9.0, 100, 0, 0.0),
+            estimate(Method.WINDOW, 1.0, 9.0, 100, 0, 0.0),
+            estimate(Method.SCREEN, 1.0, 8.9, 110, 18, 0.0),
+        ],
+        Method.EXACT,
+        EarthModel.WGS84,
+        1.0,
+    )
+    assert "and report pairs of which 10-25 % never meet: stay" in text
+    assert text.endswith(
+        " Of the pairs that exact reports at 1 m 3.5-15 % come close and do not meet; at 0.5 m at most 3.6 % would, "
+        "at about the same cost."
+    )
+    certain, sampled = (
+        recommendation(
+            [
+                estimate(Method.EXACT, 1.0, 9.0, 100, 0, fraction),
+                estimate(Method.WINDOW, 1.0, 1.0, 100, 0, fraction),
+                estimate(Method.SCREEN, 1.0, 9.0, 110, 18, fraction),
+            ],
+            Method.EXACT,
+            EarthModel.WGS84,
+            1.0,
+        )
+        for fraction in (1.0, 0.0)
+    )
+    assert "window would save 8.0 s and report no pair that never meets, but periods up to 10 min too long" in certain
+    assert "report no pair that never meets (at most 3.6 % of all), but periods" in sampled
