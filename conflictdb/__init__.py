@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from conflictdb.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.detect import Run
-    from conflictdb.io import Contents, Skipped, read
+    from conflictdb.io import Contents, Remark, Skipped, read
     from conflictdb.memory import Interference, solve
     from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
     from conflictdb.store import Approach, Conflict
@@ -47,6 +47,7 @@ __all__ = [
     "Loaded",
     "Method",
     "Motion",
+    "Remark",
     "Run",
     "Scene",
     "SchemaError",
@@ -70,7 +71,7 @@ _HOME: Final = {
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.detect"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
-    **dict.fromkeys(("Contents", "Skipped", "read"), "conflictdb.io"),
+    **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
     **dict.fromkeys(("Approach", "Conflict"), "conflictdb.store"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Method", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),

@@ -6,6 +6,7 @@
 import gzip
 import logging
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ import psycopg
 
 from conflictdb import schema, store
 from conflictdb.errors import InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
-from conflictdb.io import Skipped, scene_text
+from conflictdb.io import Remark, Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
 from conflictdb.model import Area, Method, Motion, Scene, Track
 from conflictdb.pieces import check_plane
@@ -41,12 +42,14 @@ class Loaded:
     """What loading did to one scene.
 
     counts : objects added, updated, removed, unchanged
-    skipped : rows and objects of observations that were left out
+    skipped : rows and objects that were left out
+    remarks : what breaks no rule, but may not be meant
     """
 
     scene: str
     counts: store.LoadCounts
     skipped: tuple[Skipped, ...]
+    remarks: tuple[Remark, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +182,14 @@ class Database:
     ) -> None:
         self.close()
 
-    def load(self, path: str | Path, scene: str | None = None, *, merge: bool = False) -> str:
+    def load(
+        self,
+        path: str | Path,
+        scene: str | None = None,
+        *,
+        merge: bool = False,
+        max_speed_kn: float | None = None,
+    ) -> str:
         """Load one file, all or nothing, and return the name of its scene.
 
         Parameters
@@ -190,13 +200,23 @@ class Database:
             Scene to load into; default is the one that the file names, else the name of the file.
         merge : bool
             Add and update objects; otherwise the file replaces what the scene held.
+        max_speed_kn : float, optional
+            Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
 
         Raises
         ------
         InvalidInput
-            Names the file, the object, the field and the rule; nothing has been changed.
+            Names the file and, for each mistake, the object, the field and the rule; nothing has been changed.
+
+        Warns
+        -----
+        UserWarning
+            For each remark: what breaks no rule, but may not be meant.
         """
-        return self.load_files([path], scene, merge=merge)[0].scene
+        loaded = self.load_files([path], scene, merge=merge, max_speed_kn=max_speed_kn)[0]
+        for one in loaded.remarks:
+            warnings.warn(str(one), UserWarning, stacklevel=2)
+        return loaded.scene
 
     def load_files(
         self,
@@ -240,7 +260,7 @@ class Database:
         except InvalidInput as refused:
             named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
             raise refused.at(next(named, plan.sources[0])) from refused.__cause__
-        return Loaded(plan.name, counts, tuple(plan.skipped))
+        return Loaded(plan.name, counts, tuple(plan.skipped), tuple(plan.remarks))
 
     def _settings(self, scene: str) -> Scene:
         """Return the settings of a scene; raises InvalidInput, naming the known ones, if there is none."""

@@ -12,6 +12,13 @@ ConflictDBError
 What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
 """
 
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Final
+
+# Of many mistakes so many are told, a screen full; the rest is counted.
+MOST_TOLD: Final = 20
+
 
 class ConflictDBError(Exception):
     """Base of all errors of this package."""
@@ -30,18 +37,54 @@ class InvalidInput(ConflictDBError, ValueError):
         The rule that is broken and, where it helps, the value found and what to do.
     source : str
         File (or table) that it came from, empty if none.
+    also : sequence of InvalidInput
+        Further mistakes of the same input. The message has one line for each, up to MOST_TOLD.
     """
 
-    def __init__(self, key: str, field: str, rule: str, source: str = "") -> None:
+    def __init__(self, key: str, field: str, rule: str, source: str = "", also: "Sequence[InvalidInput]" = ()) -> None:
         self.key = key
         self.field = field
         self.rule = rule
         self.source = source
-        super().__init__(": ".join(part for part in (source, key, field, rule) if part))
+        self.also = tuple(also)
+        lines = [": ".join(part for part in (source, key, field, rule) if part)]
+        lines += [str(other) for other in self.also[: MOST_TOLD - 1]]
+        if len(self.also) >= MOST_TOLD:
+            lines.append(f"and {len(self.also) - MOST_TOLD + 1:,} more")
+        super().__init__("\n".join(lines))
+
+    def __iter__(self) -> "Iterator[InvalidInput]":
+        """Yield every mistake, each alone."""
+        yield InvalidInput(self.key, self.field, self.rule, self.source)
+        yield from self.also
 
     def at(self, source: str) -> "InvalidInput":
         """Return the same refusal, naming the file it came from."""
-        return InvalidInput(self.key, self.field, self.rule, source)
+        return InvalidInput(self.key, self.field, self.rule, source, [other.at(source) for other in self.also])
+
+
+class Refusals:
+    """Collects refusals, so that all mistakes are told in one go: each is raised ``with`` it, and kept."""
+
+    def __init__(self) -> None:
+        self.found: list[InvalidInput] = []
+
+    def __enter__(self) -> None:
+        """Begin a step that may refuse something."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if isinstance(error, InvalidInput):
+            self.found.extend(error)
+            return True
+        return False
+
+    def settle(self) -> None:
+        """Raise what was found, if anything was."""
+        if self.found:
+            first = self.found[0]
+            raise InvalidInput(first.key, first.field, first.rule, first.source, self.found[1:])
 
 
 class SchemaError(ConflictDBError):

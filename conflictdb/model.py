@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
@@ -167,14 +167,14 @@ class Area:
 
     def __post_init__(self) -> None:
         who = _named("area", self.key)
-        _check_footprint(who, self.footprint)
-        for name in ("start_us", "end_us"):
-            value = getattr(self, name)
-            if value is not None and not MIN_INSTANT_US <= value <= MAX_INSTANT_US:
-                raise InvalidInput(who, name.removesuffix("_us"), "must lie in the years 1 to 9999")
-        if self.start_us is not None and self.end_us is not None and self.end_us <= self.start_us:
-            raise InvalidInput(who, "end", "must be later than start")
-        _check_heights(who, self.floor_m, self.ceiling_m)
+        refusals = Refusals()
+        with refusals:
+            _check_footprint(who, self.footprint)
+        with refusals:
+            _check_span(who, self.start_us, self.end_us)
+        with refusals:
+            _check_heights(who, self.floor_m, self.ceiling_m)
+        refusals.settle()
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,28 +205,18 @@ class Track:
 
     def __post_init__(self) -> None:
         who = _named("track", self.key)
-        positions, times, outline = self.positions_deg, self.times_us, self.outline_m
-        if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
-            raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
-        _check_coordinates(who, "geometry", positions)
-        if len(times) != len(positions):
-            raise InvalidInput(
-                who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times"
-            )
-        if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
-            raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
-        late = np.flatnonzero(np.diff(times) <= 0)
-        if late.size:
-            i = int(late[0])
-            moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
-            rule = "is at two places at the same time" if moved else "must be later than the time before it"
-            raise InvalidInput(who, f"times[{i + 1}]", rule)
-        _check_outline(who, "outline_m", outline)
-        if self.grow_mps != 0.0:
-            _check_growth(who, self)
-        if self.outlines_m is not None:
-            _check_outlines(who, self)
-        _check_heights(who, self.floor_m, self.ceiling_m)
+        refusals = Refusals()
+        with refusals:
+            _check_course(who, self.positions_deg, self.times_us)
+        with refusals:
+            _check_outline(who, "outline_m", self.outline_m)
+            if self.grow_mps != 0.0:
+                _check_growth(who, self)
+            if self.outlines_m is not None:
+                _check_outlines(who, self)
+        with refusals:
+            _check_heights(who, self.floor_m, self.ceiling_m)
+        refusals.settle()
 
 
 def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:
@@ -256,6 +246,22 @@ def _check_coordinates(who: str, where: str, positions: NDArray[np.float64]) -> 
         raise InvalidInput(who, where, f"longitude must lie within +-360 degrees; got {worst[0]:g}")
 
 
+def _check_course(who: str, positions: NDArray[np.float64], times: NDArray[np.int64]) -> None:
+    if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
+        raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
+    _check_coordinates(who, "geometry", positions)
+    if len(times) != len(positions):
+        raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
+    if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
+        raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        i = int(late[0])
+        moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
+        rule = "is at two places at the same time" if moved else "must be later than the time before it"
+        raise InvalidInput(who, f"times[{i + 1}]", rule)
+
+
 def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
     if not isinstance(footprint, shapely.MultiPolygon) or footprint.is_empty:
         raise InvalidInput(who, "geometry", "must be a non-empty Polygon or MultiPolygon")
@@ -273,6 +279,14 @@ def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> 
             raise InvalidInput(who, name, "must be a finite number of metres, or absent")
     if floor_m is not None and ceiling_m is not None and ceiling_m <= floor_m:
         raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
+
+
+def _check_span(who: str, start_us: int | None, end_us: int | None) -> None:
+    for name, value in (("start", start_us), ("end", end_us)):
+        if value is not None and not MIN_INSTANT_US <= value <= MAX_INSTANT_US:
+            raise InvalidInput(who, name, "must lie in the years 1 to 9999")
+    if start_us is not None and end_us is not None and end_us <= start_us:
+        raise InvalidInput(who, "end", "must be later than start")
 
 
 def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:

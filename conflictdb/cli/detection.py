@@ -5,7 +5,7 @@ import argparse
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.output import note, out, progress
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_skipped, run_text
+from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, show_progress
 from conflictdb.io.conflict_text import near_pair
 from conflictdb.model import Verdict
@@ -26,7 +26,7 @@ def detect(args: argparse.Namespace) -> int:
         scenes = [args.scene]
         if args.files:
             loaded = db.load_files(args.files, args.scene, merge=args.merge, max_speed_kn=args.max_speed_kn)
-            remark_skipped(loaded)
+            remark_loaded(loaded)
             scenes = [one.scene for one in loaded]
         found: list[Conflict] = []
         near: list[Approach] = []

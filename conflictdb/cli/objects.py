@@ -5,7 +5,7 @@ import sys
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out
-from conflictdb.cli.report import loaded_text, remark_skipped
+from conflictdb.cli.report import loaded_text, remark_loaded
 from conflictdb.cli.session import database
 
 
@@ -13,7 +13,7 @@ def load(args: argparse.Namespace) -> int:
     """Load files."""
     with database(args) as db:
         loaded = db.load_files(args.files, args.scene, merge=args.merge, max_speed_kn=args.max_speed_kn)
-    remark_skipped(loaded)
+    remark_loaded(loaded)
     for one in loaded:
         out(loaded_text(one))
     return DONE

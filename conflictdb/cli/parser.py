@@ -252,7 +252,7 @@ def _add_merge(parser: Parser) -> None:
         "--max-speed-kn",
         type=speed_kn,
         metavar="KN",
-        help="files of positions: faster is an error of the fix (default 102.2 for AIS, else 2000)",
+        help="faster tracks are refused, faster fixes of positions left out (default 2000, 102.2 for AIS)",
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from conflictdb.cli.output import out, remark, table
 from conflictdb.database import Loaded
+from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.store import Approach, Conflict
 
@@ -112,11 +113,15 @@ def loaded_text(loaded: Loaded) -> str:
     return f"{loaded.scene}: {changes}"
 
 
-def remark_skipped(loaded: Iterable[Loaded]) -> None:
-    """Say by name what was left out of files of observations, and why."""
+def remark_loaded(loaded: Iterable[Loaded]) -> None:
+    """Say by name what was left out of files, and why; and what may not be meant as it was taken."""
     for one in loaded:
         for line in skipped_text(one.skipped):
             remark(line)
+        for odd in one.remarks[:MOST_TOLD]:
+            remark(str(odd))
+        if len(one.remarks) > MOST_TOLD:
+            remark(f"and {len(one.remarks) - MOST_TOLD:,} more remarks")
 
 
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:

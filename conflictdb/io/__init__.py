@@ -1,19 +1,22 @@
 """Reading of scene files and of what other programs write, and writing of scenes and conflicts.
 
 `read` is the way in: it finds the format, and either returns everything that the file holds or raises one InvalidInput
-that names the file, the object, the field and the rule.
+that names the file and, for every mistake in it, the object, the field and the rule.
 """
 
 import gzip
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from conflictdb.errors import InvalidInput
-from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io import places
+from conflictdb.io.contents import Contents, Remark, Skipped
 from conflictdb.io.scene_file import read_scene, scene_text
+from conflictdb.io.speeds import MAX_SPEED_KN
 
-__all__ = ["Contents", "Skipped", "read", "scene_text"]
+__all__ = ["Contents", "Remark", "Skipped", "read", "scene_text"]
 
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
@@ -30,7 +33,8 @@ def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
     path : str or Path
         The file; its name is the name of the scene unless it gives one itself.
     max_speed_kn : float, optional
-        Files of positions: the speed in knots beyond which a fix is an error; see `conflictdb.io.positions`.
+        The speed in knots beyond which a leg is refused, by default 2,000; in files of positions the fix is left out,
+        see `conflictdb.io.positions`.
 
     Raises
     ------
@@ -38,12 +42,25 @@ def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
+    contents = _read(path, max_speed_kn)
+    contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
+    return contents
+
+
+def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
+    if not contents.areas and not contents.tracks:
+        yield Remark(source, "file", "holds no objects")
+    yield from places.remarks(source, contents.areas, contents.tracks)
+
+
+def _read(path: Path, max_speed_kn: float | None) -> Contents:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
     try:
         if suffix in _JSON:
-            return read_scene(_text(path, is_packed), stem(path))
+            fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
+            return read_scene(_text(path, is_packed), stem(path), fastest_kn)
         if suffix in _ROWS:
             from conflictdb.io.positions import read_positions
 

@@ -1,5 +1,6 @@
 """What a file holds, and what of it was left out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,13 +27,36 @@ class Skipped:
     is_whole: bool
 
 
-class Contents(NamedTuple):
-    """The objects of one file.
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something in a file that breaks no rule, but may not be what its author meant.
 
-    scene : its settings, None if the file names no scene
+    source : the file
+    key : the object, as in a refusal: ``track 'T1'``; ``file`` for all of it
+    text : what is odd, and what it might mean
     """
 
+    source: str
+    key: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.source}: {self.key}: {self.text}"
+
+
+class _Contents(NamedTuple):
     scene: Scene | None
     areas: list[Area]
     tracks: list[Track]
     skipped: list[Skipped]
+
+
+class Contents(_Contents):
+    """The objects of one file: ``scene, areas, tracks, skipped = read(path)``.
+
+    scene : its settings, None if the file names no scene
+    skipped : rows and objects that were left out
+    remarks : beside the four, what is odd about the rest
+    """
+
+    remarks: Sequence[Remark] = ()

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_storable, check_text
 
@@ -21,12 +21,15 @@ class Fields:
         The object, as the user knows it: ``track 'T1'``.
     values : Mapping
         Its members. None counts as absent.
+    refusals : Refusals
+        What is wrong with them, kept until `settle`, so that all of it can be told.
     """
 
     def __init__(self, who: str, values: Mapping[str, Any]) -> None:
         self.who = who
         self.values = values
         self.known: set[str] = set()
+        self.refusals = Refusals()
 
     def get(self, name: str) -> Any:
         """Return a member as it is, None if absent."""
@@ -39,30 +42,40 @@ class Fields:
         return self.values.get(name) is not None
 
     def text(self, name: str) -> str | None:
-        """Return a member that must be a string."""
+        """Return a member that must be a string; None if it is absent, or wrong."""
         value = self.get(name)
-        if value is None:
-            return None
-        if not isinstance(value, str):
-            raise self.refusal(name, f"must be a string; got {value!r:.60}")
-        check_text(self.who, name, value)
-        return value
+        with self.refusals:
+            if value is not None and not isinstance(value, str):
+                raise self.refusal(name, f"must be a string; got {value!r:.60}")
+            if value is not None:
+                check_text(self.who, name, value)
+            return value
+        return None
 
     def number(self, name: str) -> float | None:
-        """Return a member that must be a finite number."""
+        """Return a member that must be a finite number; None if it is absent, or wrong."""
         value = self.get(name)
-        return None if value is None else finite(self.who, name, value)
+        with self.refusals:
+            return None if value is None else finite(self.who, name, value)
+        return None
 
     def instant(self, name: str) -> int | None:
-        """Return a member that must be an ISO 8601 instant, in microseconds since 1970."""
+        """Return a member that must be an ISO 8601 instant, in microseconds since 1970; None if absent, or wrong."""
         value = self.get(name)
-        return None if value is None else instant(self.who, name, value)
+        with self.refusals:
+            return None if value is None else instant(self.who, name, value)
+        return None
 
     def rest(self) -> dict[str, Any]:
         """Return the members that were never asked for, nulls included; refuse what a database cannot hold."""
         rest = {name: value for name, value in self.values.items() if name not in self.known}
-        check_storable(self.who, "", rest)
+        with self.refusals:
+            check_storable(self.who, "", rest)
         return rest
+
+    def settle(self) -> None:
+        """Raise what was found to be wrong with the members, if anything was."""
+        self.refusals.settle()
 
     def refusal(self, field: str, rule: str) -> InvalidInput:
         """Return the error that refuses a field of this object."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import read, stem
-from conflictdb.io.contents import Contents, Skipped
+from conflictdb.io.contents import Contents, Remark, Skipped
 from conflictdb.io.fields import key as checked_key
 from conflictdb.model import Area, Scene, Track
 
@@ -27,6 +27,7 @@ class Plan:
     areas: list[Area] = field(default_factory=list)
     tracks: list[Track] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
     source_of: dict[str, str] = field(default_factory=dict)
 
 
@@ -40,7 +41,7 @@ def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_k
     scene : str, optional
         Name of the one scene of all files; default is the one that each file names, else the name of the file.
     max_speed_kn : float, optional
-        For files of positions, see `conflictdb.io.positions`.
+        See `conflictdb.io.read`.
 
     Raises
     ------
@@ -48,33 +49,38 @@ def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_k
         A file is refused, an id appears in two files of a scene, or they disagree about its settings.
     """
     plans: dict[str, Plan] = {}
+    refusals = Refusals()
     for i, path in enumerate(paths):
-        if path in paths[:i]:
-            raise InvalidInput("file", "", "is given twice", str(path))
-        contents = read(path, max_speed_kn=max_speed_kn)
-        own = contents.scene.name if contents.scene else stem(Path(path))
-        name = checked_key("scene", "name", own if scene is None else scene)
-        _add(plans.setdefault(name, Plan(name)), str(path), contents)
+        with refusals:
+            if path in paths[:i]:
+                raise InvalidInput("file", "", "is given twice", str(path))
+            contents = read(path, max_speed_kn=max_speed_kn)
+            own = contents.scene.name if contents.scene else stem(Path(path))
+            name = checked_key("scene", "name", own if scene is None else scene)
+            _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
+    refusals.settle()
     return list(plans.values())
 
 
-def _add(plan: Plan, source: str, contents: Contents) -> None:
+def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> None:
     if contents.scene is not None:
         settings = replace(contents.scene, name=plan.name)
         if plan.settings is not None and plan.settings != settings:
             differing = [f.name for f in fields(Scene) if getattr(settings, f.name) != getattr(plan.settings, f.name)]
             rule = f"differs from that in {plan.sources[0]}; a scene has one set of settings"
-            raise InvalidInput(f"scene {plan.name!r}", differing[0], rule, source)
+            with refusals:
+                raise InvalidInput(f"scene {plan.name!r}", differing[0], rule, source)
         plan.settings = settings
     items: list[Area | Track] = [*contents.areas, *contents.tracks]
     for item in items:
         other = plan.source_of.setdefault(item.key, source)
         if other != source:
             kind = "area" if isinstance(item, Area) else "track"
-            raise InvalidInput(
-                f"{kind} {item.key!r}", "id", f"is also in {other}; ids must be unique in the scene", source
-            )
+            rule = f"is also in {other}; ids must be unique in the scene"
+            with refusals:
+                raise InvalidInput(f"{kind} {item.key!r}", "id", rule, source)
     plan.sources.append(source)
     plan.areas.extend(contents.areas)
     plan.tracks.extend(contents.tracks)
     plan.skipped.extend(contents.skipped)
+    plan.remarks.extend(contents.remarks)

@@ -4,7 +4,7 @@ Read: features with a `temporalGeometry` of type MovingPoint, alone or in a coll
 MobilityDB's asMFJSON writes it. Interpolation must be linear: along rhumb lines at constant speed, as all tracks.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io import objects
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line
+from conflictdb.io.names import misnamed
 from conflictdb.model import MAX_INSTANT_US, MIN_INSTANT_US, Track
 
 _POINT = "MovingPoint"
+_MEMBERS = ("coordinates", "datetimes", "interpolation", "interpolations", "sequences", "crs", "trs")
 _MICROSECONDS_PER_MILLISECOND = 1000
 
 
@@ -32,20 +34,31 @@ def as_feature(document: dict[str, Any], stem: str) -> dict[str, Any]:
     return {"id": stem, **document}
 
 
-def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any]) -> Track:
-    """Return the track of a feature with a temporalGeometry; raises InvalidInput."""
+def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], foreign: Collection[str] = ()) -> Track:
+    """Return the track of a feature with a temporalGeometry; raises InvalidInput with all that is wrong with it."""
     fields = Fields(f"track {key!r}", properties)
-    said = fields.text("kind")
-    if said not in (None, "track"):
-        raise fields.refusal("kind", f"must be 'track' for a moving feature; got {said!r:.60}")
+    with fields.refusals:
+        said = fields.text("kind")
+        if said not in (None, "track"):
+            raise fields.refusal("kind", f"must be 'track' for a moving feature; got {said!r:.60}")
     for name in (*objects.TIMES, *objects.SPEED):
-        if fields.has(name):
-            raise fields.refusal(name, "must not be given together with temporalGeometry, which has the times")
-    moving = feature["temporalGeometry"]
+        with fields.refusals:
+            if fields.has(name):
+                raise fields.refusal(name, "must not be given together with temporalGeometry, which has the times")
+    with fields.refusals:
+        positions, times_us = _course(fields, feature["temporalGeometry"], foreign)
+    members = objects.track_members(fields, foreign)
+    fields.settle()
+    return Track(key, positions, times_us, **members)
+
+
+def _course(fields: Fields, moving: Any, foreign: Collection[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the positions and instants of a temporal geometry."""
     where = "temporalGeometry"
     if not isinstance(moving, dict) or moving.get("type") != _POINT:
         kind = moving.get("type") if isinstance(moving, dict) else moving
         raise fields.refusal(f"{where}.type", f"must be {_POINT}; got {kind!r:.60}")
+    fields.refusals.found += misnamed(f"{fields.who}: {where}", moving, _MEMBERS, foreign=foreign)
     check_trs(fields.who, moving)
     _check_interpolation(fields, where, moving)
     sequences = moving.get("sequences")
@@ -55,7 +68,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any]) -
             raise fields.refusal(f"{where}.sequences", rule)
         moving, where = sequences[0], f"{where}.sequences[0]"
     positions = line(fields.who, f"{where}.coordinates", moving.get("coordinates"))
-    return objects.moving(key, positions, _instants(fields, f"{where}.datetimes", moving.get("datetimes")), fields)
+    return positions, _instants(fields, f"{where}.datetimes", moving.get("datetimes"))
 
 
 def check_trs(who: str, holder: Mapping[str, Any]) -> None:

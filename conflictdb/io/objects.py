@@ -3,7 +3,7 @@
 Also the reading of havens and speeds that other formats share.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import geodesy
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line, multipolygon, pairs
 from conflictdb.io.instants import format_instant
+from conflictdb.io.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.io.speeds import SLACK, too_fast
 from conflictdb.model import (
     MAX_LATITUDE_DEG,
     MAX_RHUMB_LATITUDE_DEG,
@@ -35,22 +38,41 @@ TRACK_MEMBERS: Final = frozenset(
     {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED}
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
+# Members whose loss would change what is in conflict, and where else they belong.
+AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name"}))
+TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name"}))
+_SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
+AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
+    TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"
+)
+TRACK_ELSEWHERE: Final = _SETTINGS | {
+    "end": "has a meaning for areas only: a track ends with its last waypoint; to stay there, give it twice, with times"
+}
 # A plan that lasts longer than this leaves the years 1 to 9999 anyway; kept within it, microseconds fit 64 bits.
 MAX_DURATION_S: Final = 3.2e11
 
 
-def area(key: str, geometry: dict[str, Any], fields: Fields) -> Area:
-    """Return the area of a feature; raises InvalidInput."""
-    return Area(
-        key,
-        multipolygon(fields.who, geometry),
-        name=fields.text("name"),
-        start_us=fields.instant("start"),
-        end_us=fields.instant("end"),
-        floor_m=fields.number("floor_m"),
-        ceiling_m=fields.number("ceiling_m"),
-        properties=fields.rest(),
-    )
+def area(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collection[str] = ()) -> Area:
+    """Return the area of a feature; raises InvalidInput with all that is wrong with it."""
+    with fields.refusals:
+        footprint = multipolygon(fields.who, geometry)
+    members = area_members(fields, foreign)
+    fields.settle()
+    return Area(key, footprint, **members)
+
+
+def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+    """Return what an area has beside its key and footprint; what is wrong with it is among the fields' refusals."""
+    members = {
+        "name": fields.text("name"),
+        "start_us": fields.instant("start"),
+        "end_us": fields.instant("end"),
+        "floor_m": fields.number("floor_m"),
+        "ceiling_m": fields.number("ceiling_m"),
+        "properties": fields.rest(),
+    }
+    fields.refusals.found += misnamed(fields.who, fields.values, AREA_GUARDED, AREA_ELSEWHERE, foreign, remedy)
+    return members
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +81,7 @@ class TrackAtSpeed:
 
     positions_deg : (n, 2) float64, longitude and latitude of the waypoints
     speed_mps : (n - 1,) float64, on each leg; field `speed` gave it
+    members : what it has beside its key, positions and times
     """
 
     key: str
@@ -66,34 +89,52 @@ class TrackAtSpeed:
     start_us: int
     speed: str
     speed_mps: NDArray[np.float64]
-    fields: Fields
+    members: Mapping[str, Any]
+
+    def refusal(self, field: str, rule: str) -> InvalidInput:
+        """Return the error that refuses a field of this track."""
+        return InvalidInput(f"track {self.key!r}", field, rule)
 
 
-def track(key: str, geometry: dict[str, Any], fields: Fields) -> Track | TrackAtSpeed:
-    """Return the track of a feature; raises InvalidInput.
+def track(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collection[str] = ()) -> Track | TrackAtSpeed:
+    """Return the track of a feature; raises InvalidInput with all that is wrong with it.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
     `start` and a speed over the ground: then the lengths of its legs are needed, which `timed` computes for many.
     """
-    positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
     by_times = [name for name in TIMES if fields.has(name)]
     by_speed = [name for name in SPEED if fields.has(name)]
-    if by_times and (by_speed or len(by_times) > 1):
-        twice = (*by_speed, *by_times)[0]
-        raise fields.refusal(twice, f"must not be given together with {by_times[-1]}: give times, or start and a speed")
+    positions: NDArray[np.float64] = np.empty((0, 2))
+    with fields.refusals:
+        positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
+    with fields.refusals:
+        if by_times and (by_speed or len(by_times) > 1):
+            twice = (*by_speed, *by_times)[0]
+            rule = f"must not be given together with {by_times[-1]}: give times, or start and a speed"
+            raise fields.refusal(twice, rule)
+        if not by_times and not by_speed:
+            rule = "is missing: give times (one per waypoint), or start and speed_kn or speed_mps"
+            raise fields.refusal("times", rule)
+        if by_times:
+            times_us = instants(fields, by_times[0])
+        else:
+            if not fields.has("start"):
+                raise fields.refusal("start", "is missing: a track with a speed needs its start")
+            start_us = fields.instant("start")
+            speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
+    members = track_members(fields, foreign)
+    fields.settle()
     if by_times:
-        return moving(key, positions, instants(fields, by_times[0]), fields)
-    if not by_speed:
-        raise fields.refusal("times", "is missing: give times (one per waypoint), or start and speed_kn or speed_mps")
-    start_us = fields.instant("start")
-    if start_us is None:
-        raise fields.refusal("start", "is missing: a track with a speed needs its start")
-    speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
-    return TrackAtSpeed(key, positions, start_us, speed, speed_mps, fields)
+        return Track(key, positions, times_us, **members)
+    assert start_us is not None  # noqa: S101
+    return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
 
 
-def timed(tracks: Sequence[TrackAtSpeed], scene: Scene) -> list[Track]:
-    """Return tracks with the times that follow from their speeds, with the lengths of their legs in a scene."""
+def timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, refusals: Refusals) -> list[Track | None]:
+    """Return tracks with the times that follow from their speeds, with the lengths of their legs in a scene.
+
+    What is refused is None, and among the refusals.
+    """
     if not tracks:
         return []
     positions = np.concatenate([track.positions_deg for track in tracks])
@@ -107,28 +148,39 @@ def timed(tracks: Sequence[TrackAtSpeed], scene: Scene) -> list[Track]:
         length_m = geodesy.rhumb_distance(geodesy.earth_of(scene.earth), *ends)
     until = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
     starts = [0, *until[:-1]]
-    return [_timed(track, length_m[i : j - 1], highest) for track, i, j in zip(tracks, starts, until, strict=True)]
+    done: list[Track | None] = [None] * len(tracks)
+    for k, (track, i, j) in enumerate(zip(tracks, starts, until, strict=True)):
+        with refusals:
+            done[k] = _timed(track, length_m[i : j - 1], highest)
+            fastest_kn = float(track.speed_mps.max()) / MPS_PER_KNOT
+            if fastest_kn > max_speed_kn * (1.0 + SLACK):
+                done[k] = None
+                raise track.refusal(track.speed, f"is {too_fast(fastest_kn, max_speed_kn)}")
+    return done
 
 
 def _highest_latitude_deg(scene: Scene) -> float:
     return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
 
 
-def moving(key: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], fields: Fields) -> Track:
-    """Return the track along these waypoints with the haven, name and heights that its fields give."""
-    outlines = havens(fields)
-    return Track(
-        key,
-        positions_deg,
-        times_us,
-        haven(fields) if outlines is None else outlines[0],
-        name=fields.text("name"),
-        floor_m=fields.number("floor_m"),
-        ceiling_m=fields.number("ceiling_m"),
-        grow_mps=fields.number("grow_mps") or 0.0,
-        outlines_m=outlines,
-        properties=fields.rest(),
-    )
+def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+    """Return what a track has beside its key, positions and times: haven, name, heights, properties.
+
+    What is wrong with it is among the fields' refusals.
+    """
+    members: dict[str, Any] = {}
+    with fields.refusals:
+        outlines = havens(fields)
+        members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
+    members |= {
+        "name": fields.text("name"),
+        "floor_m": fields.number("floor_m"),
+        "ceiling_m": fields.number("ceiling_m"),
+        "grow_mps": fields.number("grow_mps") or 0.0,
+        "properties": fields.rest(),
+    }
+    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, foreign, remedy)
+    return members
 
 
 def instants(fields: Fields, name: str) -> NDArray[np.int64]:
@@ -154,7 +206,8 @@ def haven(fields: Fields) -> NDArray[np.float64]:
     if not sides:
         rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
         raise fields.refusal("fore_m", rule)
-    return rectangle_outline_m(*(_side_m(fields, side) for side in SIDES))
+    sizes = [_side_m(fields, side) for side in SIDES]
+    return rectangle_outline_m(*(0.0 if size is None else size for size in sizes))
 
 
 def havens(fields: Fields) -> NDArray[np.float64] | None:
@@ -184,30 +237,32 @@ def havens(fields: Fields) -> NDArray[np.float64] | None:
     return outlines[:, :-1] if closed else outlines
 
 
-def _side_m(fields: Fields, side: str) -> float:
-    metres, nautical = fields.number(f"{side}_m"), fields.number(f"{side}_nmi")
-    if metres is not None and nautical is not None:
-        raise fields.refusal(f"{side}_nmi", f"must not be given together with {side}_m")
-    if metres is None and nautical is None:
-        raise fields.refusal(f"{side}_m", "is missing: the other sides of the haven are given (0 is allowed)")
-    name, size = (f"{side}_m", metres) if nautical is None else (f"{side}_nmi", nautical)
-    if size is None or size < 0.0:
-        raise fields.refusal(name, f"must not be negative; got {size:g}")
-    return size if nautical is None else size * METRES_PER_NMI
+def _side_m(fields: Fields, side: str) -> float | None:
+    given = [name for name in (f"{side}_m", f"{side}_nmi") if fields.has(name)]
+    with fields.refusals:
+        if len(given) > 1:
+            raise fields.refusal(given[1], f"must not be given together with {given[0]}")
+        if not given:
+            raise fields.refusal(f"{side}_m", "is missing: the other sides of the haven are given (0 is allowed)")
+        size = fields.number(given[0])
+        if size is not None and size < 0.0:
+            raise fields.refusal(given[0], f"must not be negative; got {size:g}")
+        return size if size is None or given[0].endswith("_m") else size * METRES_PER_NMI
+    return None
 
 
 def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_deg: float) -> Track:
-    fields, positions = track.fields, track.positions_deg
+    positions = track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
     if worst > MAX_LATITUDE_DEG:  # as for every track
-        return moving(track.key, positions, np.arange(len(positions), dtype=np.int64), fields)
+        return Track(track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members)
     if worst > highest_latitude_deg:
         rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
-        raise fields.refusal("geometry", rule)
+        raise track.refusal("geometry", rule)
     with np.errstate(over="ignore"):
         elapsed_s = np.cumsum(length_m / track.speed_mps)
     if not elapsed_s[-1] < MAX_DURATION_S:
-        raise fields.refusal(track.speed, "is so slow that the track would leave the years 1 to 9999")
+        raise track.refusal(track.speed, "is so slow that the track would leave the years 1 to 9999")
     times_us = np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)]) + track.start_us
     short = np.flatnonzero(times_us[1:] <= times_us[:-1])
     if short.size:
@@ -217,8 +272,8 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
             rule = f"{where} are the same place: a speed cannot say how long to stay; give times"
         else:
             rule = f"{where} are less than a microsecond apart, the resolution of times"
-        raise fields.refusal(track.speed, rule)
-    return moving(track.key, positions, times_us, fields)
+        raise track.refusal(track.speed, rule)
+    return Track(track.key, positions, times_us, **track.members)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
@@ -233,7 +288,7 @@ def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
     name = given[0]
     value = fields.get(name)
     if isinstance(value, list):
-        if len(value) != legs:
+        if len(value) != legs and legs > 0:  # without legs the waypoints are refused
             raise fields.refusal(name, f"must be one number, or one per leg: {legs} legs, {len(value)} speeds")
         named = [(f"{name}[{i}]", speed) for i, speed in enumerate(value)]
     else:
@@ -244,6 +299,14 @@ def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
         i = int(still[0])
         raise fields.refusal(named[i][0], f"must be greater than 0; got {speeds[i]:g} (to stay in place, give times)")
     return name, speeds * (MPS_PER_KNOT if name == "speed_kn" else 1.0)
+
+
+def suspect_properties(item: Area | Track) -> Iterator[str]:
+    """Yield the names among an object's properties that `area` or `track` would take for misspelt members."""
+    is_track = isinstance(item, Track)
+    members = track_properties(item) if isinstance(item, Track) else area_properties(item)
+    known, elsewhere = (TRACK_GUARDED, TRACK_ELSEWHERE) if is_track else (AREA_GUARDED, AREA_ELSEWHERE)
+    return (refused.field for refused in misnamed(item.key, members, known, elsewhere))
 
 
 def area_properties(item: Area) -> dict[str, Any]:

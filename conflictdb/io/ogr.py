@@ -14,10 +14,12 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io.contents import Contents
 from conflictdb.io.fields import Fields
 from conflictdb.io.fields import key as checked_key
+from conflictdb.io.names import RENAME_COLUMN
+from conflictdb.io.objects import area_members
 from conflictdb.model import Area
 
 COLUMNS: Final = ("id", "name", "start", "end", "floor_m", "ceiling_m")
@@ -34,6 +36,7 @@ def read_areas(path: Path) -> Contents:
     except ImportError:
         raise InvalidInput("file", "", f"is of a format that {EXTRA}") from None
     contents = Contents(None, [], [], [])
+    refusals = Refusals()
     seen: dict[str, str] = {}
     try:
         layers = [str(name) for name, geometry_type in pyogrio.list_layers(path) if geometry_type is not None]
@@ -42,21 +45,23 @@ def read_areas(path: Path) -> Contents:
         for layer in layers:
             read = pyogrio.raw.read(path, layer=layer, force_2d=True, return_fids=True, datetime_as_string=True)
             prefix = f"{layer}." if len(layers) > 1 else ""
-            for where, area in _areas(layer, prefix, *read):
-                if area.key in seen:
-                    rule = f"is given twice, by {seen[area.key]} and {where}; ids must be unique in the scene"
-                    raise InvalidInput(f"area {area.key!r}", "id", rule)
-                seen[area.key] = where
+            for where, area in _areas(layer, prefix, refusals, *read):
+                first = seen.setdefault(area.key, where)
+                if first != where:
+                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
+                    with refusals:
+                        raise InvalidInput(f"area {area.key!r}", "id", rule)
                 contents.areas.append(area)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
         raise InvalidInput("file", "", f"cannot be read by OGR: {error}") from error
+    refusals.settle()
     return contents
 
 
 def _areas(
-    layer: str, prefix: str, meta: Mapping[str, Any], numbers: Any, wkb: Any, columns: Any
+    layer: str, prefix: str, refusals: Refusals, meta: Mapping[str, Any], numbers: Any, wkb: Any, columns: Any
 ) -> Iterator[tuple[str, Area]]:
-    """Yield where each area is in the file, and the area."""
+    """Yield where each area is in the file, and the area; what is refused is among the refusals."""
     try:
         shapes = shapely.from_wkb(wkb)
     except shapely.errors.GEOSException as error:
@@ -66,29 +71,27 @@ def _areas(
     for i, number in enumerate(numbers):
         where = f"feature {number} of layer {layer!r}"
         values = {name: _plain(column[i]) for name, column in zip(names, columns, strict=True)}
-        key = values.pop("id", None)
-        if isinstance(key, float | int) and not isinstance(key, bool):
-            key = str(int(key)) if float(key).is_integer() else repr(key)
-        if key is None or key == "":
-            key = f"{prefix}{number}"
-        key = checked_key(where, "id", key)
-        fields = Fields(f"area {key!r}", values)
-        shape = shapes[i]
+        with refusals:
+            yield where, _area(where, f"{prefix}{number}", values, shapes[i])
+
+
+def _area(where: str, number: str, values: dict[str, Any], shape: Any) -> Area:
+    """Return the area of a feature; `number` is its key if it has none."""
+    key = values.pop("id", None)
+    if isinstance(key, float | int) and not isinstance(key, bool):
+        key = str(int(key)) if float(key).is_integer() else repr(key)
+    if key is None or key == "":
+        key = number
+    key = checked_key(where, "id", key)
+    fields = Fields(f"area {key!r}", values)
+    with fields.refusals:
         if shape is None or shape.is_empty:
             raise InvalidInput(where, "geometry", "must be a non-empty Polygon or MultiPolygon; there is none")
         if shapely.get_type_id(shape) not in _POLYGONS:
             raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
-        area = Area(
-            key,
-            shape if isinstance(shape, shapely.MultiPolygon) else shapely.MultiPolygon([shape]),
-            name=fields.text("name"),
-            start_us=fields.instant("start"),
-            end_us=fields.instant("end"),
-            floor_m=fields.number("floor_m"),
-            ceiling_m=fields.number("ceiling_m"),
-            properties=fields.rest(),
-        )
-        yield where, area
+    members = area_members(fields, remedy=RENAME_COLUMN)
+    fields.settle()
+    return Area(key, shape if isinstance(shape, shapely.MultiPolygon) else shapely.MultiPolygon([shape]), **members)
 
 
 def _column(name: str) -> str:

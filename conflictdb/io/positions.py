@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import geodesy
-from conflictdb.errors import InvalidInput
-from conflictdb.io.contents import Contents, Skipped
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.io.contents import Contents, Remark, Skipped
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_text
+from conflictdb.io.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.io.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
 
 # Column of this package -> names it goes by, in lower case; the first is the package's own.
@@ -47,10 +49,15 @@ COLUMNS: Final = {
 REQUIRED: Final = ("id", "time", "lon", "lat")
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
 LENGTH_WIDTH: Final = ("length_m", "width_m")
+# Names that no other column may look like; those that say nothing of what is in conflict are left alone.
+_GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
+_ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
+    ("grow_mps", "outline_m", "outlines_m"),
+    "is read from scene files only: positions have a size, as length or as sides",
+)
+_SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
-AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed that an AIS message can carry
-MAX_SPEED_KN: Final = 2000.0  # for all other objects: faster than any aircraft in service
 AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
 AIS_NO_LONGITUDE: Final = 181.0
 
@@ -88,21 +95,28 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
         A column is missing, a row is cut short, or a cell holds what is neither a value nor missing.
     """
     reader = _Reader(text)
+    reader.refusals.settle()
     if max_speed_kn is None:
         max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
     fixes = reader.fixes()
+    reader.refusals.settle()
     left_out = reader.left_out
     tracks = []
     for key, rows in fixes.items():
-        track = _track(key, rows, reader.size_columns, max_speed_kn, left_out)
-        if track is not None:
-            tracks.append(track)
+        with reader.refusals:
+            track = _track(key, rows, reader.size_columns, max_speed_kn, left_out)
+            if track is not None:
+                tracks.append(track)
+    reader.refusals.settle()
     kept = {track.key for track in tracks}
     skipped = [
         Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
         for (key, reason), lines in left_out.items()
     ]
-    return Contents(None, [], tracks, skipped)
+    contents = Contents(None, [], tracks, skipped)
+    if not reader.size_columns:
+        contents.remarks = [Remark(source, "file", f"has no columns of sizes ({_SIZES}): all are points")]
+    return contents
 
 
 class _Reader:
@@ -120,14 +134,32 @@ class _Reader:
             found = [name for name in names if name in lower]
             if found:
                 self.at[column] = lower.index(found[0])
+        self.refusals = Refusals()
         for column in REQUIRED:
-            if column not in self.at:
-                rule = f"is missing: the first line must name the columns, {', '.join(REQUIRED)} among them"
-                raise InvalidInput("file", f"column {column}", f"{rule} (or {', '.join(COLUMNS[column][1:3])})")
+            with self.refusals:
+                if column not in self.at:
+                    rule = f"is missing: the first line must name the columns, {', '.join(REQUIRED)} among them"
+                    raise InvalidInput("file", f"column {column}", f"{rule} (or {', '.join(COLUMNS[column][1:3])})")
         by_sides = all(column in self.at for column in SIDES)
         by_length = any(column in self.at for column in LENGTH_WIDTH)
         self.size_columns: Sequence[str] = SIDES if by_sides else LENGTH_WIDTH if by_length else ()
+        self._check_sides()
         self.others = [(i, name) for i, name in enumerate(self.header) if name and i not in self.at.values()]
+        known = dict.fromkeys(self.at, "given")
+        self.suspects = {
+            i: name for i, name in self.others if any(misnamed("file", {**known, name: "0"}, _GUARDED, _ELSEWHERE))
+        }
+
+    def _check_sides(self) -> None:
+        """Refuse a part of the four sides; one letter, as AIS has them, may mean anything."""
+        if self.size_columns == SIDES:
+            return
+        for column in SIDES:
+            given = column in self.at and len(self.header[self.at[column]]) > 1
+            with self.refusals:
+                if given:
+                    rule = f"needs the other sides beside it: {', '.join(SIDES)}"
+                    raise InvalidInput("file", f"column {self.header[self.at[column]]}", rule)
 
     def is_ais(self, column: str) -> bool:
         """Return whether a column goes by another name than the package's own."""
@@ -140,10 +172,12 @@ class _Reader:
         fixes: dict[str, _Fixes] = {}
         try:
             for row in self.rows:
-                if row:
-                    self._take(row, self.rows.line_num, fixes, naive_is_utc)
+                with self.refusals:
+                    if row:
+                        self._take(row, self.rows.line_num, fixes, naive_is_utc)
         except csv.Error as error:
-            raise InvalidInput("file", f"line {self.rows.line_num}", f"is not CSV: {error}") from None
+            with self.refusals:
+                raise InvalidInput("file", f"line {self.rows.line_num}", f"is not CSV: {error}") from None
         return fixes
 
     def _take(self, row: list[str], line: int, fixes: dict[str, _Fixes], naive_is_utc: bool) -> None:
@@ -199,8 +233,18 @@ class _Reader:
         named = [(self.at["name"], "name")] if "name" in self.at else []
         for i, name in (*named, *self.others):
             value = _cell(row[i])
+            if value is not None and i in self.suspects:
+                self._judge(i, value)
             if value is not None and own.constant.setdefault(name, value) != value:
                 own.constant[name] = None  # it changes: no property of the object
+
+    def _judge(self, i: int, value: str) -> None:
+        """Refuse a column whose name looks like a known one, once a cell of it can be what that one takes."""
+        values = {**dict.fromkeys(self.at, "given"), self.suspects[i]: value}
+        found = list(misnamed("file", values, _GUARDED, _ELSEWHERE, remedy=RENAME_COLUMN))
+        self.refusals.found += [InvalidInput("file", f"column {refused.field}", refused.rule) for refused in found]
+        if found:
+            del self.suspects[i]
 
     def _number(self, who: str, row: list[str], line: int, column: str) -> float | None:
         if column not in self.at:

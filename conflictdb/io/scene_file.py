@@ -4,27 +4,35 @@ OGC Moving Features JSON is read by the same walk: a feature with a `temporalGeo
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields as members_of
 from typing import Any, Final
 
 import shapely
 
-from conflictdb.errors import InvalidInput
-from conflictdb.io import moving_features, objects
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.io import moving_features, names, objects
 from conflictdb.io.contents import Contents
 from conflictdb.io.fields import Fields
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
 from conflictdb.io.json_text import parse
+from conflictdb.io.speeds import check_speeds
 from conflictdb.model import Area, Scene, Track
 
 _SETTINGS: Final = tuple(member.name for member in members_of(Scene))
+# Of a member at a place where nobody reads it.
+_OF_SCENE: Final = dict.fromkeys(set(_SETTINGS) - {"name"}, 'is a setting: put it into the member "scene"')
+_OF_FEATURE: Final = dict.fromkeys(
+    (objects.AREA_MEMBERS | objects.TRACK_MEMBERS) - {"kind", "name"}, "belongs into the properties of a feature"
+)
+_FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", "trs")
 # GeoJSON of 2008 named its reference system; what that may be is what RFC 7946 made the only one.
 _LONGITUDE_LATITUDE: Final = ("CRS84", "EPSG:4326", "EPSG::4326")
 
 
-def read_scene(text: str, stem: str) -> Contents:
+def read_scene(text: str, stem: str, max_speed_kn: float = math.inf) -> Contents:
     """Return what a scene file or an OGC Moving Features JSON file holds.
 
     Parameters
@@ -33,11 +41,13 @@ def read_scene(text: str, stem: str) -> Contents:
         The whole file.
     stem : str
         Name of the scene if the member `scene` has none.
+    max_speed_kn : float
+        Tracks that move faster on a leg are refused.
 
     Raises
     ------
     InvalidInput
-        Names the first object, field and rule that is broken, without the file.
+        Names every object, field and rule that is broken, without the file.
     """
     document = parse(text)
     if not isinstance(document, dict):
@@ -47,33 +57,59 @@ def read_scene(text: str, stem: str) -> Contents:
     if document.get("type") != "FeatureCollection":
         got = document.get("type")
         raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
-    _check_crs("file", document)
-    moving_features.check_trs("file", document)
-    scene = _scene(document["scene"], stem) if "scene" in document else None
+    refusals = Refusals()
+    with refusals:
+        _check_crs("file", document)
+    with refusals:
+        moving_features.check_trs("file", document)
+    foreign: Collection[str] = ()
+    with refusals:
+        foreign = _foreign(document.get("foreign"))
+    known = ("scene", "features", "crs", "trs", "foreign")
+    refusals.found += names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign)
+    scene = None
+    with refusals:
+        scene = _scene(document["scene"], stem) if "scene" in document else None
     features = document.get("features")
     if not isinstance(features, list):
-        raise InvalidInput("file", "features", "must be a list of features")
-    items = [_object(i, feature) for i, feature in enumerate(features)]
-    _check_unique(items)
-    areas = [item for item in items if isinstance(item, Area)]
-    at_speed = iter(
-        objects.timed(
-            [item for item in items if isinstance(item, objects.TrackAtSpeed)],
-            scene or Scene(stem),
-        )
-    )
-    tracks = [item if isinstance(item, Track) else next(at_speed) for item in items if not isinstance(item, Area)]
+        with refusals:
+            raise InvalidInput("file", "features", "must be a list of features")
+        refusals.settle()
+        raise AssertionError
+    items: dict[int, Area | Track | objects.TrackAtSpeed] = {}
+    for i, feature in enumerate(features):
+        with refusals:
+            items[i] = _object(i, feature, foreign)
+    _check_unique(items, refusals)
+    in_scene = scene or Scene(stem)
+    at_speed = {i: item for i, item in items.items() if isinstance(item, objects.TrackAtSpeed)}
+    timed = dict(zip(at_speed, objects.timed(list(at_speed.values()), in_scene, max_speed_kn, refusals), strict=True))
+    areas = [item for item in items.values() if isinstance(item, Area)]
+    each = ((timed[i] if isinstance(item, objects.TrackAtSpeed) else item) for i, item in items.items())
+    tracks = [item for item in each if isinstance(item, Track)]
+    check_speeds(tracks, in_scene.motion, max_speed_kn, refusals)
+    refusals.settle()
     return Contents(scene, areas, tracks, [])
 
 
-def _check_unique(items: Sequence[Area | Track | objects.TrackAtSpeed]) -> None:
+def _foreign(names_: Any) -> frozenset[str]:
+    """Return the names that the file says mean nothing to this package."""
+    if names_ is None:
+        return frozenset()
+    if not isinstance(names_, list) or not all(isinstance(name, str) for name in names_):
+        raise InvalidInput("file", "foreign", f"must be a list of names of members; got {names_!r:.60}")
+    return frozenset(names_)
+
+
+def _check_unique(items: Mapping[int, Area | Track | objects.TrackAtSpeed], refusals: Refusals) -> None:
     seen: dict[str, int] = {}
-    for i, item in enumerate(items):
-        if item.key in seen:
+    for i, item in items.items():
+        first = seen.setdefault(item.key, i)
+        if first != i:
             kind = "area" if isinstance(item, Area) else "track"
-            rule = f"is given twice, by features[{seen[item.key]}] and features[{i}]; ids must be unique in the scene"
-            raise InvalidInput(f"{kind} {item.key!r}", "id", rule)
-        seen[item.key] = i
+            rule = f"is given twice, by features[{first}] and features[{i}]; ids must be unique in the scene"
+            with refusals:
+                raise InvalidInput(f"{kind} {item.key!r}", "id", rule)
 
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
@@ -81,9 +117,12 @@ def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> 
     settings = {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
     yield '{ "type": "FeatureCollection",\n'
     yield f'  "scene": {_dumped(settings)},\n'
+    items: list[Area | Track] = [*areas, *tracks]
+    foreign = sorted({name for item in items for name in objects.suspect_properties(item)})
+    if foreign:  # put there by SQL; else they would be taken for members that are misspelt
+        yield f'  "foreign": {_dumped(foreign)},\n'
     yield '  "features": ['
     separator = "\n"
-    items: list[Area | Track] = [*areas, *tracks]
     for item in items:
         yield f"{separator}    {_dumped(_feature(item))}"
         separator = ",\n"
@@ -105,7 +144,7 @@ def _feature(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any) -> Area | Track | objects.TrackAtSpeed:
+def _object(i: int, feature: Any, foreign: Collection[str]) -> Area | Track | objects.TrackAtSpeed:
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
@@ -118,30 +157,53 @@ def _object(i: int, feature: Any) -> Area | Track | objects.TrackAtSpeed:
         properties = {}
     if not isinstance(properties, dict):
         raise InvalidInput(f"feature {key!r}", "properties", f"must be an object; got {properties!r:.60}")
-    _check_crs(f"feature {key!r}", feature)
-    if feature.get("temporalGeometry") is not None:
-        return moving_features.track(key, feature, properties)
-    kind = geometry_type(f"feature {key!r}", feature.get("geometry"))
-    geometry: dict[str, Any] = feature["geometry"]
+    refusals = Refusals()
+    who = f"feature {key!r}"
+    refusals.found += names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, foreign)
+    with refusals:
+        _check_crs(who, feature)
+    item: Area | Track | objects.TrackAtSpeed | None = None
+    with refusals:
+        if feature.get("temporalGeometry") is not None:
+            item = moving_features.track(key, feature, properties, foreign)
+        else:
+            item = _plain(key, feature.get("geometry"), properties, foreign)
+    refusals.settle()
+    assert item is not None  # noqa: S101
+    return item
+
+
+def _plain(
+    key: str, geometry: Any, properties: dict[str, Any], foreign: Collection[str]
+) -> Area | Track | objects.TrackAtSpeed:
+    """Return the object of a feature with a geometry of plain GeoJSON."""
+    kind = geometry_type(f"feature {key!r}", geometry)
     is_track = kind == TRACK_TYPE
     fields = Fields(f"{'track' if is_track else 'area'} {key!r}", properties)
-    said = fields.text("kind")
-    if said not in (None, "area", "track"):
-        raise fields.refusal("kind", f"must be 'area' or 'track'; got {said!r:.60}")
-    if said is not None and (said == "track") != is_track:
-        raise fields.refusal(
-            "kind", f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
-        )
-    _check_crs(fields.who, geometry)
-    return objects.track(key, geometry, fields) if is_track else objects.area(key, geometry, fields)
+    with fields.refusals:
+        said = fields.text("kind")
+        if said not in (None, "area", "track"):
+            raise fields.refusal("kind", f"must be 'area' or 'track'; got {said!r:.60}")
+        if said is not None and (said == "track") != is_track:
+            rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
+            raise fields.refusal("kind", rule)
+    with fields.refusals:
+        _check_crs(fields.who, geometry)
+    fields.refusals.found += names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, foreign)
+    read = objects.track if is_track else objects.area
+    return read(key, geometry, fields, foreign)
 
 
 def _scene(settings: Any, stem: str) -> Scene:
     if not isinstance(settings, dict):
         raise InvalidInput("scene", "", f"must be an object of settings; got {settings!r:.60}")
-    unknown = [name for name in settings if name not in _SETTINGS]
-    if unknown:
-        raise InvalidInput("scene", unknown[0], f"is no setting of a scene; known are {', '.join(_SETTINGS)}")
+    refusals = Refusals()
+    for name in (name for name in settings if name not in _SETTINGS):
+        meant = names.look_alike(name, _SETTINGS)
+        hint = f"did you mean {meant}?" if meant else f"known are {', '.join(_SETTINGS)}"
+        with refusals:
+            raise InvalidInput("scene", name, f"is no setting of a scene; {hint}")
+    refusals.settle()
     given = {name: value for name, value in settings.items() if value is not None}
     scene = Scene(**{"name": stem, **given})
     checked_key("scene", "name", scene.name)

@@ -12,6 +12,8 @@ import psycopg
 import pytest
 from commands import STRAIT, Run, runner
 
+import conflictdb
+
 
 @pytest.fixture
 def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
@@ -214,3 +216,35 @@ def test_text_is_utf_8_whatever_the_locale(dsn: str, tmp_path: Path) -> None:
 
 def test_a_scene_name_that_is_no_text_is_a_usage_error(run: Run) -> None:
     assert run("export", "--scene", "\udcff", "-").code == 2
+
+
+def test_all_mistakes_of_all_files_are_told_and_nothing_is_loaded(run: Run, dsn: str, tmp_path: Path) -> None:
+    content = document()
+    content["features"][0]["properties"]["floor_ft"] = content["features"][0]["properties"].pop("floor_m")
+    content["features"][-1]["properties"]["speed_kn"] = 120_000
+    one = scene_file(tmp_path / "one.geojson", content)
+    two = scene_file(tmp_path / "two.geojson", {**document(), "separation_m": 500})
+    done = run("load", one, two)
+    assert (done.code, done.out) == (4, "")
+    lines = done.err.splitlines()
+    starts = [
+        f"conflictdb: {one}: area 'FIRING': floor_ft: is not known",
+        f"{one}: track 'CONVOY-2': speed_kn: is 120,000 kn",
+        f"{two}: file: separation_m: is a setting",
+    ]
+    assert [line[: len(start)] for line, start in zip(lines, starts, strict=True)] == starts
+    assert keys(dsn) == set()
+    assert run("load", scene_file(one, document()), "--max-speed-kn", "5").code == 4
+
+
+def test_what_may_not_be_meant_is_a_remark(run: Run, dsn: str, tmp_path: Path) -> None:
+    content = document()
+    area = content["features"][1]["geometry"]
+    area["coordinates"] = [[[lat, lon] for lon, lat in area["coordinates"][0]]]
+    path = scene_file(tmp_path / "strait.geojson", content)
+    done = run("load", path)
+    assert done.code == 0
+    assert done.err.startswith(f"conflictdb: {path}: area 'DIVING': lies ")
+    assert "longitude comes first" in done.err
+    with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="area 'DIVING': lies"):
+        db.load(path)

@@ -290,7 +290,7 @@ def test_scene_settings_are_checked(tmp_path: Path, scene: object, key: str, fie
         ('{"type": "FeatureCollection", "features": [5]}', "type", "must be a GeoJSON Feature"),
         ('{"type": "FeatureCollection", "features": [{"type": "Polygon"}]}', "type", "must be a GeoJSON Feature"),
         ('{"type": "FeatureCollection", "crs": null, "features": []}', "crs", "WGS84"),
-        ('{"type": "FeatureCollection", "crs": {"properties": {"name": "EPSG::3857"}}}', "crs", "3857"),
+        ('{"type": "FeatureCollection", "crs": {"properties": {"name": "EPSG::3857"}}, "features": []}', "crs", "3857"),
         ("[" * 100_000, "", "nested too deeply"),
         ('{"type": ' + "9" * 5000 + "}", "", "out of range"),
     ],

@@ -48,8 +48,8 @@ def test_bare_moving_point_is_named_after_the_file(tmp_path: Path) -> None:
 
 
 def test_datetimes_may_be_milliseconds(tmp_path: Path) -> None:
-    (track,) = read(tmp_path, feature(datetimes=[0, 1500])).tracks
-    assert track.times_us.tolist() == [0, 1_500_000]
+    (track,) = read(tmp_path, feature(datetimes=[0, 3_600_001.5])).tracks
+    assert track.times_us.tolist() == [0, 3_600_001_500]
 
 
 def test_a_single_sequence_is_read(tmp_path: Path) -> None:

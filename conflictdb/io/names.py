@@ -1,0 +1,149 @@
+"""Names that look like known ones: a member that nobody reads is a conflict that nobody is told of.
+
+One rule for members of scene files, columns of positions and columns of OGR files. An unknown name looks like a known
+one if it is the same but for case, separators, the unit and words such as "time" or "height" (`START`, `floorM`,
+`floor_ft`, `start_time`), if it is one of `SYNONYMS` (`begin`), or if a slip of the hand makes one of the other: one
+letter too many, missing, wrong or swapped in names of five letters or more, two in names of nine or more (`grow_mp`).
+It is refused if its value can be what the known one takes, and if the object lacks that. All other names are kept.
+"""
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, Final
+
+from conflictdb.errors import InvalidInput
+
+# What the words at either end of a name may say beside the thing that it names: its unit, its datum, its kind.
+_QUALIFIER: Final = re.compile(
+    "m|met(re|er)s?|ft|feet|foot|fl|km|nmi?|mi|miles?|kn|kts?|knots?|mps|ms|km?ph|kmh|mph|s|per|us"
+    "|a?msl|a[sg]l|wgs|time|date|datetime|timestamp|utc|at|height|altitude|alt|level"
+)
+SYNONYMS: Final = {
+    "begin": "start",
+    "begins": "start",
+    "beginning": "start",
+    "finish": "end",
+    "ends": "end",
+    "until": "end",
+    "growth": "grow",
+    "growing": "grow",
+    "property": "properties",
+    "props": "properties",
+    "attributes": "properties",
+}
+# Settings of a scene that no feature or column may seem to set. `motion`, `earth`, `centre` and `method` are plain
+# words, which an object may use as it likes.
+SETTINGS: Final = ("separation_m", "tolerance_m", "nearest_m")
+SETTING_RULE: Final = 'is a setting of the whole scene: put it into the member "scene" of a scene file'
+RENAME_MEMBER: Final = 'Rename it, or name it in the file\'s member "foreign" if it means nothing here'
+RENAME_COLUMN: Final = "Rename the column"
+_INSTANTS: Final = frozenset({"start", "end", "times", "datetimes"})
+# What takes a number, or a list of them; the rest is no instant either, and takes what it likes.
+_NUMBERS: Final = re.compile(".*_(m|nmi|mps|kn)|lon|lat")
+_WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+# Squashed names of fewer letters than these may differ by no letter, and by one.
+_ONE_SLIP: Final = 5
+_TWO_SLIPS: Final = 9
+
+
+def misnamed(
+    who: str,
+    values: Mapping[str, Any],
+    known: tuple[str, ...],
+    elsewhere: Mapping[str, str] = MappingProxyType({}),
+    foreign: Collection[str] = (),
+    remedy: str = RENAME_MEMBER,
+) -> Iterator[InvalidInput]:
+    """Yield a refusal of each member that looks like a known one that is not there, or that belongs elsewhere.
+
+    values : the members
+    known : names that others could have been meant to be; what `values` has of them is not judged
+    elsewhere : names that mean something at another place, and what to say of them
+    foreign : names that the file says mean nothing here
+    """
+    for name, value in values.items():
+        if name in known or name in foreign or value is None:
+            continue
+        rule = elsewhere.get(name) or elsewhere.get(name.lower())
+        if rule is not None:
+            yield InvalidInput(who, name, rule)
+            continue
+        meant = look_alike(name, (*known, *SETTINGS))
+        if meant is None or not can_be(value, meant) or _is_given(meant, values, known):
+            continue
+        if meant in SETTINGS:
+            yield InvalidInput(who, name, f"{SETTING_RULE} ({meant})")
+        else:
+            yield InvalidInput(who, name, f"is not known; did you mean {meant}? {remedy}")
+
+
+@lru_cache(maxsize=4096)
+def look_alike(name: str, known: tuple[str, ...]) -> str | None:
+    """Return the known name that an unknown one looks like, None if there is none."""
+    squashed, stem = _squash(name), stem_of(name)
+    if not stem:
+        return None
+    best: tuple[int, str] | None = None
+    for other in known:
+        other_stem = stem_of(other)
+        slips = min(
+            _slips(squashed, _squash(other)),
+            0 if stem == other_stem or SYNONYMS.get(stem) == other_stem else _slips(stem, other_stem),
+        )
+        if slips <= 2 and (best is None or slips < best[0]):
+            best = slips, other
+    return None if best is None else best[1]
+
+
+def can_be(value: Any, meant: str) -> bool:
+    """Return whether a value can be what a known member takes: an instant, or a number or list of numbers."""
+    if value is None or isinstance(value, bool) or value == "":
+        return False
+    if meant not in _INSTANTS and not _NUMBERS.fullmatch(meant):
+        return True
+    if isinstance(value, str):
+        return re.match(r".*\d" if meant in _INSTANTS else r"\s*[+-]?\.?\d", value) is not None
+    return isinstance(value, int | float | list)
+
+
+def _is_given(meant: str, values: Mapping[str, Any], known: Collection[str]) -> bool:
+    """Return whether the members have what was meant: the same with any unit, or times in place of start and speed."""
+    stem = stem_of(meant)
+    if stem in ("start", "speed", "times", "datetimes") and any(values.get(name) for name in ("times", "datetimes")):
+        return True
+    return any(values.get(name) is not None and stem_of(name) == stem for name in known)
+
+
+@lru_cache(maxsize=4096)
+def stem_of(name: str) -> str:
+    """Return a name in lower case without unit and qualifiers: ``floor`` of `floor_m` and of `FloorHeight_ft`."""
+    words = [word.lower() for word in _WORD.findall(name)]
+    while len(words) > 1 and _QUALIFIER.fullmatch(words[-1]):
+        words.pop()
+    while len(words) > 1 and _QUALIFIER.fullmatch(words[0]):
+        words.pop(0)
+    return "".join(words)
+
+
+def _squash(name: str) -> str:
+    return "".join(_WORD.findall(name)).lower()
+
+
+def _slips(one: str, other: str) -> int:
+    """Return how many letters differ (optimal string alignment), 3 if that is more than names of this length may."""
+    most = 0 if len(other) < _ONE_SLIP else 1 if len(other) < _TWO_SLIPS else 2
+    if abs(len(one) - len(other)) > most:
+        return 3
+    before: list[int] = []
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(one, 1):
+        before_last, before = before, row
+        row = [i]
+        for j, wanted in enumerate(other, 1):
+            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != wanted))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
+                cost = min(cost, before_last[j - 2] + 1)
+            row.append(cost)
+    return row[-1] if row[-1] <= most else 3

@@ -1,0 +1,75 @@
+"""Objects that lie far from all others: a hint of swapped coordinates, or of a slip in a number."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb import geodesy
+from conflictdb.io.contents import Remark
+from conflictdb.model import Area, Track
+
+# An object is remarked on if it lies this many times as far from the middle of the others as nine of ten of them do,
+# and at least so far, metres: less is no sign of a mistake.
+FAR: Final = 10.0
+_LEAST_M: Final = 200_000.0
+# Corners of an extent, as columns of longitude and latitude.
+_CORNERS: Final = ([0, 1], [0, 3], [2, 1], [2, 3])
+# With longitude and latitude swapped it is among the others: then a smaller distance is remarkable.
+_FAR_IF_SWAPPED: Final = 3.0
+
+
+def remarks(source: str, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
+    """Yield a remark on each object that lies far from all others."""
+    items: list[Area | Track] = [*areas, *tracks]
+    if len(items) < 2:
+        return
+    extents = np.array([_extent(item) for item in items])  # west, south, east, north
+    places = 0.5 * (extents[:, :2] + extents[:, 2:])
+    at = _unit(places)
+    middle = np.median(at, axis=0)
+    if len(items) == 2:
+        middle = at[0]
+    size_m = np.max([_apart_m(_unit(extents[:, corner]), at) for corner in _CORNERS], axis=0)
+    apart_m = _apart_m(at, middle)
+    distance_m = np.maximum(apart_m - size_m, 0.0)
+    # Of the others: without the farthest, so that one object cannot make itself look near.
+    nearer = np.argsort(distance_m)[: max(1, min(len(items) - 1, int(0.9 * len(items))))]
+    reach_m = float((apart_m + size_m)[nearer].max())
+    swapped = places[:, ::-1].copy()
+    can_be_swapped = np.abs(places[:, 0]) <= 90.0
+    swapped_m = np.where(can_be_swapped, _apart_m(_unit(swapped), middle), np.inf)
+    looks_swapped = (distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M)) & (
+        swapped_m <= np.maximum(reach_m, distance_m / FAR)
+    )
+    is_far = (distance_m > max(FAR * reach_m, _LEAST_M)) & (len(items) > 2)
+    for i in np.flatnonzero(is_far | looks_swapped).tolist():
+        item = items[i]
+        kind = "track" if isinstance(item, Track) else "area"
+        text = f"lies {distance_m[i] / 1000.0:,.0f} km from the other objects"
+        if looks_swapped[i]:
+            text += ", but among them if longitude and latitude are swapped: longitude comes first"
+        else:
+            text += f", which lie within {max(reach_m, 1000.0) / 1000.0:,.0f} km of each other; is its position right?"
+        yield Remark(source, f"{kind} {item.key!r}", text)
+
+
+def _extent(item: Area | Track) -> NDArray[np.float64]:
+    """Return the least and largest longitude and latitude of an object: west, south, east, north, degrees."""
+    if isinstance(item, Track):
+        return np.concatenate([item.positions_deg.min(axis=0), item.positions_deg.max(axis=0)])
+    return np.asarray(shapely.bounds(item.footprint))
+
+
+def _unit(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return longitudes and latitudes (n, 2) as unit vectors (n, 3)."""
+    lon, lat = np.radians(places_deg).T
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+
+
+def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far unit vectors are from others along the earth, metres, to a share of 0.01."""
+    across = np.linalg.norm(np.cross(at, middle), axis=1)
+    return np.asarray(geodesy.MEAN_RADIUS_M * np.arctan2(across, (at * middle).sum(axis=1)))
