@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.errors import (
     ConflictDBError,
     InvalidInput,
+    LockTimeout,
     SchemaError,
     SchemaMissing,
     SchemaOutdated,
@@ -45,6 +46,7 @@ __all__ = [
     "Interference",
     "InvalidInput",
     "Loaded",
+    "LockTimeout",
     "Method",
     "Motion",
     "Remark",

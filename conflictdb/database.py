@@ -284,6 +284,8 @@ class Database:
         full: bool = False,
         jobs: int | None = 1,
         progress: "Progress | None" = None,
+        lock_timeout_s: float | None = None,
+        say: Callable[[str], object] = _log.warning,
     ) -> "Run":
         """Bring the conflicts of a scene up to date and return what was done.
 
@@ -298,6 +300,11 @@ class Database:
             program, which must not detect while it is imported: put that under ``if __name__ == "__main__":``.
         progress : callable, optional
             Called now and then with what is done and how much there is.
+        lock_timeout_s : float, optional
+            Wait no longer than this, in seconds, for another detection of the scene or for any other lock; then
+            `LockTimeout` is raised. By default it waits for as long as it takes.
+        say : callable
+            Told after 5 s of waiting for another detection who that is.
         """
         given: dict[str, Any] = {
             "method": method,
@@ -311,7 +318,9 @@ class Database:
         # Not above: the solvers bring scipy, which takes longer to import than everything else.
         from conflictdb import detect
 
-        return detect.detect(self.connection, scene, full=full, jobs=jobs, progress=progress)
+        return detect.detect(
+            self.connection, scene, full=full, jobs=jobs, progress=progress, lock_timeout_s=lock_timeout_s, say=say
+        )
 
     def conflicts(self, scene: str, at: datetime | None = None, *, with_region: bool = False) -> list[store.Conflict]:
         """Return the conflicts of a scene that are known, with `at` only those at that instant.

@@ -6,8 +6,12 @@ Two transactions. The first refreshes the pieces of the objects that changed. Th
 it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the marks that the
 pieces cover. So after a crash at any point either nothing or all of it happened to the conflicts, and marks made
 meanwhile stay.
+
+Each transaction holds the scene's lock, which ends with it. Another detection may come in between, whole or in part.
+The lock counts how often it was taken: a second transaction that does not follow its first one makes the pieces anew.
 """
 
+import logging
 import os
 import time
 from contextlib import suppress
@@ -21,12 +25,14 @@ from numpy.typing import NDArray
 
 from conflictdb import store
 from conflictdb.batches import Pieces
-from conflictdb.errors import ConflictDBError
+from conflictdb.errors import ConflictDBError, LockTimeout
 from conflictdb.model import Method, Scene
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.settle import Progress, needs_regions, settle
 
-__all__ = ["Progress", "Run", "detect"]
+__all__ = ["Progress", "Run", "detect", "detect_pending"]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +67,10 @@ class Run:
     total_s: float
 
 
+class _NothingPending(Exception):
+    """No object of the scene waits for a detection."""
+
+
 def detect(
     conn: psycopg.Connection[Any],
     scene: str,
@@ -68,56 +78,97 @@ def detect(
     full: bool = False,
     jobs: int | None = None,
     progress: Progress | None = None,
+    lock_timeout_s: float | None = None,
+    say: store.Say = _log.warning,
 ) -> Run:
     """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
     Parameters
     ----------
-    conn : psycopg connection without an open transaction; waits for another detection of the scene, if there is one
+    conn : psycopg connection without an open transaction
     full : compute everything again, also what did not change
     jobs : processes that stage 4 may use; None is one per processor
     progress : told now and then how many pairs stage 4 has settled, and of how many
+    lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
+        for as long as it takes
+    say : told after 5 s of waiting for another detection who that is
 
     Raises
     ------
     InvalidInput
         There is no such scene.
+    LockTimeout
+        Somebody else kept a lock for `lock_timeout_s`; nothing was done.
     StoreError
         The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
+    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say))
+
+
+def detect_pending(conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None) -> Run | None:
+    """Do as `detect`, but never wait for another detection of the scene, and do nothing where nothing changed.
+
+    Returns None if nothing was to do. Raises LockTimeout if another detection is at work, which says who that is.
+    """
+    try:
+        return _run(conn, scene, False, _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, only_pending=True))
+    except _NothingPending:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How to go about a detection: the parameters of `detect`, and whether one that finds nothing to do is a run."""
+
+    jobs: int
+    progress: Progress | None
+    lock_timeout_s: float | None
+    say: store.Say
+    only_pending: bool = False
+
+
+def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Run:
     started = time.perf_counter()
-    with store.translated(), conn.transaction():
-        scene_id = store.scene_id(conn, scene)
+    store.require_idle(conn, "a detection")
+    scene_id = store.scene_id(conn, scene)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
-    with store.scene_lock(conn, scene_id, wait=True):
-        try:
-            if full:
-                store.mark_all(conn, scene_id)
-                conn.commit()
+    try:
+        taken = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+        if way.only_pending and not store.is_pending(conn, scene_id):
+            raise _NothingPending
+        if full:
+            store.mark_all(conn, scene_id)
+        settings, record = _refresh_pieces(conn, scene_id, record)
+        with store.translated():
+            conn.commit()
+        followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+        if followed != taken + 1 or store.read_settings(conn, scene_id) != settings:
+            # Another detection came in between, or other settings: whatever is still marked becomes ours here and now.
+            if way.only_pending and not store.is_pending(conn, scene_id):
+                raise _NothingPending
             settings, record = _refresh_pieces(conn, scene_id, record)
-            return _refresh_conflicts(conn, scene_id, settings, record, jobs or os.cpu_count() or 1, progress, started)
-        except Exception as error:
-            # A lost connection cannot record anything; the marks are still there.
-            with suppress(ConflictDBError, psycopg.Error):
-                conn.rollback()
+        return _refresh_conflicts(conn, scene_id, settings, record, way, started)
+    except BaseException as error:
+        # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
+        with suppress(ConflictDBError, psycopg.Error):
+            conn.rollback()
+            if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
                 store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
-            raise
+        raise
 
 
 def _refresh_pieces(
     conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord
 ) -> tuple[Scene, store.RunRecord]:
-    """Transaction 1: make the pieces of the changed objects anew."""
+    """Make the pieces of the changed objects anew."""
     clock = time.perf_counter()
-    store.begin_snapshot(conn)
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
-    record = replace(record, method=settings.method, settings=wanted)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
     store.replace_pieces(conn, scene_id, pieces)
-    conn.commit()
-    return settings, replace(record, pieces_s=time.perf_counter() - clock)
+    took_s = (record.pieces_s or 0.0) + time.perf_counter() - clock
+    return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)
 
 
 def _refresh_conflicts(
@@ -125,18 +176,16 @@ def _refresh_conflicts(
     scene_id: int,
     settings: Scene,
     record: store.RunRecord,
-    jobs: int,
-    progress: Progress | None,
+    way: _Way,
     started: float,
 ) -> Run:
-    """Transaction 2: recompute the pairs with a changed member, on one snapshot."""
+    """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
     clock = [time.perf_counter()]
 
     def lap() -> float:
         clock.append(time.perf_counter())
         return clock[-1] - clock[-2]
 
-    store.begin_snapshot(conn)
     candidates = store.find_candidates(conn, scene_id)
     stage1_s = lap()
     regions = needs_regions(settings.method)
@@ -147,7 +196,7 @@ def _refresh_conflicts(
     def footprints(area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return store.footprints(conn, area_ids)
 
-    conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=jobs, progress=progress)
+    conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=way.jobs, progress=way.progress)
     record = replace(
         record,
         settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},
@@ -162,7 +211,8 @@ def _refresh_conflicts(
     )
     outcome = store.write_run(conn, scene_id, record, conflicts)
     now = store.runs(conn, settings.name)[0]
-    conn.commit()
+    with store.translated():
+        conn.commit()
     return Run(
         run_id=outcome.run_id,
         method=settings.method,

@@ -8,6 +8,7 @@ ConflictDBError
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
 |__ StoreError                 any other database error; psycopg.Error in __cause__
+    |__ LockTimeout            somebody else kept a lock for longer than was to be waited
 
 What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
 """
@@ -109,3 +110,7 @@ class ServerError(ConflictDBError):
 
 class StoreError(ConflictDBError):
     """Any other database error; the psycopg error is the cause."""
+
+
+class LockTimeout(StoreError):
+    """Somebody else, whom it names where that can be seen, kept a lock for longer than was to be waited."""

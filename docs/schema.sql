@@ -138,6 +138,11 @@ TABLE scene (
     centre_lat double precision
 );
 
+TABLE scene_lock (
+    scene_id bigint NOT NULL,
+    taken bigint NOT NULL DEFAULT 0
+);
+
 TABLE track (
     track_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
@@ -242,6 +247,8 @@ CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double prec
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
+CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
+CONSTRAINT scene_lock_scene_fkey ON scene_lock: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
 CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double precision) OR (outlines IS NULL)));
 CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
@@ -381,6 +388,9 @@ FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank b
 FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _is_pending(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _join_all(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off;
 
@@ -393,11 +403,11 @@ FUNCTION _latitude(p_rectifying double precision, p_earth text)
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _lift_limits(p_lock_timeout_s double precision)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE;
+
 FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off;
-
-FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -480,6 +490,9 @@ FUNCTION _scene(p_scene_id bigint)
 FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _scene_holders(p_scene_id bigint)
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER;
+
 FUNCTION _scene_holds_objects()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -507,14 +520,14 @@ FUNCTION _settle_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
-
-FUNCTION _unlock_scene(p_scene_id bigint)
-    RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;

@@ -1,27 +1,12 @@
 -- Keeping pieces in step with objects. The worker (conflictdb.store) reads marked objects, cuts them in arrays and
 -- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
 
-CREATE OR REPLACE FUNCTION _lock_scene(p_scene_id bigint, p_wait boolean) RETURNS boolean
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
-DECLARE
-    v_lock bigint := hashtextextended('conflictdb.scene.' || p_scene_id, 0);
-BEGIN
-    IF p_wait THEN
-        PERFORM pg_advisory_lock(v_lock);
-        RETURN true;
-    END IF;
-    RETURN pg_try_advisory_lock(v_lock);
-END
-$$;
-COMMENT ON FUNCTION _lock_scene(bigint, boolean) IS
-'Takes the session lock that lets one detection of a scene run at a time; returns whether it got it.';
-
-CREATE OR REPLACE FUNCTION _unlock_scene(p_scene_id bigint) RETURNS boolean
-LANGUAGE sql VOLATILE STRICT
+CREATE OR REPLACE FUNCTION _is_pending(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT pg_advisory_unlock(hashtextextended('conflictdb.scene.' || p_scene_id, 0));
+    SELECT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id);
 END;
-COMMENT ON FUNCTION _unlock_scene(bigint) IS 'Gives back the lock of _lock_scene.';
+COMMENT ON FUNCTION _is_pending(bigint) IS 'Whether an object of a scene waits for detection.';
 
 CREATE OR REPLACE FUNCTION _changed_areas(
     p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,

@@ -157,3 +157,8 @@ COMMENT ON COLUMN conflict.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude.';
 COMMENT ON COLUMN conflict.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude.';
+
+COMMENT ON TABLE scene_lock IS
+'One row per scene that was ever detected: a detection locks it until its transaction ends. Only workers can.';
+COMMENT ON COLUMN scene_lock.scene_id IS 'The scene.';
+COMMENT ON COLUMN scene_lock.taken IS 'How often the lock was taken and work was done under it.';

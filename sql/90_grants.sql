@@ -32,3 +32,5 @@ GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, requ
 
 -- Workers keep the derived tables.
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run TO conflictdb_worker;
+-- Who may update a row may lock it: nobody else can keep a scene from being detected.
+GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

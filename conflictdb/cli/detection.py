@@ -3,7 +3,7 @@
 import argparse
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
-from conflictdb.cli.output import note, out, progress
+from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, show_progress
@@ -41,6 +41,8 @@ def detect(args: argparse.Namespace) -> int:
                 full=args.full,
                 jobs=args.jobs,
                 progress=show_progress,
+                lock_timeout_s=args.lock_timeout,
+                say=remark,
             )
             progress("")
             note(run_text(scene, run))

@@ -29,7 +29,7 @@ def work(args: argparse.Namespace) -> int:
     # A service manager ends a worker with SIGTERM. As an interrupt it also cancels what the database is doing.
     signal.signal(signal.SIGTERM, _interrupt)
     with database(args), worker_connections(args) as connection:
-        worker = Worker(connection, _report, args.every or EVERY_S, args.jobs)
+        worker = Worker(connection, _report, args.every or EVERY_S, args.jobs, args.lock_timeout, remark)
         if args.once:
             return DONE if worker.once() else FAILED
         note("working; Ctrl-C ends")

@@ -119,6 +119,7 @@ def _detect(commands: Any) -> None:
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
+    _add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
     parser.add_argument(
         "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
     )
@@ -200,6 +201,7 @@ def _worker(commands: Any) -> None:
         help="look for changes at least this often: 30s, 5m, 1h (default 60s)",
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
+    _add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
 
 
 def _status(commands: Any) -> None:
@@ -241,6 +243,12 @@ def _demo(commands: Any) -> None:
         "demo:demo",
         "detect a small scene that comes with the program",
         "A strait with closed areas, a ferry, a tow, two submarines and an aircraft.",
+    )
+
+
+def _add_lock_timeout(parser: Parser, what: str) -> None:
+    parser.add_argument(
+        "--lock-timeout", type=duration_s, metavar="DURATION", help=f"{what}: 30s, 5m (default: no limit)"
     )
 
 

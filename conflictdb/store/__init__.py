@@ -1,6 +1,6 @@
 """The only module that runs SQL: every statement is one call of a routine of sql/, or a COPY to or from one."""
 
-from conflictdb.store.connection import begin_snapshot, connect, translated
+from conflictdb.store.connection import begin_snapshot, connect, require_idle, translated
 from conflictdb.store.detection import (
     RunOutcome,
     RunRecord,
@@ -10,12 +10,13 @@ from conflictdb.store.detection import (
     find_intersections,
     footprints,
     intersecting_pairs,
+    is_pending,
     mark_all,
     record_failure,
     replace_pieces,
-    scene_lock,
     write_run,
 )
+from conflictdb.store.locking import SAY_AFTER_S, Say, begin_locked
 from conflictdb.store.objects import (
     LoadCounts,
     SceneStatus,
@@ -32,6 +33,7 @@ from conflictdb.store.reading import Approach, Conflict, RunStatus, approaches, 
 from conflictdb.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
 
 __all__ = [
+    "SAY_AFTER_S",
     "WORKER_NAME",
     "Approach",
     "Conflict",
@@ -39,9 +41,11 @@ __all__ = [
     "RunOutcome",
     "RunRecord",
     "RunStatus",
+    "Say",
     "SceneStatus",
     "Service",
     "approaches",
+    "begin_locked",
     "begin_snapshot",
     "changed_areas",
     "changed_tracks",
@@ -51,6 +55,7 @@ __all__ = [
     "find_intersections",
     "footprints",
     "intersecting_pairs",
+    "is_pending",
     "list_scenes",
     "listen",
     "mark_all",
@@ -60,9 +65,9 @@ __all__ = [
     "record_failure",
     "replace_pieces",
     "replace_scene",
+    "require_idle",
     "runs",
     "scene_id",
-    "scene_lock",
     "scene_settings",
     "service",
     "set_scene",

@@ -8,7 +8,7 @@ import psycopg
 from psycopg.pq import TransactionStatus
 from psycopg.rows import tuple_row
 
-from conflictdb.errors import ConflictDBError, InvalidInput, StoreError
+from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, StoreError
 
 # SQLSTATE class of the refusals of sql/10_refusals.sql; one of them is not about input.
 REFUSAL_CLASS: Final = "ZC"
@@ -80,4 +80,5 @@ def _translation(error: psycopg.Error) -> ConflictDBError:
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
         return InvalidInput(key, field, f"{rule} ({diag.message_hint})" if diag.message_hint else rule)
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
-    return StoreError(f"database: {str(error).strip()}{where}")
+    kind = LockTimeout if isinstance(error, psycopg.errors.LockNotAvailable) else StoreError
+    return kind(f"database: {str(error).strip()}{where}")

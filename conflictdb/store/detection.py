@@ -1,16 +1,15 @@
 """What a detection reads and writes: marks and pieces (transaction 1), pairs and conflicts (transaction 2).
 
-Both transactions see one snapshot each (`begin_snapshot`); the caller commits. Order of calls:
+Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
+calls:
 
-    with scene_lock(...):
-        begin_snapshot; read_settings, changed_areas, changed_tracks, replace_pieces; commit
-        begin_snapshot; find_candidates, find_intersections, intersecting_pairs, write_run; commit
+    begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
+    begin_locked; find_candidates, find_intersections, intersecting_pairs, write_run; commit
 """
 
 import json
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
@@ -19,13 +18,11 @@ import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
-from psycopg.pq import TransactionStatus
 
 from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
-from conflictdb.errors import StoreError
 from conflictdb.model import Kind
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, call_many, require_idle, transaction
+from conflictdb.store.connection import call, call_many, transaction
 from conflictdb.store.objects import decode_outlines, decode_paths, decode_rings
 
 _AREA_COLUMNS = [
@@ -74,32 +71,14 @@ class RunOutcome:
     closed: int
 
 
-@contextmanager
-def scene_lock(conn: psycopg.Connection[Any], scene_id: int, *, wait: bool) -> Iterator[None]:
-    """Hold the lock that lets one detection of a scene run at a time.
-
-    Raises StoreError if another session holds it and `wait` is false. It is a session lock: it outlives commits, and
-    ends with the connection.
-    """
-    require_idle(conn, "a detection")
-    (got,) = call(conn, "_lock_scene", scene_id, wait)
-    conn.commit()
-    if not got:
-        raise StoreError("another session is detecting this scene right now: try again, or wait for it")
-    try:
-        yield
-    finally:
-        # Whatever happened, the lock must not stay with a connection that lives on; a lost one has none.
-        with suppress(psycopg.Error, StoreError):
-            if conn.info.transaction_status != TransactionStatus.IDLE:
-                conn.rollback()
-            call(conn, "_unlock_scene", scene_id)
-            conn.commit()
-
-
 def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
     """Mark every object of a scene as changed; returns how many."""
     return int(call(conn, "_mark_all", scene_id)[0])
+
+
+def is_pending(conn: psycopg.Connection[Any], scene_id: int) -> bool:
+    """Return whether an object of a scene waits for a detection."""
+    return bool(call(conn, "_is_pending", scene_id)[0])
 
 
 def changed_areas(conn: psycopg.Connection[Any], scene_id: int) -> AreaBatch:

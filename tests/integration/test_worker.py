@@ -17,7 +17,8 @@ import pytest
 from commands import STRAIT, runner
 
 from conflictdb import connect, detect, store
-from conflictdb.errors import StoreError
+from conflictdb.errors import LockTimeout, StoreError
+from conflictdb.model import Scene
 from conflictdb.worker import Worker
 
 WAIT_S = 30.0
@@ -76,15 +77,15 @@ def test_one_scene_that_fails_does_not_stop_the_others(
 ) -> None:
     load(dsn, "bad")
     load(dsn, "good")
-    whole = detect.detect
+    whole = detect.detect_pending
 
-    def sometimes(conn: Any, scene: str, **options: Any) -> detect.Run:
+    def sometimes(conn: Any, scene: str, **options: Any) -> detect.Run | None:
         if scene == "bad":
             conn.execute("SELECT 1")
             raise ValueError("no luck")
         return whole(conn, scene, **options)
 
-    monkeypatch.setattr("conflictdb.detect.detect", sometimes)
+    monkeypatch.setattr("conflictdb.detect.detect_pending", sometimes)
     done = runner(dsn, capsys)("worker", "--once")
     assert (done.code, done.err) == (1, "conflictdb: bad: failed: no luck\n")
     assert done.out.startswith("good: 7 conflicts")
@@ -192,3 +193,74 @@ def test_several_workers_do_the_work_once(dsn: str, tmp_path: Path) -> None:
     assert found["a"] == found["b"] == found["c"]
     assert len(found["a"]) == 7
     assert json.dumps(pending(dsn)) == '{"a": 0, "b": 0, "c": 0}'
+
+
+def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
+    """Return a worker that notes what it reports."""
+    return Worker(lambda: store.connect(dsn), lambda *report: reports.append(report), jobs=1, **more)
+
+
+def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does the next scene, waits for the first, says who has it, and does what the other one left."""
+    monkeypatch.setattr(store, "SAY_AFTER_S", 0.1)
+    monkeypatch.setattr("conflictdb.worker._BUSY_PAUSE_S", 0.05)
+    load(dsn, "first")
+    load(dsn, "second")
+    reports: list[tuple[str, object]] = []
+    said: list[str] = []
+    with store.connect(dsn) as other:
+        store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)
+        one = worker(dsn, reports, say=said.append)
+        thread = threading.Thread(target=one.once)
+        thread.start()
+        until(lambda: bool(said))
+        assert [scene for scene, _ in reports] == ["second"]
+        other.rollback()
+        thread.join(WAIT_S)
+    assert [scene for scene, _ in reports] == ["second", "first"]
+    assert all(isinstance(run, detect.Run) for _, run in reports)
+    assert said == [said[0]]
+    assert said[0].startswith("first: another detection of scene 'first' is at work: process ")
+
+
+def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conflictdb.worker._BUSY_PAUSE_S", 0.05)
+    load(dsn, "kept")
+    reports: list[tuple[str, object]] = []
+    with store.connect(dsn) as other:
+        store.begin_locked(other, store.scene_id(other, "kept"), "kept", 0.0, print)
+        assert not worker(dsn, reports, lock_timeout_s=0.2).once()
+        ((scene, error),) = reports
+        assert (scene, type(error)) == ("kept", LockTimeout)
+        assert store.runs(other, "kept", 9) == []
+
+
+def test_what_another_has_done_meanwhile_is_no_run(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it came before the first transaction or between the two."""
+    begin_locked = store.begin_locked
+    for place in (1, 2):
+        calls: list[int] = []
+
+        def meanwhile(conn: Any, *arguments: Any, place: int = place, calls: list[int] = calls) -> int:
+            calls.append(len(calls) + 1)
+            if calls[-1] == place:
+                with store.connect(dsn) as other:
+                    detect.detect(other, "strait", jobs=1)
+            return begin_locked(conn, *arguments)
+
+        with connect(dsn) as db:
+            db.load(STRAIT, "strait")
+            store.set_scene(db.connection, Scene("strait", tolerance_m=float(place)))
+        with monkeypatch.context() as patch, store.connect(dsn) as conn:
+            patch.setattr(store, "begin_locked", meanwhile)
+            assert detect.detect_pending(conn, "strait", jobs=1) is None
+            assert len(store.runs(conn, "strait", 9)) == place, "the other one's"
+    assert pending(dsn) == {"strait": 0}
+
+
+def test_a_scene_that_is_current_is_left_alone(dsn: str) -> None:
+    with connect(dsn) as db:
+        db.load(STRAIT, "strait")
+        db.detect("strait")
+        assert detect.detect_pending(db.connection, "strait") is None
+        assert len(store.runs(db.connection, "strait", 9)) == 1

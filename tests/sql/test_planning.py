@@ -108,14 +108,13 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
     scene_id = load(conn, Scene("second"), grid(), [])
     for areas in (grid(), grid(changed=True)):
         store.replace_scene(conn, Scene("second"), areas, [], merge=False)
-        with store.scene_lock(conn, scene_id, wait=False):
-            refresh(conn, scene_id)
-            store.begin_snapshot(conn)
-            store.find_candidates(conn, scene_id)
-            store.find_intersections(conn, scene_id, regions=True)
-            store.intersecting_pairs(conn, scene_id)
-            store.write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
-            conn.commit()
+        refresh(conn, scene_id)
+        store.begin_snapshot(conn)
+        store.find_candidates(conn, scene_id)
+        store.find_intersections(conn, scene_id, regions=True)
+        store.intersecting_pairs(conn, scene_id)
+        store.write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
+        conn.commit()
         conn.execute("SELECT count(*) FROM conflictdb.candidates('second')")
         everywhere = "ST_SetSRID(ST_MakeEnvelope(0, 0, 2, 2), 4326), '(,)'"
         conn.execute(f"SELECT count(*) FROM conflictdb.conflicts_within('second', {everywhere})".encode())

@@ -14,7 +14,6 @@ from psycopg.pq import TransactionStatus
 
 from conflictdb import store
 from conflictdb.batches import Conflicts
-from conflictdb.errors import StoreError
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
@@ -81,14 +80,19 @@ def detect(
     conn: Conn, scene_id: int, pairs: dict[tuple[str, str], list[tuple[int, int]]], **more: Any
 ) -> store.RunOutcome:
     """Detect with a given answer; a session that was closed a moment ago may still hold the lock."""
-    with store.scene_lock(conn, scene_id, wait=True):
-        refresh(conn, scene_id)
-        store.begin_snapshot(conn)
-        store.find_candidates(conn, scene_id)
-        store.find_intersections(conn, scene_id, regions=True)
-        outcome = store.write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
-        conn.commit()
+    begin(conn, scene_id, lock_timeout_s=None)
+    conn.rollback()
+    refresh(conn, scene_id)
+    begin(conn, scene_id)
+    store.find_candidates(conn, scene_id)
+    store.find_intersections(conn, scene_id, regions=True)
+    outcome = store.write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
+    conn.commit()
     return outcome
+
+
+def begin(conn: Conn, scene_id: int, lock_timeout_s: float | None = 0.0) -> int:
+    return store.begin_locked(conn, scene_id, "s", lock_timeout_s, print)
 
 
 ONE = [(T0_US, T0_US + 1)]
@@ -195,14 +199,14 @@ def test_conflicts_of_a_removed_object_stay_until_the_next_detection(conn: Conn,
 
 def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Conn, dsn: str, scene_id: int) -> None:
     """Writers change, add and remove objects, and settings, between and within both transactions: nobody fails."""
-    with store.connect(dsn) as writer, store.scene_lock(conn, scene_id, wait=False):
-        store.begin_snapshot(conn)
+    with store.connect(dsn) as writer:
+        begin(conn, scene_id)
         areas, _ = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
         assert len(areas) == 2
         store.replace_scene(writer, SCENE, [replace(AREAS[0], floor_m=1.0), AREAS[1]], TRACKS, merge=False)
         refresh_rest(conn, scene_id)
         store.replace_scene(writer, SCENE, [square("C", 0.2)], [], merge=True)
-        store.begin_snapshot(conn)
+        begin(conn, scene_id)
         store.find_candidates(conn, scene_id)
         store.find_intersections(conn, scene_id, regions=False)
         store.set_scene(writer, replace(SCENE, separation_m=10.0))
@@ -250,49 +254,16 @@ def test_crash_leaves_old_conflicts_and_marks(conn: Conn, dsn: str, scene_id: in
     detect(conn, scene_id, ALL)
     store.replace_scene(conn, SCENE, AREAS, [replace(t, floor_m=0.0) for t in TRACKS], merge=False)
     victim = store.connect(dsn)
-    with store.scene_lock(victim, scene_id, wait=False):
-        refresh(victim, scene_id)
-        store.begin_snapshot(victim)
-        store.find_candidates(victim, scene_id)
-        if not crash_before_write:
-            store.write_run(victim, scene_id, RECORD, found(victim, {}))
-        victim.close()
+    refresh(victim, scene_id)
+    begin(victim, scene_id)
+    store.find_candidates(victim, scene_id)
+    if not crash_before_write:
+        store.write_run(victim, scene_id, RECORD, found(victim, {}))
+    victim.close()
     assert len(store.conflicts(conn, "s")) == 3
     assert store.list_scenes(conn)[0].pending == 2
     outcome = detect(conn, scene_id, {("A", "T"): TWO})
     assert (outcome.opened, outcome.changed, outcome.closed) == (0, 1, 1)
-
-
-def test_one_detection_of_a_scene_at_a_time(conn: Conn, dsn: str, scene_id: int) -> None:
-    other_scene = store.set_scene(conn, Scene("other"))
-    with store.connect(dsn) as other, store.scene_lock(conn, scene_id, wait=False):
-        with pytest.raises(StoreError, match="another session"), store.scene_lock(other, scene_id, wait=False):
-            pass
-        with store.scene_lock(other, other_scene, wait=False):
-            pass
-    with store.connect(dsn) as other, store.scene_lock(other, scene_id, wait=True):
-        other.execute("SELECT 1")  # left open: the lock must go all the same
-    with store.scene_lock(conn, scene_id, wait=False):
-        assert conn.info.transaction_status == TransactionStatus.IDLE
-
-
-def test_lock_goes_with_an_error_and_the_error_stays(conn: Conn, dsn: str, scene_id: int) -> None:
-    def fail() -> None:
-        with store.scene_lock(conn, scene_id, wait=False), store.translated():
-            conn.execute("SELECT 1/0")
-
-    with pytest.raises(StoreError, match="division by zero"):
-        fail()
-    with store.connect(dsn) as other, store.scene_lock(other, scene_id, wait=False):
-        pass
-
-
-def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, scene_id: int) -> None:
-    conn.execute("SELECT 1")
-    with pytest.raises(StoreError, match="open transaction"), store.scene_lock(conn, scene_id, wait=False):
-        pass
-    with pytest.raises(StoreError, match="open transaction"):
-        store.begin_snapshot(conn)
 
 
 def test_listeners_are_told_what_a_detection_changed(conn: Conn, dsn: str, scene_id: int) -> None:

@@ -1,0 +1,81 @@
+-- One detection of a scene at a time: whoever detects holds the scene's row of scene_lock until its transaction ends.
+--
+-- A row lock, and no advisory lock: that anybody may take who can connect. Rows of scene_lock only workers can lock.
+
+CREATE OR REPLACE FUNCTION _lift_limits(p_lock_timeout_s double precision) RETURNS void
+LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_name text;
+BEGIN
+    FOREACH v_name IN ARRAY
+        ARRAY['statement_timeout', 'idle_in_transaction_session_timeout', 'transaction_timeout'] LOOP
+        -- Before version 17 there is no limit of whole transactions.
+        IF current_setting(v_name, true) IS NOT NULL THEN
+            PERFORM set_config(v_name, '0', true);
+        END IF;
+    END LOOP;
+    PERFORM set_config('lock_timeout', least(ceil(1000 * coalesce(p_lock_timeout_s, 0)), 2147483647)::integer::text,
+                       true);
+END
+$$;
+COMMENT ON FUNCTION _lift_limits(double precision) IS
+'Lifts the limits of time that a role or database sets, until the transaction ends: a detection takes as long as it '
+'takes. Locks are waited for no longer than the given seconds; null and 0 are for ever.';
+
+CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS void
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    -- Not without looking first: an insertion waits for whoever changes the row.
+    INSERT INTO scene_lock (scene_id)
+        SELECT p_scene_id WHERE NOT EXISTS (SELECT FROM scene_lock l WHERE l.scene_id = p_scene_id)
+        ON CONFLICT DO NOTHING;
+END;
+COMMENT ON FUNCTION _add_scene_lock(bigint) IS
+'Makes sure that a scene has a lock. In a transaction of its own: what is not committed shows no holder.';
+
+CREATE OR REPLACE FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_lock_timeout text := current_setting('lock_timeout');
+    v_taken bigint;
+BEGIN
+    PERFORM _require_snapshot();
+    PERFORM set_config('lock_timeout', greatest(1, ceil(1000 * p_wait_s))::integer::text, true);
+    IF p_wait_s = 0 THEN
+        PERFORM FROM scene_lock l WHERE l.scene_id = p_scene_id FOR UPDATE SKIP LOCKED;
+        IF NOT FOUND THEN
+            RETURN NULL;
+        END IF;
+    END IF;
+    UPDATE scene_lock l SET taken = l.taken + 1 WHERE l.scene_id = p_scene_id RETURNING l.taken INTO v_taken;
+    PERFORM set_config('lock_timeout', v_lock_timeout, true);
+    RETURN v_taken;
+END
+$$;
+COMMENT ON FUNCTION _take_scene(bigint, double precision) IS
+'Takes the lock of a scene until the transaction ends; returns how often it was taken. Null if somebody holds it and '
+'it is not to be waited for; lock_not_available if somebody holds it for longer than the given seconds; '
+'serialization_failure if somebody has given it back since the transaction''s snapshot, which is then too old.';
+
+CREATE OR REPLACE FUNCTION _scene_holders(p_scene_id bigint)
+RETURNS TABLE (pid integer, application text, role text, since timestamptz)
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN QUERY
+    SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
+    FROM pg_catalog.pg_stat_activity a
+    WHERE a.pid <> pg_backend_pid()
+      AND (EXISTS (SELECT FROM scene_lock s
+                   JOIN pg_catalog.pg_locks l ON l.locktype = 'transactionid' AND l.transactionid = s.xmax
+                   WHERE s.scene_id = p_scene_id AND l.pid = a.pid AND l.granted)
+           OR EXISTS (SELECT FROM pg_catalog.pg_locks l
+                      WHERE l.relation = 'scene_lock'::regclass AND l.granted AND l.pid = a.pid
+                        AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
+                                          WHERE d.datname = current_database())
+                        AND l.mode IN ('ShareLock', 'ShareRowExclusiveLock', 'ExclusiveLock', 'AccessExclusiveLock')))
+    ORDER BY a.xact_start, a.pid;
+END
+$$;
+COMMENT ON FUNCTION _scene_holders(bigint) IS
+'Who holds the lock of a scene, or of the whole table, and since when its transaction lasts. Runs as its owner, who '
+'may see more of other sessions than a worker.';
