@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.geodesy import Floats
+from conflictdb.roots import roots
 from conflictdb.separation import TOUCH_M, Encounters, nearest, plane_distance
-from conflictdb.stage4_windows import Block, Window, roots
+from conflictdb.stage4_windows import Block, Window
 
 # The zone is left where the polygons are nearer than at the smallest scale by this share of the distance wanted.
 _INTO_SHARE = 1e-3

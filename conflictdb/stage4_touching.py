@@ -1,17 +1,13 @@
 """Stage 4, exact: when polygons touch, each pair modelled only as far as it is needed. See `stage4_exact`."""
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.geodesy import Floats
 from conflictdb.proofs import clear_window
+from conflictdb.roots import roots
 from conflictdb.separation import TOUCH_M, Encounters, edge_gaps, gap_along, separation, separation_and_axis
-from conflictdb.stage4_windows import Block, Window, roots
-
-# Share of the tolerance that the departure from uniform and rigid motion may have in the closed form.
-CLOSED_FORM_SHARE: Final = 0.01
+from conflictdb.stage4_windows import Block, Window
 
 
 class Touching(Block):
@@ -22,9 +18,8 @@ class Touching(Block):
         pairs, h = self.pairs, self.high - self.low
         uneven = pairs.a.uneven(self.low, self.high) + pairs.b.uneven(self.low, self.high)
         departure = 0.5 * uneven * h
-        # Scales are at least 1, so that metres of the plane are fewer on the earth.
-        allowed = CLOSED_FORM_SHARE * (self.margin_m - TOUCH_M) + TOUCH_M
-        closed = (departure <= allowed) & (h > 0.0)
+        # No more than rounding: a wider one would widen every end, by what it takes the pair to close it.
+        closed = (departure <= TOUCH_M) & (h > 0.0)
         rows = np.flatnonzero(closed)
         if rows.size:
             self._closed_form(rows, departure[rows])

@@ -5,7 +5,6 @@ conflict holds in between. See `stage4_exact`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -16,17 +15,8 @@ from conflictdb.geodesy import Floats
 from conflictdb.proofs import clear_window
 from conflictdb.separation import TOUCH_M, Encounters
 
-# Steps of regula falsi, and of widening the bracket around the answer by BRACKET_GROWTH each.
-MAX_STEPS: Final = 12
-MAX_BRACKETS: Final = 4
-BRACKET_GROWTH: Final = 8.0
-# Half width of the first bracket: so many times what the rounding of positions is worth.
-BRACKET_TOUCHES: Final = 3.0
 # Halvings that prove a conflict to hold.
 MAX_HALVINGS: Final = 12
-
-# Of rows (numbers) at instants, how much further apart than wanted they are.
-Measure = Callable[[NDArray[np.int64], Floats], Floats]
 
 
 @dataclass(slots=True)
@@ -209,61 +199,3 @@ class Block(ABC):
             p, q, fp, fq = (np.concatenate(ends) for ends in ((p, middle), (middle, q), (fp, f), (f, fq)))
         proven[row] = False
         return proven
-
-
-@dataclass(frozen=True, slots=True)
-class Roots:
-    """Instants (n,) beyond doubt on either side of a change of sign, and whether they were found."""
-
-    outer: Floats
-    inner: Floats
-    is_found: NDArray[np.bool_]
-
-
-def roots(measure: Measure, outside: Floats, gap: Floats, inside: Floats, depth: Floats, touch: Floats) -> Roots:
-    """Return where a measure falls from `gap` > touch at `outside` to `depth` < -touch at `inside`.
-
-    Regula falsi (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), then
-    an evaluation on both sides of the answer, as far from it as rounding could matter.
-    """
-    n = len(gap)
-    a, fa, b, fb = outside.copy(), gap.copy(), inside.copy(), depth.copy()
-    at, slope = 0.5 * (a + b), np.abs(gap - depth) / np.abs(inside - outside)
-    side = np.zeros(n, np.int8)
-    active = np.arange(n)
-    for _ in range(MAX_STEPS):
-        x0, f0, x1, f1 = a[active], fa[active], b[active], fb[active]
-        x = x0 + (x1 - x0) * (f0 / (f0 - f1))
-        f = measure(active, x)
-        at[active] = x
-        with np.errstate(divide="ignore", invalid="ignore"):
-            first, second = np.abs((f - f0) / (x - x0)), np.abs((f - f1) / (x - x1))
-        near = np.where(np.abs(x - x0) < np.abs(x - x1), first, second)
-        slope[active] = np.where(np.isfinite(near) & (near > 0.0), near, slope[active])
-        is_outside = f > 0.0
-        # An end that stays twice counts half, so that the other comes over.
-        again = side[active] == np.where(is_outside, 1, -1)
-        a[active], b[active] = np.where(is_outside, x, x0), np.where(is_outside, x1, x)
-        fa[active] = np.where(is_outside, f, np.where(again, 0.5 * f0, f0))
-        fb[active] = np.where(is_outside, np.where(again, 0.5 * f1, f1), f)
-        side[active] = np.where(is_outside, 1, -1)
-        active = active[(np.abs(f) > touch[active]) & (np.abs(b - a)[active] > 4.0 * np.spacing(np.abs(x)))]
-        if not active.size:
-            break
-    outward = np.sign(outside - inside)
-    found = Roots(outside.copy(), inside.copy(), np.zeros(n, np.bool_))
-    half = BRACKET_TOUCHES * touch / slope + 4.0 * np.spacing(np.abs(at))
-    active = np.arange(n)
-    for _ in range(MAX_BRACKETS):
-        away = half[active]
-        # Not beyond the limits, where it is known to be apart, or in conflict.
-        outer = at[active] + outward[active] * np.minimum(away, np.abs(outside - at)[active])
-        inner = at[active] - outward[active] * np.minimum(away, np.abs(inside - at)[active])
-        good = (measure(active, outer) > touch[active]) & (measure(active, inner) < -touch[active])
-        done = active[good]
-        found.outer[done], found.inner[done], found.is_found[done] = outer[good], inner[good], True
-        active = active[~good]
-        if not active.size:
-            break
-        half[active] *= BRACKET_GROWTH
-    return found
