@@ -51,6 +51,11 @@ class Loaded:
     skipped: tuple[Skipped, ...]
     remarks: tuple[Remark, ...]
 
+    @property
+    def invalid(self) -> tuple[Skipped, ...]:
+        """The objects of plans that were left out because they are refused, an entry for each mistake."""
+        return tuple(one for one in self.skipped if not one.lines)
+
 
 @dataclass(frozen=True, slots=True)
 class Status:
@@ -189,6 +194,7 @@ class Database:
         *,
         merge: bool = False,
         max_speed_kn: float | None = None,
+        skip_invalid: bool = False,
     ) -> str:
         """Load one file, all or nothing, and return the name of its scene.
 
@@ -202,6 +208,8 @@ class Database:
             Add and update objects; otherwise the file replaces what the scene held.
         max_speed_kn : float, optional
             Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
+        skip_invalid : bool
+            Load the rest where objects are refused, see `conflictdb.io.read`.
 
         Raises
         ------
@@ -211,10 +219,10 @@ class Database:
         Warns
         -----
         UserWarning
-            For each remark: what breaks no rule, but may not be meant.
+            For each remark: what breaks no rule, but may not be meant; and for each object that was left out.
         """
-        loaded = self.load_files([path], scene, merge=merge, max_speed_kn=max_speed_kn)[0]
-        for one in loaded.remarks:
+        loaded = self.load_files([path], scene, merge=merge, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid)[0]
+        for one in (*loaded.remarks, *loaded.invalid):
             warnings.warn(str(one), UserWarning, stacklevel=2)
         return loaded.scene
 
@@ -225,16 +233,21 @@ class Database:
         *,
         merge: bool = False,
         max_speed_kn: float | None = None,
+        skip_invalid: bool = False,
     ) -> list[Loaded]:
         """Load some files as `load` does, files of one scene as if they were one; return what it did to each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction.
         """
-        plans = [self._with_settings(plan) for plan in gather(paths, scene, max_speed_kn=max_speed_kn)]
+        gathered = gather(paths, scene, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid)
+        plans = [self._with_settings(plan, skip_invalid) for plan in gathered]
         return [self._loaded(plan, settings, merge) for plan, settings in plans]
 
-    def _with_settings(self, plan: Plan) -> tuple[Plan, Scene]:
-        """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects."""
+    def _with_settings(self, plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
+        """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects.
+
+        With `skip_invalid`, objects that the scene's plane cannot hold are left out of the plan.
+        """
         settings = plan.settings
         needs_centre = settings is not None and settings.motion == Motion.GREAT_CIRCLE and settings.centre is None
         if settings is None or needs_centre:
@@ -246,12 +259,10 @@ class Database:
                 settings = replace(settings, centre=known.centre)
         settings = centred(settings, plan.areas, plan.tracks)
         for source in plan.sources:
-            areas = [area for area in plan.areas if plan.source_of[area.key] == source]
-            tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
-            try:
-                check_plane(settings, areas, tracks)
-            except InvalidInput as refused:
-                raise refused.at(source) from None
+            while (refused := _refused(settings, plan, source)) is not None:
+                if not skip_invalid:
+                    raise refused
+                plan.leave_out(source, refused)
         return plan, settings
 
     def _loaded(self, plan: Plan, settings: Scene, merge: bool) -> Loaded:
@@ -407,6 +418,17 @@ class Database:
     def load_demo(self) -> Loaded:
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
+    """Return why the scene's plane cannot hold an object of a file, None if it holds them all."""
+    areas = [area for area in plan.areas if plan.source_of[area.key] == source]
+    tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
+    try:
+        check_plane(settings, areas, tracks)
+    except InvalidInput as refused:
+        return refused.at(source)
+    return None
 
 
 def _write(path: Path, mode: str, lines: Iterable[str]) -> None:

@@ -8,5 +8,6 @@ USAGE: Final = 2
 SCHEMA_UNFIT: Final = 3
 INPUT_REFUSED: Final = 4
 NO_SERVER: Final = 5
+LEFT_OUT: Final = 6
 CONFLICTS_FOUND: Final = 10
 INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended

@@ -2,11 +2,11 @@
 
 import argparse
 
-from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
+from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
 from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
-from conflictdb.cli.session import database, show_progress
+from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.io.conflict_text import near_pair
 from conflictdb.model import Verdict
 from conflictdb.store import Approach, Conflict
@@ -20,14 +20,17 @@ def detect(args: argparse.Namespace) -> int:
             (not args.files and args.scene is None, "give files, or --scene NAME of a scene that is in the database"),
             (args.merge and not args.files, "--merge is for files"),
             (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
+            (args.skip_invalid and not args.files, "--skip-invalid is for files"),
         ],
     )
     with database(args) as db:
         scenes = [args.scene]
+        is_complete = True
         if args.files:
-            loaded = db.load_files(args.files, args.scene, merge=args.merge, max_speed_kn=args.max_speed_kn)
+            loaded = load_files(db, args)
             remark_loaded(loaded)
             scenes = [one.scene for one in loaded]
+            is_complete = not any(one.invalid for one in loaded)
         found: list[Conflict] = []
         near: list[Approach] = []
         near_rows: list[Conflict] = []
@@ -56,7 +59,9 @@ def detect(args: argparse.Namespace) -> int:
             out("\nno conflict, but near:\n" + approach_table(near))
     else:
         print_conflicts(found + near_rows, args.format)
-    return CONFLICTS_FOUND if found and args.fail_on_conflict else DONE
+    if found and args.fail_on_conflict:
+        return CONFLICTS_FOUND
+    return DONE if is_complete else LEFT_OUT
 
 
 def conflicts(args: argparse.Namespace) -> int:

@@ -3,20 +3,20 @@
 import argparse
 import sys
 
-from conflictdb.cli.codes import DONE
+from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.output import out
 from conflictdb.cli.report import loaded_text, remark_loaded
-from conflictdb.cli.session import database
+from conflictdb.cli.session import database, load_files
 
 
 def load(args: argparse.Namespace) -> int:
     """Load files."""
     with database(args) as db:
-        loaded = db.load_files(args.files, args.scene, merge=args.merge, max_speed_kn=args.max_speed_kn)
+        loaded = load_files(db, args)
     remark_loaded(loaded)
     for one in loaded:
         out(loaded_text(one))
-    return DONE
+    return LEFT_OUT if any(one.invalid for one in loaded) else DONE
 
 
 def export(args: argparse.Namespace) -> int:

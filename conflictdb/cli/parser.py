@@ -23,7 +23,8 @@ environment:
 
 exit codes:
   0 done   1 failed   2 usage   3 schema missing, older or newer than the program   4 input refused
-  5 no usable PostgreSQL with PostGIS   10 conflicts found (detect --fail-on-conflict)   130 interrupted
+  5 no usable PostgreSQL with PostGIS   6 objects were left out (--skip-invalid)
+  10 conflicts found (detect --fail-on-conflict)   130 interrupted
 """
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
@@ -255,6 +256,11 @@ def _add_lock_timeout(parser: Parser, what: str) -> None:
 def _add_merge(parser: Parser) -> None:
     parser.add_argument(
         "--merge", action="store_true", help="add and update; otherwise the files replace what the scene held"
+    )
+    parser.add_argument(
+        "--skip-invalid",
+        action="store_true",
+        help="load the rest where objects are refused; exits with 6 if any is left out",
     )
     parser.add_argument(
         "--max-speed-kn",

@@ -110,7 +110,8 @@ def loaded_text(loaded: Loaded) -> str:
     """Return in one line what loading did to a scene."""
     counts = loaded.counts
     changes = f"{counts.added} added, {counts.updated} updated, {counts.removed} removed, {counts.unchanged} unchanged"
-    return f"{loaded.scene}: {changes}"
+    invalid = len({(one.source, one.key) for one in loaded.invalid})
+    return f"{loaded.scene}: {changes}" + (f", {invalid} LEFT OUT" if invalid else "")
 
 
 def remark_loaded(loaded: Iterable[Loaded]) -> None:
@@ -127,9 +128,12 @@ def remark_loaded(loaded: Iterable[Loaded]) -> None:
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
     """Return one line per file and reason, with the names of the objects and how many rows of each."""
     groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
-    for one in skipped:
-        groups[one.source, one.reason].append(one)
     lines = []
+    for one in skipped:
+        if one.lines:
+            groups[one.source, one.reason].append(one)
+        else:
+            lines.append(str(one))
     for (source, reason), members in groups.items():
         rows = sum(len(one.lines) for one in members)
         named = ", ".join(f"{one.key} ({'all' if one.is_whole else len(one.lines)})" for one in members)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from conflictdb import store
 from conflictdb.cli.output import note, progress
-from conflictdb.database import Database, connect
+from conflictdb.database import Database, Loaded, connect
 from conflictdb.server import EmbeddedServer, embedded
 
 if TYPE_CHECKING:
@@ -19,6 +19,17 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
     """Open the database of a command, and close it at the end."""
     with connect(args.dsn, say=note) as opened:
         yield opened
+
+
+def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
+    """Load the files of a command as its options say."""
+    return db.load_files(
+        args.files,
+        args.scene,
+        merge=args.merge,
+        max_speed_kn=args.max_speed_kn,
+        skip_invalid=args.skip_invalid,
+    )
 
 
 @contextmanager

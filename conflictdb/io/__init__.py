@@ -22,7 +22,12 @@ _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
 
 
-def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
+def read(
+    path: str | Path,
+    *,
+    max_speed_kn: float | None = None,
+    skip_invalid: bool = False,
+) -> Contents:
     """Return everything that a file holds.
 
     Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
@@ -35,6 +40,8 @@ def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
     max_speed_kn : float, optional
         The speed in knots beyond which a leg is refused, by default 2,000; in files of positions the fix is left out,
         see `conflictdb.io.positions`.
+    skip_invalid : bool
+        Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
 
     Raises
     ------
@@ -42,7 +49,7 @@ def read(path: str | Path, *, max_speed_kn: float | None = None) -> Contents:
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
-    contents = _read(path, max_speed_kn)
+    contents = _read(path, max_speed_kn, skip_invalid)
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
 
@@ -53,14 +60,16 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 
-def _read(path: Path, max_speed_kn: float | None) -> Contents:
+def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool) -> Contents:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
+    fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
     try:
         if suffix in _JSON:
-            fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
-            return read_scene(_text(path, is_packed), stem(path), fastest_kn)
+            return read_scene(
+                _text(path, is_packed), stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid
+            )
         if suffix in _ROWS:
             from conflictdb.io.positions import read_positions
 
@@ -69,7 +78,7 @@ def _read(path: Path, max_speed_kn: float | None) -> Contents:
             raise InvalidInput("file", "", "does not exist")
         from conflictdb.io.ogr import read_areas
 
-        return read_areas(path)
+        return read_areas(path, skip_invalid=skip_invalid)
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__
 

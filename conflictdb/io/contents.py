@@ -4,19 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from conflictdb.errors import Refusals
 from conflictdb.model import Area, Scene, Track
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of one object that were left out of a file of observations, and why.
+    """An object of a file, or rows of it, that were left out, and why.
 
-    Plans are refused as a whole when something is wrong with them; observations (AIS, ADS-B) are always a little dirty,
-    so what cannot be used is left out and named here.
+    Plans are refused as a whole when something is wrong with them, unless the rest is asked for; observations (AIS,
+    ADS-B) are always a little dirty. What cannot be used is left out and named here.
 
     key : the object, as in the file
-    reason : the rule that the rows break
-    lines : their line numbers in the file, counted from 1
+    reason : the rule that it breaks, or its rows do
+    lines : of rows, their line numbers in the file, counted from 1; empty for an object of another file
     is_whole : whether the object is left out altogether
     """
 
@@ -25,6 +26,9 @@ class Skipped:
     reason: str
     lines: tuple[int, ...]
     is_whole: bool
+
+    def __str__(self) -> str:
+        return f"{self.source}: left out {self.key}: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,15 @@ class Remark:
 
     def __str__(self) -> str:
         return f"{self.source}: {self.key}: {self.text}"
+
+
+def left_out(source: str, refusals: Refusals) -> list[Skipped]:
+    """Return the objects that are left out because they were refused, one entry for every mistake."""
+    skipped = []
+    for refused in refusals.found:
+        reason = ": ".join(part for part in (refused.field, refused.rule) if part)
+        skipped.append(Skipped(source, refused.key, reason, (), is_whole=True))
+    return skipped
 
 
 class _Contents(NamedTuple):

@@ -82,11 +82,17 @@ class Fields:
         return InvalidInput(self.who, field, rule)
 
 
+def number_as_key(value: Any) -> Any:
+    """Return a number as the text that is its key, 7 and 7.0 alike; anything else as it is."""
+    if type(value) is float and value.is_integer():
+        value = int(value)
+    return repr(value) if type(value) in (int, float) else value
+
+
 def key(who: str, where: str, value: Any) -> str:
     """Return the id of an object or the name of a scene: a string that can be stored and indexed."""
     if not isinstance(value, str) or not value:
-        hint = f' (write it as "{value}")' if type(value) is int else ""
-        raise InvalidInput(who, where, f"must be a non-empty string; got {value!r:.60}{hint}")
+        raise InvalidInput(who, where, f"must be a non-empty string; got {value!r:.60}")
     check_text(who, where, value)
     if len(value.encode()) > MAX_KEY_BYTES:
         raise InvalidInput(who, where, f"must be at most {MAX_KEY_BYTES} bytes long; got {value[:40]!r}…")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import read, stem
-from conflictdb.io.contents import Contents, Remark, Skipped
+from conflictdb.io.contents import Contents, Remark, Skipped, left_out
 from conflictdb.io.fields import key as checked_key
 from conflictdb.model import Area, Scene, Track
 
@@ -30,8 +30,24 @@ class Plan:
     remarks: list[Remark] = field(default_factory=list)
     source_of: dict[str, str] = field(default_factory=dict)
 
+    def leave_out(self, source: str, refused: InvalidInput) -> None:
+        """Leave out the objects of a file that are refused, by name."""
+        refusals = Refusals()
+        with refusals:
+            raise refused
+        gone = {one.key for one in refused}
+        self.skipped.extend(left_out(source, refusals))
+        self.areas = [area for area in self.areas if f"area {area.key!r}" not in gone]
+        self.tracks = [track for track in self.tracks if f"track {track.key!r}" not in gone]
 
-def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_kn: float | None = None) -> list[Plan]:
+
+def gather(
+    paths: Sequence[str | Path],
+    scene: str | None = None,
+    *,
+    max_speed_kn: float | None = None,
+    skip_invalid: bool = False,
+) -> list[Plan]:
     """Return the scenes that some files make up, in order of first appearance.
 
     Parameters
@@ -40,7 +56,7 @@ def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_k
         Files of one scene are taken together, as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the one that each file names, else the name of the file.
-    max_speed_kn : float, optional
+    max_speed_kn, skip_invalid : optional
         See `conflictdb.io.read`.
 
     Raises
@@ -54,7 +70,7 @@ def gather(paths: Sequence[str | Path], scene: str | None = None, *, max_speed_k
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            contents = read(path, max_speed_kn=max_speed_kn)
+            contents = read(path, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid)
             own = contents.scene.name if contents.scene else stem(Path(path))
             name = checked_key("scene", "name", own if scene is None else scene)
             _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)

@@ -17,19 +17,20 @@ from conflictdb.io.fields import finite
 
 AREA_TYPES = ("Polygon", "MultiPolygon")
 TRACK_TYPE = "LineString"
+CIRCLE_TYPE = "Point"
 
 T = TypeVar("T")
 
 
 def geometry_type(who: str, geometry: Any) -> str:
     """Return the type of a GeoJSON geometry that can be an area or a track; refuse all others."""
-    rule = f"must be a {', '.join(AREA_TYPES)} (an area) or a {TRACK_TYPE} (a track)"
+    rule = f"must be a {', '.join(AREA_TYPES)} (an area) or a {TRACK_TYPE} (a track), or a {CIRCLE_TYPE} with radius_m"
     if geometry is None:
         raise InvalidInput(who, "geometry", f"{rule}; there is none")
     if not isinstance(geometry, dict):
         raise InvalidInput(who, "geometry", f"{rule}; got {geometry!r:.60}")
     kind = geometry.get("type")
-    if kind not in (*AREA_TYPES, TRACK_TYPE):
+    if kind not in (*AREA_TYPES, TRACK_TYPE, CIRCLE_TYPE):
         raise InvalidInput(who, "geometry", f"{rule}; got {kind!r:.60}")
     return str(kind)
 
@@ -40,6 +41,11 @@ def line(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
     if len(positions) < 2:
         raise InvalidInput(who, where, f"a track needs at least two waypoints; got {len(positions)}")
     return positions
+
+
+def point(who: str, coordinates: Any) -> NDArray[np.float64]:
+    """Return the (1, 2) longitude and latitude of a Point in degrees."""
+    return _positions(who, "geometry.coordinates", [coordinates])
 
 
 def multipolygon(who: str, geometry: dict[str, Any]) -> shapely.MultiPolygon:

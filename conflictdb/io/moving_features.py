@@ -4,14 +4,14 @@ Read: features with a `temporalGeometry` of type MovingPoint, alone or in a coll
 MobilityDB's asMFJSON writes it. Interpolation must be linear: along rhumb lines at constant speed, as all tracks.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
-from conflictdb.io import objects
+from conflictdb.io import objects, reference
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line
 from conflictdb.io.names import misnamed
@@ -34,7 +34,7 @@ def as_feature(document: dict[str, Any], stem: str) -> dict[str, Any]:
     return {"id": stem, **document}
 
 
-def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], foreign: Collection[str] = ()) -> Track:
+def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], setting: objects.Setting) -> Track:
     """Return the track of a feature with a temporalGeometry; raises InvalidInput with all that is wrong with it."""
     fields = Fields(f"track {key!r}", properties)
     with fields.refusals:
@@ -46,19 +46,19 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], f
             if fields.has(name):
                 raise fields.refusal(name, "must not be given together with temporalGeometry, which has the times")
     with fields.refusals:
-        positions, times_us = _course(fields, feature["temporalGeometry"], foreign)
-    members = objects.track_members(fields, foreign)
+        positions, times_us = _course(fields, feature["temporalGeometry"], setting)
+    members = objects.track_members(fields, setting.foreign)
     fields.settle()
     return Track(key, positions, times_us, **members)
 
 
-def _course(fields: Fields, moving: Any, foreign: Collection[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the positions and instants of a temporal geometry."""
     where = "temporalGeometry"
     if not isinstance(moving, dict) or moving.get("type") != _POINT:
         kind = moving.get("type") if isinstance(moving, dict) else moving
         raise fields.refusal(f"{where}.type", f"must be {_POINT}; got {kind!r:.60}")
-    fields.refusals.found += misnamed(f"{fields.who}: {where}", moving, _MEMBERS, foreign=foreign)
+    fields.refusals.found += misnamed(f"{fields.who}: {where}", moving, _MEMBERS, foreign=setting.foreign)
     check_trs(fields.who, moving)
     _check_interpolation(fields, where, moving)
     sequences = moving.get("sequences")
@@ -68,6 +68,9 @@ def _course(fields: Fields, moving: Any, foreign: Collection[str]) -> tuple[NDAr
             raise fields.refusal(f"{where}.sequences", rule)
         moving, where = sequences[0], f"{where}.sequences[0]"
     positions = line(fields.who, f"{where}.coordinates", moving.get("coordinates"))
+    to_degrees = reference.of_member(fields.who, moving, setting.to_degrees)
+    if to_degrees is not None:
+        positions = to_degrees(positions)
     return positions, _instants(fields, f"{where}.datetimes", moving.get("datetimes"))
 
 

@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from conflictdb import geodesy
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.io.discs import disc
 from conflictdb.io.fields import Fields, finite, instant
-from conflictdb.io.geometry import line, multipolygon, pairs
+from conflictdb.io.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
 from conflictdb.io.instants import format_instant
 from conflictdb.io.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.io.reference import ToDegrees
 from conflictdb.io.speeds import SLACK, too_fast
 from conflictdb.model import (
     MAX_LATITUDE_DEG,
@@ -45,20 +48,53 @@ _SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
 AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
     TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"
 )
+AREA_ELSEWHERE["radius_m"] = "has a meaning for a Point only, which it makes a circle"
 TRACK_ELSEWHERE: Final = _SETTINGS | {
-    "end": "has a meaning for areas only: a track ends with its last waypoint; to stay there, give it twice, with times"
+    "radius_m": "has a meaning for areas only: the haven of a track has four sides, or an outline",
+    "end": "has a meaning for areas only: a track ends with its last waypoint; to stay, give that twice, with times",
 }
 # A plan that lasts longer than this leaves the years 1 to 9999 anyway; kept within it, microseconds fit 64 bits.
 MAX_DURATION_S: Final = 3.2e11
 
 
-def area(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collection[str] = ()) -> Area:
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a file says for all of its objects, as far as reading them depends on it.
+
+    scene : its settings, or those by default
+    foreign : names of members that mean nothing here
+    to_degrees : how coordinates become longitude and latitude
+    """
+
+    scene: Scene
+    foreign: Collection[str] = ()
+    to_degrees: ToDegrees = None
+
+
+def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
     """Return the area of a feature; raises InvalidInput with all that is wrong with it."""
     with fields.refusals:
-        footprint = multipolygon(fields.who, geometry)
-    members = area_members(fields, foreign)
+        footprint = _footprint(geometry, fields, setting)
+    members = area_members(fields, setting.foreign)
     fields.settle()
     return Area(key, footprint, **members)
+
+
+def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> shapely.MultiPolygon:
+    """Return the polygon of an area, or one that contains its circle."""
+    if geometry["type"] in AREA_TYPES:
+        footprint = multipolygon(fields.who, geometry)
+        return footprint if setting.to_degrees is None else shapely.transform(footprint, setting.to_degrees)
+    if not fields.has("radius_m"):
+        rule = f"must be a {' or '.join(AREA_TYPES)} (an area) or a LineString (a track); got '{CIRCLE_TYPE}'"
+        raise fields.refusal("geometry", f"{rule}, which needs radius_m to be a circle")
+    place = point(fields.who, geometry.get("coordinates"))
+    if setting.to_degrees is not None:
+        place = setting.to_degrees(place)
+    radius_m = fields.number("radius_m")
+    if radius_m is None:
+        return shapely.MultiPolygon()
+    return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene)
 
 
 def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
@@ -71,7 +107,8 @@ def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RE
         "ceiling_m": fields.number("ceiling_m"),
         "properties": fields.rest(),
     }
-    fields.refusals.found += misnamed(fields.who, fields.values, AREA_GUARDED, AREA_ELSEWHERE, foreign, remedy)
+    known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # where it is the radius of a circle
+    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, foreign, remedy)
     return members
 
 
@@ -96,7 +133,7 @@ class TrackAtSpeed:
         return InvalidInput(f"track {self.key!r}", field, rule)
 
 
-def track(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collection[str] = ()) -> Track | TrackAtSpeed:
+def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Track | TrackAtSpeed:
     """Return the track of a feature; raises InvalidInput with all that is wrong with it.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
@@ -107,6 +144,8 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collectio
     positions: NDArray[np.float64] = np.empty((0, 2))
     with fields.refusals:
         positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
+        if setting.to_degrees is not None:
+            positions = setting.to_degrees(positions)
     with fields.refusals:
         if by_times and (by_speed or len(by_times) > 1):
             twice = (*by_speed, *by_times)[0]
@@ -122,7 +161,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, foreign: Collectio
                 raise fields.refusal("start", "is missing: a track with a speed needs its start")
             start_us = fields.instant("start")
             speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
-    members = track_members(fields, foreign)
+    members = track_members(fields, setting.foreign)
     fields.settle()
     if by_times:
         return Track(key, positions, times_us, **members)

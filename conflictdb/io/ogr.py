@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io.contents import Contents
+from conflictdb.io.contents import Contents, left_out
 from conflictdb.io.fields import Fields
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.names import RENAME_COLUMN
@@ -29,8 +29,11 @@ EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
 _POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
 
 
-def read_areas(path: Path) -> Contents:
-    """Return the areas of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed."""
+def read_areas(path: Path, *, skip_invalid: bool = False) -> Contents:
+    """Return the areas of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed.
+
+    skip_invalid : leave out areas that are refused
+    """
     try:
         import pyogrio
     except ImportError:
@@ -47,14 +50,16 @@ def read_areas(path: Path) -> Contents:
             prefix = f"{layer}." if len(layers) > 1 else ""
             for where, area in _areas(layer, prefix, refusals, *read):
                 first = seen.setdefault(area.key, where)
-                if first != where:
-                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
-                    with refusals:
+                with refusals:
+                    if first != where:
+                        rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
                         raise InvalidInput(f"area {area.key!r}", "id", rule)
-                contents.areas.append(area)
+                    contents.areas.append(area)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
         raise InvalidInput("file", "", f"cannot be read by OGR: {error}") from error
-    refusals.settle()
+    if not skip_invalid:
+        refusals.settle()
+    contents.skipped.extend(left_out(str(path), refusals))
     return contents
 
 

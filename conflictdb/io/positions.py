@@ -11,24 +11,23 @@ objects without a size, and objects with a single fix. What is not a position fi
 """
 
 import csv
+import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from decimal import Decimal
 from io import StringIO
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from conflictdb import geodesy
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io.contents import Contents, Remark, Skipped
 from conflictdb.io.fields import key as checked_key
+from conflictdb.io.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_text
 from conflictdb.io.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.io.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
-from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
 
 # Column of this package -> names it goes by, in lower case; the first is the package's own.
 COLUMNS: Final = {
@@ -47,8 +46,6 @@ COLUMNS: Final = {
     "ceiling_m": ("ceiling_m",),
 }
 REQUIRED: Final = ("id", "time", "lon", "lat")
-SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
-LENGTH_WIDTH: Final = ("length_m", "width_m")
 # Names that no other column may look like; those that say nothing of what is in conflict are left alone.
 _GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
 _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
@@ -58,23 +55,12 @@ _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
+_NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
+# Numbers are seconds since 1970 from 1973 to 5138: dates of digits alone (20260301) and milliseconds lie outside.
+EARLIEST_S: Final = 100_000_000
+LATEST_S: Final = 100_000_000_000
 AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
 AIS_NO_LONGITUDE: Final = 181.0
-
-# How far to look back for a fix that another can follow, in fixes and in runs; bounds the work on hopeless data.
-_LOOK_BACK: Final = 100
-
-
-@dataclass(slots=True)
-class _Fixes:
-    """Rows of one object: line numbers, instants, positions, and the other cells by column."""
-
-    lines: list[int] = field(default_factory=list)
-    times_us: list[int] = field(default_factory=list)
-    positions_deg: list[tuple[float, float]] = field(default_factory=list)
-    largest: dict[str, float] = field(default_factory=dict)
-    lowest: dict[str, float] = field(default_factory=dict)
-    constant: dict[str, str | None] = field(default_factory=dict)
 
 
 def read_positions(text: str, source: str, *, max_speed_kn: float | None = None) -> Contents:
@@ -104,7 +90,7 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
     tracks = []
     for key, rows in fixes.items():
         with reader.refusals:
-            track = _track(key, rows, reader.size_columns, max_speed_kn, left_out)
+            track = track_of(key, rows, reader.size_columns, max_speed_kn, left_out)
             if track is not None:
                 tracks.append(track)
     reader.refusals.settle()
@@ -165,11 +151,11 @@ class _Reader:
         """Return whether a column goes by another name than the package's own."""
         return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
 
-    def fixes(self) -> dict[str, _Fixes]:
+    def fixes(self) -> dict[str, Fixes]:
         """Return the usable rows by object, in order of first appearance."""
         # AIS knows no other time than UTC; the package's own column `time` must say its offset.
         naive_is_utc = self.is_ais("time")
-        fixes: dict[str, _Fixes] = {}
+        fixes: dict[str, Fixes] = {}
         try:
             for row in self.rows:
                 with self.refusals:
@@ -180,7 +166,7 @@ class _Reader:
                 raise InvalidInput("file", f"line {self.rows.line_num}", f"is not CSV: {error}") from None
         return fixes
 
-    def _take(self, row: list[str], line: int, fixes: dict[str, _Fixes], naive_is_utc: bool) -> None:
+    def _take(self, row: list[str], line: int, fixes: dict[str, Fixes], naive_is_utc: bool) -> None:
         if len(row) != len(self.header):
             rule = f"has {len(row)} cells, but there are {len(self.header)} columns"
             raise InvalidInput("file", f"line {line}", rule)
@@ -193,13 +179,13 @@ class _Reader:
         when = _cell(row[self.at["time"]])
         place = self._position(who, row, line)
         # An object exists from its first row on, even if nothing of it can be used.
-        own = fixes.setdefault(key, _Fixes())
+        own = fixes.setdefault(key, Fixes())
         self._note_cells(who, own, row, line)
         if when is None or place is None:
             self.left_out[key, "no time" if when is None else "no position"].append(line)
             return
         try:
-            own.times_us.append(parse_instant(when, naive_is_utc=naive_is_utc))
+            own.times_us.append(_instant_us(when, naive_is_utc))
         except ValueError as error:
             raise InvalidInput(who, f"line {line}, {self.header[self.at['time']]}", str(error)) from None
         own.positions_deg.append(place)
@@ -216,7 +202,7 @@ class _Reader:
                 raise InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
         return lon, lat
 
-    def _note_cells(self, who: str, own: _Fixes, row: list[str], line: int) -> None:
+    def _note_cells(self, who: str, own: Fixes, row: list[str], line: int) -> None:
         """Keep the largest sizes (never smaller than the object), the height band over all rows, and constants."""
         for column in self.size_columns:
             size = self._number(who, row, line, column)
@@ -262,105 +248,18 @@ class _Reader:
         return number
 
 
+def _instant_us(text: str, naive_is_utc: bool) -> int:
+    """Return an instant, ISO 8601 or seconds since 1970, in microseconds; raises ValueError with the rule."""
+    if not _NUMBER.fullmatch(text):
+        return parse_instant(text, naive_is_utc=naive_is_utc)
+    seconds = Decimal(text)
+    if not EARLIEST_S <= seconds < LATEST_S:
+        rule = f"a number is seconds since 1970, from {EARLIEST_S} to {LATEST_S}"
+        raise ValueError(f"must be ISO 8601, such as 2026-03-01T06:00:00Z, or a number; {rule}; got {text!r}")
+    return int((seconds * 1_000_000).to_integral_value())
+
+
 def _cell(text: str) -> str | None:
     """Return a cell without surrounding space, None if it says that the value is missing."""
     text = text.strip()
     return None if text.lower() in MISSING else text
-
-
-def _track(
-    key: str, rows: _Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
-) -> Track | None:
-    """Return the track of one object from its usable fixes, None if too little is left; note what is left out."""
-    missing = [column for column in size_columns if column not in rows.largest]
-    if missing:
-        left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)
-        return None
-    order = np.argsort(np.array(rows.times_us, dtype=np.int64), kind="stable")
-    times_us = np.array(rows.times_us, dtype=np.int64)[order]
-    positions = np.array(rows.positions_deg, dtype=np.float64).reshape(-1, 2)[order]
-    lines = np.array(rows.lines, dtype=np.int64)[order]
-
-    def keep(chosen: NDArray[np.bool_]) -> None:
-        nonlocal times_us, positions, lines
-        times_us, positions, lines = times_us[chosen], positions[chosen], lines[chosen]
-
-    again = np.concatenate([[False], times_us[1:] == times_us[:-1]])[: len(times_us)]
-    if again.any():
-        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(again))))
-        elsewhere = np.any(positions != positions[first], axis=1)
-        for chosen, reason in (
-            (again & ~elsewhere, "the same fix as an earlier row"),
-            (again & elsewhere, "at another place at the same time as an earlier row"),
-        ):
-            if chosen.any():
-                left_out[key, reason].extend(lines[chosen].tolist())
-        keep(~again)
-    reached = _reachable(times_us, positions, max_speed_kn * MPS_PER_KNOT)
-    if not reached.all():
-        reason = f"not reached from the fixes around it at {max_speed_kn:g} kn"
-        left_out[key, reason].extend(lines[~reached].tolist())
-        keep(reached)
-    if len(times_us) < 2:
-        left_out[key, "a single fix: no movement to follow"].extend(lines.tolist())
-        return None
-    return Track(
-        key,
-        positions,
-        times_us,
-        _outline(rows.largest, size_columns),
-        name=rows.constant.get("name"),
-        floor_m=rows.lowest.get("floor_m"),
-        ceiling_m=rows.largest.get("ceiling_m"),
-        properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
-    )
-
-
-def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.float64]:
-    if not size_columns:
-        return rectangle_outline_m(0.0, 0.0, 0.0, 0.0)
-    if len(size_columns) == len(SIDES):
-        return rectangle_outline_m(*(size[column] for column in SIDES))
-    half_length, half_width = (0.5 * size[column] for column in LENGTH_WIDTH)
-    return rectangle_outline_m(half_length, half_length, half_width, half_width)
-
-
-def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:
-    """Return which fixes (n,) to keep so that no step is faster than the limit: as many as possible.
-
-    The longest chain of fixes, found from left to right; so a wrong first fix goes, instead of everything after it, and
-    a jump costs only the fixes that are too near to it in time. Chains may skip up to _LOOK_BACK fixes, or from the end
-    of any of the last _LOOK_BACK runs of good fixes.
-    """
-    n = len(times_us)
-    if n < 2:
-        return np.ones(n, dtype=np.bool_)
-    earth = geodesy.earth_of(EarthModel.WGS84)
-
-    def is_fast(i: NDArray[np.int64], j: NDArray[np.int64] | int) -> NDArray[np.bool_]:
-        length_m = geodesy.rhumb_distance(earth, *positions_deg[i].T, *positions_deg[j].T)
-        return length_m > limit_mps * (times_us[j] - times_us[i]) * 1e-6
-
-    starts = np.flatnonzero(is_fast(np.arange(n - 1), np.arange(1, n))) + 1  # of the second run and so on
-    if not starts.size:
-        return np.ones(n, dtype=np.bool_)
-    best = np.ones(n, dtype=np.int64)  # fixes in the longest chain that ends here
-    before = np.arange(-1, n - 1)
-    runs_before = np.searchsorted(starts, np.arange(n), side="right")
-    for i in range(1, n):
-        run = int(runs_before[i])
-        if run == 0 or i - starts[run - 1] > _LOOK_BACK:
-            best[i] = best[i - 1] + 1  # far from any jump
-            continue
-        ends = starts[max(0, run - _LOOK_BACK) : run] - 1
-        earlier = np.unique(np.concatenate([ends, np.arange(max(0, i - _LOOK_BACK), i)]))
-        gain = np.where(is_fast(earlier, i), 0, best[earlier])
-        k = int(len(gain) - 1 - np.argmax(gain[::-1]))  # of equal chains the one that ends latest
-        best[i] = gain[k] + 1
-        before[i] = earlier[k] if gain[k] else -1
-    kept = np.zeros(n, dtype=np.bool_)
-    i = int(np.argmax(best))
-    while i >= 0:
-        kept[i] = True
-        i = int(before[i])
-    return kept

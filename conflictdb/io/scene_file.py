@@ -7,18 +7,19 @@ import json
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields as members_of
+from dataclasses import replace
 from typing import Any, Final
 
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io import moving_features, names, objects
-from conflictdb.io.contents import Contents
-from conflictdb.io.fields import Fields
+from conflictdb.io import moving_features, names, objects, reference
+from conflictdb.io.contents import Contents, left_out
+from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
 from conflictdb.io.json_text import parse
-from conflictdb.io.speeds import check_speeds
+from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
 
 _SETTINGS: Final = tuple(member.name for member in members_of(Scene))
@@ -28,11 +29,11 @@ _OF_FEATURE: Final = dict.fromkeys(
     (objects.AREA_MEMBERS | objects.TRACK_MEMBERS) - {"kind", "name"}, "belongs into the properties of a feature"
 )
 _FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", "trs")
-# GeoJSON of 2008 named its reference system; what that may be is what RFC 7946 made the only one.
-_LONGITUDE_LATITUDE: Final = ("CRS84", "EPSG:4326", "EPSG::4326")
 
 
-def read_scene(text: str, stem: str, max_speed_kn: float = math.inf) -> Contents:
+def read_scene(
+    text: str, stem: str, max_speed_kn: float = math.inf, *, source: str = "", skip_invalid: bool = False
+) -> Contents:
     """Return what a scene file or an OGC Moving Features JSON file holds.
 
     Parameters
@@ -43,6 +44,10 @@ def read_scene(text: str, stem: str, max_speed_kn: float = math.inf) -> Contents
         Name of the scene if the member `scene` has none.
     max_speed_kn : float
         Tracks that move faster on a leg are refused.
+    source : str
+        The file, for `Skipped`.
+    skip_invalid : bool
+        Leave out objects that are refused; what is wrong with the rest of the file refuses it all the same.
 
     Raises
     ------
@@ -58,8 +63,9 @@ def read_scene(text: str, stem: str, max_speed_kn: float = math.inf) -> Contents
         got = document.get("type")
         raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
     refusals = Refusals()
+    to_degrees: reference.ToDegrees = None
     with refusals:
-        _check_crs("file", document)
+        to_degrees = reference.of_member("file", document, None)
     with refusals:
         moving_features.check_trs("file", document)
     foreign: Collection[str] = ()
@@ -76,20 +82,23 @@ def read_scene(text: str, stem: str, max_speed_kn: float = math.inf) -> Contents
             raise InvalidInput("file", "features", "must be a list of features")
         refusals.settle()
         raise AssertionError
+    in_scene = scene or Scene(stem)
+    setting = objects.Setting(in_scene, foreign, to_degrees)
+    of_objects = Refusals()
     items: dict[int, Area | Track | objects.TrackAtSpeed] = {}
     for i, feature in enumerate(features):
-        with refusals:
-            items[i] = _object(i, feature, foreign)
-    _check_unique(items, refusals)
-    in_scene = scene or Scene(stem)
+        with of_objects:
+            items[i] = _object(i, feature, setting)
+    _leave_unique(items, of_objects)
     at_speed = {i: item for i, item in items.items() if isinstance(item, objects.TrackAtSpeed)}
-    timed = dict(zip(at_speed, objects.timed(list(at_speed.values()), in_scene, max_speed_kn, refusals), strict=True))
+    timed = dict(zip(at_speed, objects.timed(list(at_speed.values()), in_scene, max_speed_kn, of_objects), strict=True))
     areas = [item for item in items.values() if isinstance(item, Area)]
     each = ((timed[i] if isinstance(item, objects.TrackAtSpeed) else item) for i, item in items.items())
-    tracks = [item for item in each if isinstance(item, Track)]
-    check_speeds(tracks, in_scene.motion, max_speed_kn, refusals)
+    tracks = within_speed([item for item in each if isinstance(item, Track)], in_scene.motion, max_speed_kn, of_objects)
+    if not skip_invalid:
+        refusals.found += of_objects.found
     refusals.settle()
-    return Contents(scene, areas, tracks, [])
+    return Contents(scene, areas, tracks, left_out(source, of_objects))
 
 
 def _foreign(names_: Any) -> frozenset[str]:
@@ -101,11 +110,13 @@ def _foreign(names_: Any) -> frozenset[str]:
     return frozenset(names_)
 
 
-def _check_unique(items: Mapping[int, Area | Track | objects.TrackAtSpeed], refusals: Refusals) -> None:
+def _leave_unique(items: dict[int, Area | Track | objects.TrackAtSpeed], refusals: Refusals) -> None:
+    """Take away what has the id of an object before it."""
     seen: dict[str, int] = {}
-    for i, item in items.items():
+    for i, item in list(items.items()):
         first = seen.setdefault(item.key, i)
         if first != i:
+            del items[i]
             kind = "area" if isinstance(item, Area) else "track"
             rule = f"is given twice, by features[{first}] and features[{i}]; ids must be unique in the scene"
             with refusals:
@@ -144,37 +155,40 @@ def _feature(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any, foreign: Collection[str]) -> Area | Track | objects.TrackAtSpeed:
+def _object(i: int, feature: Any, setting: objects.Setting) -> Area | Track | objects.TrackAtSpeed:
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
-    key = feature.get("id")
-    if key is None:
-        raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
-    key = checked_key(who, "id", key)
     properties = feature.get("properties")
     if properties is None:
         properties = {}
+    key = feature.get("id")
+    if key is None and isinstance(properties, dict):  # as OGR and others write it
+        named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), "")
+        key = properties.get(named)
+        properties = {name: value for name, value in properties.items() if name != named}
+    if key is None:
+        raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
+    key = checked_key(who, "id", number_as_key(key))
     if not isinstance(properties, dict):
         raise InvalidInput(f"feature {key!r}", "properties", f"must be an object; got {properties!r:.60}")
     refusals = Refusals()
     who = f"feature {key!r}"
-    refusals.found += names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, foreign)
-    with refusals:
-        _check_crs(who, feature)
+    refusals.found += names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, setting.foreign)
     item: Area | Track | objects.TrackAtSpeed | None = None
     with refusals:
+        own = replace(setting, to_degrees=reference.of_member(who, feature, setting.to_degrees))
         if feature.get("temporalGeometry") is not None:
-            item = moving_features.track(key, feature, properties, foreign)
+            item = moving_features.track(key, feature, properties, own)
         else:
-            item = _plain(key, feature.get("geometry"), properties, foreign)
+            item = _plain(key, feature.get("geometry"), properties, own)
     refusals.settle()
     assert item is not None  # noqa: S101
     return item
 
 
 def _plain(
-    key: str, geometry: Any, properties: dict[str, Any], foreign: Collection[str]
+    key: str, geometry: Any, properties: dict[str, Any], setting: objects.Setting
 ) -> Area | Track | objects.TrackAtSpeed:
     """Return the object of a feature with a geometry of plain GeoJSON."""
     kind = geometry_type(f"feature {key!r}", geometry)
@@ -188,10 +202,9 @@ def _plain(
             rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
             raise fields.refusal("kind", rule)
     with fields.refusals:
-        _check_crs(fields.who, geometry)
-    fields.refusals.found += names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, foreign)
-    read = objects.track if is_track else objects.area
-    return read(key, geometry, fields, foreign)
+        setting = replace(setting, to_degrees=reference.of_member(fields.who, geometry, setting.to_degrees))
+    fields.refusals.found += names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, setting.foreign)
+    return objects.track(key, geometry, fields, setting) if is_track else objects.area(key, geometry, fields, setting)
 
 
 def _scene(settings: Any, stem: str) -> Scene:
@@ -208,15 +221,3 @@ def _scene(settings: Any, stem: str) -> Scene:
     scene = Scene(**{"name": stem, **given})
     checked_key("scene", "name", scene.name)
     return scene
-
-
-def _check_crs(who: str, holder: Mapping[str, Any]) -> None:
-    """Refuse a reference system other than longitude and latitude on WGS84."""
-    if "crs" not in holder:
-        return
-    crs = holder["crs"]
-    properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if not isinstance(name, str) or not name.upper().endswith(_LONGITUDE_LATITUDE):
-        rule = "must be longitude and latitude on WGS84 (CRS84 or EPSG:4326), or be left out, as RFC 7946 says"
-        raise InvalidInput(who, "crs", f"{rule}; got {name if name else crs!r:.60}")

@@ -21,10 +21,10 @@ def too_fast(speed_kn: float, max_speed_kn: float) -> str:
     return f"{speed} kn, beyond {max_speed_kn:g} kn; if that is meant, raise --max-speed-kn (max_speed_kn in Python)"
 
 
-def check_speeds(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, refusals: Refusals) -> None:
-    """Note a refusal of each track that is faster than `max_speed_kn` (knots over the ground) on a leg."""
+def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, refusals: Refusals) -> list[Track]:
+    """Return the tracks that are nowhere faster than `max_speed_kn` (knots over the ground); the rest is refused."""
     if not tracks or not np.isfinite(max_speed_kn):
-        return
+        return list(tracks)
     count = np.array([len(track.positions_deg) for track in tracks])
     first = np.cumsum(count) - count
     positions = np.concatenate([track.positions_deg for track in tracks])
@@ -40,9 +40,11 @@ def check_speeds(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, r
         speed_kn = length_m / seconds / MPS_PER_KNOT
     beyond = np.flatnonzero(speed_kn > (1.0 + SLACK) * max_speed_kn)
     owner = np.searchsorted(first, beyond, side="right") - 1
+    fast = set(owner.tolist())
     for i, n in zip(*np.unique(owner, return_index=True), strict=True):
         leg = int(beyond[n])
         who, k = tracks[int(i)], leg - int(first[i])
         rule = f"the leg to this waypoint is travelled at {too_fast(float(speed_kn[leg]), max_speed_kn)}"
         with refusals:
             raise InvalidInput(f"track {who.key!r}", f"times[{k + 1}]", rule)
+    return [track for i, track in enumerate(tracks) if i not in fast]

@@ -248,3 +248,25 @@ def test_what_may_not_be_meant_is_a_remark(run: Run, dsn: str, tmp_path: Path) -
     assert "longitude comes first" in done.err
     with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="area 'DIVING': lies"):
         db.load(path)
+
+
+def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn: str, tmp_path: Path) -> None:
+    content = document()
+    content["features"][0]["geometry"]["coordinates"] = [[[9, 57], [10, 58], [10, 57], [9, 58], [9, 57]]]
+    content["features"][1]["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]  # beyond the plane
+    content["features"][2]["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]
+    path = scene_file(tmp_path / "strait.geojson", content)
+    assert run("load", path).code == 4
+    done = run("load", path, "--skip-invalid")
+    assert (done.code, done.out) == (6, "strait: 8 added, 0 updated, 0 removed, 0 unchanged, 3 LEFT OUT\n")
+    assert [line.split(": ")[2] for line in done.err.splitlines()] == [
+        "left out area 'FIRING'",
+        "left out area 'DIVING'",
+        "left out area 'CABLE'",
+    ]
+    assert keys(dsn).isdisjoint({"FIRING", "DIVING", "CABLE"})
+    assert run("detect", path, "--skip-invalid", "--no-region").code == 6
+    assert run("detect", path, "--skip-invalid", "--fail-on-conflict").code == 10
+    assert run("detect", "--scene", "strait", "--skip-invalid").code == 2
+    with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area"):
+        assert db.load(path, skip_invalid=True) == "strait"
