@@ -32,7 +32,8 @@ BRACKETS_S: Final = (1e-3, 0.1, 10.0)
 CLEAR_M: Final = 3.0 * TOUCH_M
 # How often the search moves to an earlier contact that was passed over, and how often a contact is cut.
 MAX_ROUNDS: Final = 16
-# A contact that begins this close to an instant that no longer belongs to the span is not in it: timestamps end there.
+# A contact that begins this close to an instant that no longer belongs to the span is in it only if it is beyond doubt
+# at that instant: else it may begin there.
 END_RESOLUTION_S: Final = 5e-7
 
 
@@ -166,9 +167,10 @@ class _Search:
         if onset.size:
             # Only an onset counts: what has been in touch since the span began is in it.
             row = rows[onset]
-            sinks = self.pairs.excess(row, self.beyond_s[row]) <= 0.0
+            excess = self.pairs.excess(row, self.beyond_s[row])
             begins = crossing(self.pairs, row, start[onset], self.beyond_s[row], 0.0)[1]
-            belongs[onset] = sinks & (begins < self.beyond_s[row] - END_RESOLUTION_S)
+            early = (excess <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
+            belongs[onset] = early | (excess < _certain_m(self.pairs.take(row), start[onset], self.beyond_s[row]))
         return belongs
 
     def _parted(
@@ -285,10 +287,7 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
     first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
     """
     every = np.arange(len(start))
-    deep_m = -TOUCH_M * np.ones(len(start))
-    if pairs.separation_m > 0.0:
-        at = [(shape.positions(t)) for t in (start, end) for shape in (pairs.a, pairs.b)]
-        deep_m = -pairs.doubt_m(pairs.scale(*at)[0])
+    deep_m = _certain_m(pairs, start, end)
     doubts = []
     for outer, witness in ((start, first), (end, last)):
         doubt = end - start
@@ -299,6 +298,14 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
             doubt[sunk] = np.abs(settled - outer[sunk])
         doubts.append(doubt)
     return doubts[0], doubts[1]
+
+
+def _certain_m(pairs: Encounters, start: Floats, end: Floats) -> Floats:
+    """Return (n,) the excess at and below which pairs are in contact beyond doubt from start to end, metres."""
+    if pairs.separation_m == 0.0:
+        return np.full(len(pairs), -TOUCH_M)
+    at = [shape.positions(t) for t in (start, end) for shape in (pairs.a, pairs.b)]
+    return -pairs.doubt_m(pairs.scale(*at)[0])
 
 
 def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:
