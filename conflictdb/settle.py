@@ -214,9 +214,7 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
     period = np.cumsum(opens) - 1
     period_start = start[opens]
     period_end = reached[np.append(np.flatnonzero(opens)[1:], len(opens)) - 1] if len(opens) else end
-    period_error = np.zeros(len(period_start))
-    outermost = (start == period_start[period]) | (end == period_end[period])
-    np.maximum.at(period_error, period[outermost], error[outermost])
+    period_error = _period_errors(period, start, end, error, period_start, period_end)
 
     owner = group[opens]
     time_error = np.zeros(n)
@@ -255,6 +253,38 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
         closest_a_deg=np.full((n, 2), np.nan),
         closest_b_deg=np.full((n, 2), np.nan),
     )
+
+
+def _period_errors(
+    period: NDArray[np.int64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
+    error: Floats,
+    period_start: NDArray[np.int64],
+    period_end: NDArray[np.int64],
+) -> Floats:
+    """Return (p,) by how much, seconds, periods may be longer at either end than the contact that they hold.
+
+    It is beyond doubt from the first to the last instant that is so in any of the contacts (m,) merged into a period:
+    one that is in doubt altogether leaves the end to its neighbours.
+
+    period : (m,) the number of each contact's period, sorted
+    """
+    since_ever, for_ever = period_start == SINCE_EVER_US, period_end == FOR_EVER_US
+    length = np.where(since_ever | for_ever, np.inf, (period_end - period_start) / 1e6)
+    # From an end at infinity all that does not reach it is infinitely far.
+    lead = np.where(since_ever[period], np.inf, (start - period_start[period]) / 1e6)
+    tail = np.where(for_ever[period], np.inf, (period_end[period] - end) / 1e6)
+    lead[start == period_start[period]] = 0.0
+    tail[end == period_end[period]] = 0.0
+    count = np.bincount(period, minlength=len(period_start))
+    whole = np.where((start == SINCE_EVER_US) | (end == FOR_EVER_US), np.inf, (end - start) / 1e6)
+    # Of a contact that is all of its period the error is known, even where it is in doubt altogether.
+    sure = (whole > 2.0 * error) | (count[period] == 1)
+    worst = [np.full(len(period_start), np.inf) for _ in (lead, tail)]
+    for least, way in zip(worst, (lead, tail), strict=True):
+        np.minimum.at(least, period[sure], (way + error)[sure])
+    return np.asarray(np.minimum(np.maximum(*worst), length))
 
 
 def _is_swapped(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -396,9 +426,13 @@ def _instants(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
     whole = (found.start_s <= 0.0) & np.isinf(found.end_s)
-    offset = np.floor(found.start_s * 1e6).astype(np.int64)
-    start = np.where(whole, shared_start, shared_start + offset)
-    with np.errstate(invalid="ignore"):
-        until = np.ceil(np.where(whole, 0.0, found.end_s) * 1e6).astype(np.int64)
-    end = np.where(whole, shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end))
+    first, last = found.start_s, np.where(whole, 0.0, found.end_s)
+    # Seconds of centuries have no microseconds: out by what they are rounded to, but not beyond the span.
+    offset = np.floor((first - 2.0 * np.spacing(np.abs(first))) * 1e6).astype(np.int64)
+    start = np.where(whole | (first <= 0.0), shared_start, shared_start + offset)
+    until = np.ceil((last + 2.0 * np.spacing(last)) * 1e6).astype(np.int64)
+    span = np.where(whole, 0, shared_end - shared_start)
+    end = np.where(
+        whole | (last >= span / 1e6), shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end)
+    )
     return np.maximum(start, shared_start), end

@@ -188,11 +188,21 @@ COMMENT ON FUNCTION rectangle_outline(double precision, double precision, double
 
 CREATE OR REPLACE FUNCTION track_path(p_waypoints geometry, p_times timestamptz[]) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_lost bigint;
 BEGIN
     IF GeometryType(p_waypoints) <> 'LINESTRING' OR ST_NPoints(p_waypoints) <> cardinality(p_times) THEN
         PERFORM _refuse('ZC002', 'track path', 'times',
                         format('must be one per waypoint of a LineString: %s waypoints, %s times',
                                ST_NPoints(p_waypoints), cardinality(p_times)), 'path_time_per_waypoint');
+    END IF;
+    SELECT min(t.n) - 1 INTO v_lost FROM unnest(p_times) WITH ORDINALITY t (at, n)
+        WHERE isfinite(t.at) AND to_timestamp(extract(epoch FROM t.at)::double precision) <> t.at;
+    IF v_lost IS NOT NULL THEN
+        PERFORM _refuse('ZC003', 'track path', format('times[%s]', v_lost),
+                        'cannot be kept to the microsecond: '
+                        'before October 1697 and after March 2242 it must be a whole second',
+                        'path_time_kept', 'M is Unix seconds in double precision.');
     END IF;
     RETURN (SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(ST_X(d.geom), ST_Y(d.geom),
                                                         extract(epoch FROM p_times[d.path[1]])::double precision)

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "db05c3df60554fa621b435fe8c108e921e2718cb5b227593f90c333107ba6771"
+routines_sha256 = "4a74b6e3939462b420b2e1dca887eeb09b363ecc74401f1566aa616611030a51"
 
 SCENE_LOCK = """
 CREATE TABLE conflictdb.scene_lock (

@@ -41,6 +41,10 @@ PAIRS = {
     "a millionth of a knot": (UNIT, line([(-0.0450, 0.5), (-0.0449, 0.5)], 22.2 / 5.1e-7)),
     "two thousand knots": (UNIT, line([(-10, -10), (12, 12)], 1800.0)),
     "a century": (UNIT, line([(-1, 0.5), (2, 0.7)], 100 * YEAR_S)),
+    "eight millennia": (
+        area("A", shapely.box(4.0, 57.0, 4.6, 57.3)),
+        line([(3.5, 57.1), (5.0, 57.15)], 7900 * YEAR_S, fore=100.0, aft=100.0, port=100.0, starboard=100.0),
+    ),
     "a centimetre": (UNIT, line([(-1, 0.2), (2, 0.7)], 3 * HOUR_S, **SMALL)),
     "five hundred miles": (area("A", shapely.box(40, 60, 45, 62)), line([(0, 40), (35, 62)], 10 * HOUR_S, **HUGE)),
     "a metre": (
@@ -106,6 +110,25 @@ def test_ends_in_thirty_digits(name: str, earth: EarthModel, method: Method) -> 
 def verdict_of(found: dict[tuple[str, str], Reported]) -> Verdict | None:
     (one,) = found.values() or (None,)
     return one and one.verdict
+
+
+@methods
+def test_closing_at_a_nanometre_a_second(method: Method) -> None:
+    """Rounding is worth minutes there, in which tracks are cut: the bound holds across the cuts."""
+    lons_a, lons_b = (0.0, 0.3233935022830277), (0.0008983153002891965, 0.3242918175509776)
+    two = [
+        track(key, [(lon, 0.0) for lon in lons], [0, HOUR_S], 50.0, 50.0, 10.0, 10.0)
+        for key, lons in (("a", lons_a), ("b", lons_b))
+    ]
+    found = solved(Scene("s", tolerance_m=0.0, method=method), [], two)["a", "b"]
+    with mp.workdps(DIGITS):
+        first, last = (mpf(b) - mpf(a) for a, b in zip(lons_a, lons_b, strict=True))
+        begins = HOUR_S * (first - 100 / (mpf(6378137) * mp.pi / 180)) / (first - last)
+    ((start_us, end_us),) = found.periods_us
+    assert end_us == T0_US + round(HOUR_S * 1e6)
+    start_s = (start_us - T0_US) / 1e6
+    assert start_s <= begins <= start_s + found.time_error_s
+    assert found.time_error_s < 200.0
 
 
 @methods
@@ -186,7 +209,7 @@ def test_contact_that_begins_where_a_span_ends(method: Method) -> None:
 @methods
 @pytest.mark.parametrize("speed_mps", [10.0, 1000.0])
 def test_contact_of_the_last_fraction_of_a_microsecond_is_reported(speed_mps: float, method: Method) -> None:
-    """It counts if it is deeper than rounding where the span ends; where it would begin with that instant, it does not."""
+    """It counts if it is deeper than rounding where the span ends; one that begins with that instant does not."""
     degree = parallel_m(EarthModel.SPHERE, 0.0)
     moving = track("T", [(0, 0), (1000.0 * speed_mps / degree, 0)], [0, 1000.0], 100.0, 100.0, 100.0, 100.0)
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0, method=method)

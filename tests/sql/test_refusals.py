@@ -174,6 +174,10 @@ BAD = {
     "outlines a polygon": ("put_track('s', 'B', {p}, {o}, p_outlines => {o})", "ZC006", "outlines_multipolygon"),
     "track ceiling": ("put_track('s', 'B', {p}, {o}, 0, -1)", "ZC004", "ceiling_above_floor"),
     "key of an area": ("put_track('s', 'X', {p}, {o})", "ZC007", "object_key_unique"),
+    "a fraction of a second that Unix seconds lose": (
+        "track_path('LINESTRING(3 57,4 57)', array_fill('2900-01-01 00:00:00.000001Z'::timestamptz, ARRAY[2]))",
+        "ZC003", "path_time_kept",
+    ),
     "times not one per waypoint": (
         "track_path('SRID=4326;LINESTRING(3 57,4 57)', ARRAY[now()])", "ZC002", "path_time_per_waypoint",
     ),
