@@ -280,6 +280,9 @@ CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW T
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
 CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 
+FUNCTION _add_scene_lock(p_scene_id bigint)
+    RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
 FUNCTION _after_object_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
@@ -404,7 +407,7 @@ FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at tim
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off;
@@ -491,7 +494,7 @@ FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_holders(p_scene_id bigint)
-    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER;
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_holds_objects()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
