@@ -156,7 +156,7 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine") -> "Database":
 
 
 def _check(connection: "psycopg.Connection[Any]") -> None:
-    with store.translated(), connection.transaction():
+    with store.transaction(connection):
         schema.check(connection)
 
 
@@ -281,7 +281,7 @@ class Database:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """Read or write in one transaction; within one of the caller's, as a part of it."""
-        with store.translated(), self.connection.transaction():
+        with store.transaction(self.connection):
             yield
 
     def detect(

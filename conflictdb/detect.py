@@ -130,6 +130,7 @@ class _Way:
 def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Run:
     started = time.perf_counter()
     store.require_idle(conn, "a detection")
+    store.require_writable(conn)
     scene_id = store.scene_id(conn, scene)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
     try:

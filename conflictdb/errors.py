@@ -8,6 +8,7 @@ ConflictDBError
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
 |__ StoreError                 any other database error; psycopg.Error in __cause__
+    |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
 
 What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
@@ -110,6 +111,10 @@ class ServerError(ConflictDBError):
 
 class StoreError(ConflictDBError):
     """Any other database error; the psycopg error is the cause."""
+
+
+class ReadOnlyDatabase(StoreError):
+    """The database takes no changes: it is a hot standby, or its transactions are read-only by default."""
 
 
 class LockTimeout(StoreError):

@@ -16,6 +16,7 @@ import psycopg
 from psycopg import sql
 from psycopg.rows import tuple_row
 
+from conflictdb import store
 from conflictdb.errors import SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
 SCHEMA: Final = "conflictdb"
@@ -50,10 +51,10 @@ def head() -> str:
 def revision(conn: psycopg.Connection[Any]) -> str | None:
     """Return the revision of the schema in the database, None if there is none."""
     with _translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
-        cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL")
+        cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL", prepare=False)
         if cursor.fetchone() != (True,):
             return None
-        row = cursor.execute("SELECT version_num FROM conflictdb.alembic_version").fetchone()
+        row = cursor.execute("SELECT version_num FROM conflictdb.alembic_version", prepare=False).fetchone()
         return None if row is None else str(row[0])
 
 
@@ -84,12 +85,13 @@ def upgrade(dsn: str) -> str:
     Safe to call at the same time from several programs, and quick when there is nothing to do. A schema that was made
     by a newer program is left alone (SchemaTooNew).
     """
-    with _translated(), psycopg.connect(dsn) as conn:
+    with _translated(), store.connect(dsn) as conn:
         found = revision(conn)
         if found is not None:
             _check_known(found, conn.info.dbname)
         if found == head() and _applied_sha256(conn) == routines_sha256():
             return found
+        store.require_writable(conn)
     # These two take longer to import than everything else; a schema that is up to date does not need them.
     import alembic.command
     import alembic.config
@@ -98,7 +100,7 @@ def upgrade(dsn: str) -> str:
     config = alembic.config.Config()
     config.set_main_option("script_location", str(_folder("migrations")))
     engine = sqlalchemy.create_engine(
-        "postgresql+psycopg://", creator=lambda: psycopg.connect(dsn), poolclass=sqlalchemy.pool.NullPool
+        "postgresql+psycopg://", creator=lambda: store.connect(dsn), poolclass=sqlalchemy.pool.NullPool
     )
     with _ALEMBIC, _translated(), engine.connect() as connection:
         config.attributes["connection"] = connection
@@ -106,7 +108,7 @@ def upgrade(dsn: str) -> str:
             alembic.command.upgrade(config, "head")
         except sqlalchemy.exc.DBAPIError as error:
             raise (error.orig or error) from error
-    with _translated(), psycopg.connect(dsn) as conn:
+    with _translated(), store.connect(dsn) as conn:
         # The structure was at head already but the routines were not this program's.
         if _applied_sha256(conn) != routines_sha256():
             prepare(conn)
@@ -192,7 +194,7 @@ def _server(conn: psycopg.Connection[Any]) -> str:
 
 def _one(conn: psycopg.Connection[Any], query: str) -> object:
     with conn.cursor(row_factory=tuple_row) as cursor:
-        row = cursor.execute(query).fetchone()
+        row = cursor.execute(query, prepare=False).fetchone()
         return None if row is None else row[0]
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb import detect, schema, store
-from conflictdb.errors import ConflictDBError, LockTimeout, SchemaError
+from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError
 
 _log = logging.getLogger(__name__)
 
@@ -79,6 +79,8 @@ class Worker:
         ------
         SchemaError
             The schema is missing, or of another version than this program.
+        ReadOnlyDatabase
+            The database is a hot standby, or has become one.
         ServerError, StoreError
             The first connection fails.
         """
@@ -94,7 +96,7 @@ class Worker:
                         self._round(connection, _SAY_BUSY_AFTER_S)
                         wait_s = min(self.every_s, _BUSY_PAUSE_S) if self._busy else self.every_s
                         store.wait_for_change(connection, wait_s)
-            except SchemaError:
+            except (SchemaError, ReadOnlyDatabase):
                 raise
             except ConflictDBError as error:
                 _log.warning("lost the database, trying again: %s", error)
@@ -156,5 +158,6 @@ class Worker:
 
 
 def _check(connection: "psycopg.Connection[Any]") -> None:
-    with store.translated(), connection.transaction():
+    store.require_writable(connection)
+    with store.transaction(connection):
         schema.check(connection)

@@ -1,6 +1,13 @@
 """The only module that runs SQL: every statement is one call of a routine of sql/, or a COPY to or from one."""
 
-from conflictdb.store.connection import begin_snapshot, connect, require_idle, translated
+from conflictdb.store.connection import (
+    begin_snapshot,
+    connect,
+    require_idle,
+    require_writable,
+    transaction,
+    translated,
+)
 from conflictdb.store.detection import (
     RunOutcome,
     RunRecord,
@@ -66,11 +73,13 @@ __all__ = [
     "replace_pieces",
     "replace_scene",
     "require_idle",
+    "require_writable",
     "runs",
     "scene_id",
     "scene_settings",
     "service",
     "set_scene",
+    "transaction",
     "translated",
     "wait_for_change",
     "worker_dsn",

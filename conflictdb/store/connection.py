@@ -8,19 +8,26 @@ import psycopg
 from psycopg.pq import TransactionStatus
 from psycopg.rows import tuple_row
 
-from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, StoreError
+from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, ReadOnlyDatabase, StoreError
 
 # SQLSTATE class of the refusals of sql/10_refusals.sql; one of them is not about input.
 REFUSAL_CLASS: Final = "ZC"
 WRONG_SEQUENCE: Final = "ZC013"
 
+# COPY sends and receives texts as UTF-8, and the connection must say so.
+_ENCODING: Final = "UTF8"
+
 
 def connect(dsn: str) -> psycopg.Connection[Any]:
-    """Return a connection whose sessions show instants in UTC; raises StoreError if it cannot be made."""
+    """Return a connection whose sessions show instants in UTC and ISO 8601; raises StoreError if it cannot be made.
+
+    A pooler may give each of its transactions another session: statements are not prepared, and nothing is set but what
+    poolers keep for each client (PgBouncer: TimeZone, DateStyle, client_encoding).
+    """
     with translated():
-        conn = psycopg.connect(dsn)
+        conn = psycopg.connect(dsn, client_encoding=_ENCODING, prepare_threshold=None)
         try:
-            conn.execute("SELECT set_config('TimeZone', 'UTC', false)")
+            conn.execute("SELECT set_config('TimeZone', 'UTC', false), set_config('DateStyle', 'ISO', false)")
             conn.commit()
         except BaseException:
             conn.close()
@@ -44,11 +51,16 @@ def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tup
 
 
 def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[tuple[Any, ...]]:
-    """Return the rows of a routine of the schema conflictdb."""
+    """Return the rows of a routine of the schema conflictdb.
+
+    In binary, which no DateStyle, IntervalStyle, bytea_output or extra_float_digits of a caller's connection changes,
+    and not as a prepared statement, which a pooler may not find again.
+    """
     places = ", ".join(["%s"] * len(arguments))
     with translated(), conn.cursor(row_factory=tuple_row) as cursor:
         # Names of routines come from this package only, values are always parameters.
-        cursor.execute(f"SELECT * FROM conflictdb.{routine}({places})".encode(), arguments)  # noqa: S608
+        query = f"SELECT * FROM conflictdb.{routine}({places})".encode()  # noqa: S608
+        cursor.execute(query, arguments, prepare=False, binary=True)
         return cursor.fetchall()
 
 
@@ -56,7 +68,36 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
 def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
     """Do everything inside or nothing; an open transaction of the caller's goes on, otherwise none stays open."""
     with translated(), conn.transaction():
+        former = _use_utf8(conn)
         yield
+        if former is not None:
+            _set_encoding(conn, former)
+
+
+def _use_utf8(conn: psycopg.Connection[Any]) -> str | None:
+    """Let the open transaction exchange texts as UTF-8; returns the encoding before, None if it was that."""
+    former = conn.info.parameter_status("client_encoding")
+    if former == _ENCODING:
+        return None
+    _set_encoding(conn, _ENCODING)
+    return former
+
+
+def _set_encoding(conn: psycopg.Connection[Any], name: str) -> None:
+    # The name of an encoding is the server's own.
+    conn.execute(f"SET LOCAL client_encoding = '{name}'".encode())
+
+
+def require_writable(conn: psycopg.Connection[Any]) -> None:
+    """Raise ReadOnlyDatabase if the server says that it takes no changes from this connection."""
+    where = f"database {conn.info.dbname!r} on {conn.info.host}"
+    if conn.info.parameter_status("in_hot_standby") == "on":
+        raise ReadOnlyDatabase(f"{where} is a hot standby, which takes no changes: connect to the primary server")
+    if conn.info.parameter_status("default_transaction_read_only") == "on":
+        raise ReadOnlyDatabase(
+            f"transactions on {where} are read-only by default: turn off default_transaction_read_only for user "
+            f"{conn.info.user!r}, or connect as another user"
+        )
 
 
 def require_idle(conn: psycopg.Connection[Any], what: str) -> None:
@@ -71,6 +112,7 @@ def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
     begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
     with translated():
         conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ".encode())
+        _use_utf8(conn)
 
 
 def _translation(error: psycopg.Error) -> ConflictDBError:
@@ -80,5 +122,7 @@ def _translation(error: psycopg.Error) -> ConflictDBError:
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
         return InvalidInput(key, field, f"{rule} ({diag.message_hint})" if diag.message_hint else rule)
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
+    if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
+        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {str(error).strip()}{where}")
     kind = LockTimeout if isinstance(error, psycopg.errors.LockNotAvailable) else StoreError
     return kind(f"database: {str(error).strip()}{where}")

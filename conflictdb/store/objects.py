@@ -16,7 +16,7 @@ from conflictdb.batches import AreaBatch, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Method, Motion, Scene, Track
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, call_many, transaction
+from conflictdb.store.connection import call, call_many, require_writable, transaction
 
 _AREA_COLUMNS = [("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1")]
 _TRACK_COLUMNS = [("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1"), ("grow_mps", "f8")]
@@ -60,6 +60,7 @@ def replace_scene(
     Objects that do not change are not touched. Without `merge`, objects that are not given are removed. Raises
     InvalidInput, and changes nothing, if an object cannot be stored.
     """
+    require_writable(conn)
     staged = _staged_areas(areas), _staged_tracks(tracks)
     with transaction(conn):
         call(conn, "_begin_load")
@@ -71,6 +72,7 @@ def replace_scene(
 
 def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
     """Create a scene or change its settings, in one transaction; returns its id."""
+    require_writable(conn)
     with transaction(conn):
         return int(call(conn, "create_scene", *_settings(scene))[0])
 

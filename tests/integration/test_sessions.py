@@ -1,0 +1,238 @@
+"""What a role, a database, an environment or a caller's connection sets does not change what comes in and out."""
+
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import sqlalchemy
+from commands import STRAIT, runner
+from scenes import T0_US
+
+import conflictdb
+from conflictdb import Database, ReadOnlyDatabase, Scene, connect, schema, server, store
+from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.server.account import account_for
+from conflictdb.server.discovery import find_server
+from conflictdb.worker import Worker
+
+WAIT_S = 60.0
+SETTINGS = {
+    "DateStyle": "German, DMY",
+    "IntervalStyle": "sql_standard",
+    "TimeZone": "Asia/Kathmandu",
+    "extra_float_digits": "-15",
+    "bytea_output": "escape",
+    "client_encoding": "LATIN1",
+}
+# Not in LATIN1, and not the same bytes in it as in UTF-8.
+KEY, NAME = "Ærø-Ω", "Übung 北"
+GREAT = """{"type": "FeatureCollection", "scene": {"name": "great", "motion": "great_circle", "earth": "sphere",
+"centre": [4.123456789012345, 57.98765432109876]}, "features": [
+{"type": "Feature", "id": "A", "geometry": {"type": "Polygon", "coordinates": [[[4, 57], [5, 57], [5, 58], [4, 57]]]},
+ "properties": {"kind": "area"}},
+{"type": "Feature", "id": "B", "geometry": {"type": "Polygon", "coordinates": [[[4, 57], [5, 57], [4, 58], [4, 57]]]},
+ "properties": {"kind": "area"}}]}"""
+
+
+def everything(db: Database, tmp_path: Path) -> list[object]:
+    """Load, detect and read back by all ways there are; what comes out, but for numbers of runs and times of work."""
+    db.load(STRAIT)
+    great = tmp_path / "great.geojson"
+    great.write_text(GREAT)
+    db.load(great)
+    (area,) = conflictdb.read(great).areas[:1]
+    store.replace_scene(db.connection, Scene("s"), [replace(area, key=KEY, name=NAME, start_us=T0_US)], [], merge=True)
+    found: list[object] = []
+    for scene in ("strait", "great", "s"):
+        db.detect(scene, nearest_m=2000.0)
+        for one in [*db.conflicts(scene, with_region=True), *db.approaches(scene)]:
+            found.append(replace(one, run_id=0, found_at=None))  # type: ignore[arg-type]
+        found.append(db.scene_text(scene))
+        found.append([(run.conflicts, run.objects, run.error) for run in store.runs(db.connection, scene, 9)])
+    found.append([(s.scene, s.areas, s.tracks, s.pending, s.conflicts, s.error) for s in db.scenes()])
+    with pytest.raises(conflictdb.InvalidInput, match="known: 'great', 's', 'strait'"):
+        db.conflicts(NAME)
+    assert db.status().worker_count == 0
+    return found
+
+
+@pytest.fixture
+def expected(server_dsn: str, template: str, tmp_path: Path, dsn: str) -> list[object]:
+    """Return what comes out of a database that sets nothing; it is cleared for the test."""
+    with connect(dsn) as db:
+        found = everything(db, tmp_path)
+        db.connection.execute("DELETE FROM conflictdb.scene")
+        db.connection.commit()
+    return found
+
+
+@pytest.fixture
+def odd_dsn(dsn: str, expected: list[object]) -> str:
+    """Return how to connect to a database that sets everything otherwise."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        for name, value in SETTINGS.items():
+            conn.execute(f"ALTER DATABASE {conn.info.dbname} SET {name} = '{value}'".encode())
+    return dsn
+
+
+@pytest.mark.parametrize("how", ["dsn", "connection", "autocommit", "transaction", "engine", "SQL_ASCII"])
+def test_settings_of_a_session_change_nothing(odd_dsn: str, expected: list[object], tmp_path: Path, how: str) -> None:
+    with ExitStack() as stack:
+        target: Any = odd_dsn
+        if how == "engine":
+            target = sqlalchemy.create_engine("postgresql+psycopg://", creator=lambda: psycopg.connect(odd_dsn))
+            stack.callback(target.dispose)
+        elif how != "dsn":
+            encoding = {"client_encoding": how} if how == "SQL_ASCII" else {}
+            target = stack.enter_context(psycopg.connect(odd_dsn, autocommit=how == "autocommit", **encoding))
+        before = psycopg_settings(target)
+        db = stack.enter_context(connect(target))
+        if how == "transaction":
+            assert in_a_transaction_of_the_caller(db)
+        assert everything(db, tmp_path) == expected
+        assert psycopg_settings(target) == before
+
+
+def psycopg_settings(target: Any) -> dict[str, str | None]:
+    """Return what a connection of the caller's shows; it is to stay so."""
+    if not isinstance(target, psycopg.Connection):
+        return {}
+    return {name: target.info.parameter_status(name) for name in ("DateStyle", "TimeZone", "client_encoding")}
+
+
+def in_a_transaction_of_the_caller(db: Database) -> bool:
+    """Texts go in and out, and what the caller's transaction had set is as before."""
+    with db.connection.transaction():
+        store.replace_scene(db.connection, Scene(NAME), [], [], merge=False)
+        assert [one.scene.name for one in db.scenes()] == [NAME]
+        shown = db.connection.execute("SHOW client_encoding").fetchone()
+        db.connection.execute("DELETE FROM conflictdb.scene")
+    return shown == ("LATIN1",)
+
+
+def test_environment_of_libpq_changes_nothing(
+    dsn: str, expected: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PGDATESTYLE", "SQL, DMY")
+    monkeypatch.setenv("PGTZ", "America/St_Johns")
+    monkeypatch.setenv("PGCLIENTENCODING", "SQL_ASCII")
+    with connect(dsn) as db:
+        assert everything(db, tmp_path) == expected
+        shown = db.connection.execute("SELECT now(), '1 day'::interval").fetchone()
+        assert shown is not None, "what users ask for on our connection comes, too"
+    with psycopg.connect(dsn) as conn, connect(conn) as db:
+        assert db.conflicts("strait")
+
+
+def test_a_connection_whose_transactions_are_read_only(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Reading works; what writes says in one line why it does not."""
+    with connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait")
+        db.connection.execute(
+            f"ALTER DATABASE {db.connection.info.dbname} SET default_transaction_read_only = on".encode()
+        )
+        db.connection.commit()
+    run = runner(dsn, capsys)
+    assert run("conflicts", "--scene", "strait").code == DONE
+    assert run("status").code == DONE
+    for words in (["detect", "--scene", "strait"], ["load", STRAIT], ["worker"], ["worker", "--once"]):
+        done = run(*words)
+        assert (done.code, done.err.count("\n")) == (FAILED, 1), words
+        assert "are read-only by default: turn off default_transaction_read_only for user" in done.err
+    with psycopg.connect(dsn) as conn, connect(conn) as db:
+        conn.execute("SET default_transaction_read_only = off")
+        conn.commit()
+        conn.read_only = True
+        with pytest.raises(ReadOnlyDatabase, match="takes no changes in this transaction: cannot execute"):
+            db.detect("strait")
+        with pytest.raises(ReadOnlyDatabase, match="takes no changes in this transaction: cannot execute"):
+            db.load(STRAIT)
+
+
+@pytest.fixture
+def standby() -> Iterator[tuple[str, str]]:
+    """Return how to connect to two databases of a hot standby: with a scene in it, and empty."""
+    home = Path(tempfile.mkdtemp(prefix="conflictdb-"))
+    home.chmod(0o755)
+    try:
+        # What a server wrote before it knew of standbys (wal_level) cannot become one.
+        with server.embedded(home / "db", durable=False) as embedded, psycopg.connect(embedded.dsn) as conn:
+            conn.autocommit = True
+            conn.execute("ALTER SYSTEM SET wal_level = 'replica'")
+        await_stop(home / "db")
+        with server.embedded(home / "db") as embedded:
+            with connect(embedded.dsn, create=True) as db:
+                db.load(STRAIT)
+                db.detect("strait")
+            with psycopg.connect(embedded.dsn, autocommit=True) as conn:
+                conn.execute("CREATE DATABASE empty")
+        await_stop(home / "db")
+        yield from running_standby(home / "db")
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
+
+
+def await_stop(home: Path) -> None:
+    stop = time.monotonic() + WAIT_S
+    while server.status(home).pid is not None:
+        assert time.monotonic() < stop
+        time.sleep(0.05)
+
+
+def running_standby(home: Path) -> Iterator[tuple[str, str]]:
+    # Without a primary to follow it waits for one, and answers queries meanwhile.
+    settings = server.Settings.from_environment(home=home)
+    account = account_for(home)
+    programs = find_server(settings, account, None, print)
+    data = home / "data"
+    (data / "standby.signal").touch()
+    process = subprocess.Popen(
+        [programs.bin / "postgres", "-D", data, "-c", f"unix_socket_directories={data}", "-c", "listen_addresses="],
+        env={**programs.environ, "HOME": str(home)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        **account.switch,
+    )
+    try:
+        dsn = f"host={data} port=5432 user=postgres dbname="
+        stop = time.monotonic() + WAIT_S
+        while process.poll() is None and time.monotonic() < stop:
+            with suppress(psycopg.OperationalError):
+                psycopg.connect(f"{dsn}conflictdb").close()
+                break
+            time.sleep(0.05)
+        yield f"{dsn}conflictdb", f"{dsn}empty"
+    finally:
+        process.terminate()
+        process.wait(WAIT_S)
+
+
+def test_a_hot_standby_is_read_and_says_what_it_is(
+    standby: tuple[str, str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Reading works; what writes, the worker too, ends with one line."""
+    dsn, empty = standby
+    run = runner(dsn, capsys)
+    assert run("conflicts", "--scene", "strait").out.count("\n") == 8
+    assert "strait" in run("status").out
+    assert run("export", "--scene", "strait", tmp_path / "strait.geojson").code == DONE
+    for words in (["detect", "--scene", "strait"], ["load", STRAIT], ["worker"], ["worker", "--once"], ["demo"]):
+        done = run(*words)
+        assert (done.code, done.err.count("\n")) == (FAILED, 1), done.err
+        assert "is a hot standby, which takes no changes: connect to the primary server" in done.err
+    done = runner(empty, capsys)("init")
+    assert (done.code, done.err.count("\n")) == (FAILED, 1)
+    assert "is a hot standby" in done.err
+    with pytest.raises(ReadOnlyDatabase, match="hot standby"):
+        schema.upgrade(empty)
+    with pytest.raises(ReadOnlyDatabase, match="hot standby"):
+        Worker(lambda: store.connect(dsn), print).run()
