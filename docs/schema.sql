@@ -358,6 +358,9 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 FUNCTION _end_pieces(p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _exactly(p_number double precision)
+    RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _find_candidates(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 

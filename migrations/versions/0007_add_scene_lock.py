@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4a74b6e3939462b420b2e1dca887eeb09b363ecc74401f1566aa616611030a51"
+routines_sha256 = "e4fd5ee0075be2869482ec2558f5003a603dfbc20a9672bb3cab43084a7cf311"
 
 SCENE_LOCK = """
 CREATE TABLE conflictdb.scene_lock (
