@@ -1,9 +1,8 @@
 """Stages 3 and 4 on pairs of pieces, and their merging into one row per pair of objects; arrays in, arrays out."""
 
-import multiprocessing
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -18,6 +17,7 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene, Ve
 from conflictdb.motion import Plane, shapes_of
 from conflictdb.pieces import planar
 from conflictdb.planes import plane_of
+from conflictdb.processes import computed
 from conflictdb.separation import TOUCH_M
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4_approach import approaches
@@ -150,26 +150,12 @@ def _contacts(
         return contacts(scene, pieces, pairs, first, last, advance)
     effort, found = Effort(), []
     blocks = [np.arange(k, min(k + size, len(pairs))) for k in range(0, len(pairs), size)]
-    before = multiprocessing.active_children()
-    # A fresh interpreter for each: a forked one would share the database connection.
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = {
-            pool.submit(contacts, scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]): rows
-            for rows in blocks
-        }
-        try:
-            for task in as_completed(tasks):
-                one, spent = task.result()
-                found.append(one.of_pairs(tasks[task]))
-                effort.add(spent)
-                advance(len(tasks[task]))
-        except BaseException:
-            # Leaving the block would first finish all that is begun or waits: too long for somebody who interrupts.
-            for process in multiprocessing.active_children():
-                if process not in before:
-                    process.terminate()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    tasks = ((scene, *_closed(pieces, pairs.take(rows)), first[rows], last[rows]) for rows in blocks)
+    with closing(computed(contacts, tasks, jobs)) as answers:
+        for number, (solved, spent) in answers:
+            found.append(solved.of_pairs(blocks[number]))
+            effort.add(spent)
+            advance(len(blocks[number]))
     return Contacts.concatenate(found), effort
 
 

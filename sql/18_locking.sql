@@ -16,11 +16,17 @@ BEGIN
     END LOOP;
     PERFORM set_config('lock_timeout', least(ceil(1000 * coalesce(p_lock_timeout_s, 0)), 2147483647)::integer::text,
                        true);
+    BEGIN
+        PERFORM set_config('client_connection_check_interval', '1s', true);
+    EXCEPTION WHEN invalid_parameter_value THEN
+        NULL; -- This system cannot tell: before version 15 all but Linux.
+    END;
 END
 $$;
 COMMENT ON FUNCTION _lift_limits(double precision) IS
 'Lifts the limits of time that a role or database sets, until the transaction ends: a detection takes as long as it '
-'takes. Locks are waited for no longer than the given seconds; null and 0 are for ever.';
+'takes. Locks are waited for no longer than the given seconds; null and 0 are for ever. If the '
+'client is gone, a statement that is under way ends within a second.';
 
 CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS void
 LANGUAGE sql VOLATILE STRICT

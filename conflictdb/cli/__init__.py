@@ -5,12 +5,15 @@ This is where the environment is read, where errors become one message and an ex
 
 import logging
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
-from typing import Final
+from types import FrameType
+from typing import Final, NoReturn
 
-from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_UNFIT
+from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_UNFIT, TERMINATED
 from conflictdb.cli.output import remark
 from conflictdb.cli.parser import build
 from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
@@ -28,13 +31,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         logging.basicConfig(level=logging.DEBUG, format="%(asctime)s %(name)s: %(message)s")
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
-        code = int(args.run(args))
+        with _termination_as_interrupt():
+            code = int(args.run(args))
         sys.stdout.flush()
     except ConflictDBError as error:
         return _failed(error, next((code for kind, code in _CODES if isinstance(error, kind)), FAILED), args.debug)
-    except KeyboardInterrupt:
-        remark("interrupted")
-        return INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        is_told = isinstance(interrupt, _Terminated)
+        remark("terminated" if is_told else "interrupted")
+        return TERMINATED if is_told else INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has gone, as `head` does. Python would complain again when it flushes at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -45,6 +50,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name = type(error).__name__
         return _failed(error, FAILED, args.debug, f"{name}: {error} (a mistake of this program; --debug shows where)")
     return code
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM; it ends a command as Ctrl-C does: what the database is doing is cancelled, nothing half done stays."""
+
+
+@contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        raise _Terminated
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:

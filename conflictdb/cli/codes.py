@@ -11,3 +11,4 @@ NO_SERVER: Final = 5
 LEFT_OUT: Final = 6
 CONFLICTS_FOUND: Final = 10
 INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
+TERMINATED: Final = 143  # the same for SIGTERM

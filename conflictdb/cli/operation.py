@@ -2,10 +2,8 @@
 
 import argparse
 import json
-import signal
 from contextlib import suppress
-from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark, table
@@ -26,8 +24,6 @@ def work(args: argparse.Namespace) -> int:
     # Not above: it brings the solvers, which other commands need not wait for.
     from conflictdb.worker import EVERY_S, Worker
 
-    # A service manager ends a worker with SIGTERM. As an interrupt it also cancels what the database is doing.
-    signal.signal(signal.SIGTERM, _interrupt)
     with database(args), worker_connections(args) as connection:
         worker = Worker(connection, _report, args.every or EVERY_S, args.jobs, args.lock_timeout, remark)
         if args.once:
@@ -37,10 +33,6 @@ def work(args: argparse.Namespace) -> int:
             worker.run()
     note("stopped")
     return DONE
-
-
-def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _report(scene: str, outcome: "Run | Exception") -> None:

@@ -24,7 +24,7 @@ environment:
 exit codes:
   0 done   1 failed   2 usage   3 schema missing, older or newer than the program   4 input refused
   5 no usable PostgreSQL with PostGIS   6 objects were left out (--skip-invalid)
-  10 conflicts found (detect --fail-on-conflict)   130 interrupted
+  10 conflicts found (detect --fail-on-conflict)   130 interrupted (SIGINT)   143 terminated (SIGTERM)
 """
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 

@@ -96,12 +96,12 @@ class Cluster:
         """
         try:
             self._prepare_home()
-            with self._locked():
+            with self._locked() as lock:
                 alive = self._joined_running(command)
                 if alive is not None:
                     self._say(f"embedded database: {self._described()}, already running, data in {self.home}")
                     return alive
-                return self._start(command)
+                return self._start(command, lock)
         except OSError as error:
             hint = "; set CONFLICTDB_HOME to a directory of your own" if isinstance(error, PermissionError) else ""
             raise ServerError(f"the embedded database in {self.home} cannot be used: {error}{hint}") from error
@@ -161,13 +161,13 @@ class Cluster:
             home.chmod(0o700)
 
     @contextmanager
-    def _locked(self) -> Iterator[None]:
+    def _locked(self) -> Iterator[int]:
         lock = os.open(self.home / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         try:
             if os.fstat(lock).st_uid != self._account.uid and os.fstat(lock).st_nlink == 1:
                 os.fchown(lock, self._account.uid, self._account.gid)
             fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+            yield lock
         finally:
             os.close(lock)
 
@@ -234,7 +234,7 @@ class Cluster:
             time.sleep(_POLL_S)
         return True
 
-    def _start(self, command: str) -> int:
+    def _start(self, command: str, lock: int) -> int:
         account = self._account
         if account.switch and account.run(["/bin/sh", "-c", 'cd "$1"', "sh", self.home], os.environ).returncode:
             raise ServerError(
@@ -244,7 +244,7 @@ class Cluster:
         server = find_server(self.settings, account, self._data_major(), self._say)
         self._say(f"embedded database: {server}, data in {self.home}")
         if not self.data.exists():
-            self._initialise(server)
+            self._initialise(server, lock)
         (self.data / "postmaster.pid").unlink(missing_ok=True)
         log = self.home / "server.log"
         if log.exists() and log.stat().st_size > _LARGEST_LOG_BYTES:
@@ -267,24 +267,31 @@ class Cluster:
         except (FileNotFoundError, ValueError):
             raise ServerError(f"{self.data} is no PostgreSQL data directory: move it away") from None
 
-    def _initialise(self, server: Server) -> None:
+    def _initialise(self, server: Server, lock: int) -> None:
+        """Make the data directory; an interrupt stops that, and if this process is killed others wait until it ends."""
         script = Path(__file__).with_name("initialise.sh").read_text()
         durable = "yes" if self._durable else "no"
         command = ["/bin/sh", "-c", script, "initialise", str(self.home), str(server.bin), durable]
-        answer = subprocess.run(
+        with subprocess.Popen(
             command,
-            input=configuration.initial(durable=self._durable),
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             env={**server.environ, "HOME": str(self.home)},
-            check=False,
+            start_new_session=True,
+            pass_fds=[lock],  # held until the last of its processes ends
             **self._account.switch,
-        )
-        if answer.returncode:
-            said = answer.stdout.strip().splitlines()[-15:]
-            raise ServerError("\n".join([f"{server} could not make a data directory in {self.home}:", *said]))
+        ) as process:
+            try:
+                said, _ = process.communicate(configuration.initial(durable=self._durable))
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+        if process.returncode:
+            last = said.strip().splitlines()[-15:]
+            raise ServerError("\n".join([f"{server} could not make a data directory in {self.home}:", *last]))
 
     def _launch(self, server: Server) -> int:
         """Start the server under its supervisor; return the write end of the FIFO, held from the beginning.

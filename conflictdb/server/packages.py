@@ -11,6 +11,7 @@ import platform
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -133,20 +134,29 @@ def fetch(cache: Path, major: int | None) -> Tree:
     reason = why_not_fetch()
     if reason:
         raise FetchError(reason)
-    part = cache / "fetch.part"
+    for left in cache.glob("fetch-*.part"):  # of processes that were killed
+        shutil.rmtree(left, ignore_errors=True)
     try:
-        shutil.rmtree(part, ignore_errors=True)
-        apt = _PrivateApt.prepare(part)
-        complaints = apt.update()
-        found = _newest_major(apt, major)
-        if found is None:
-            wanted = "postgresql-*-postgis-3" if major is None else f"postgresql-{major}-postgis-3"
-            raise FetchError(f"offers no {wanted}" + (f"; apt says: {complaints}" if complaints else ""))
-        names = _closure(apt, found)
-        apt.unpack(names)
-        tree = _finish(part, found)
+        # By a name of its own: programs that a killed process has left may still write into theirs.
+        part = Path(tempfile.mkdtemp(".part", "fetch-", cache))
+        try:
+            return _fetched(part, cache, major)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise FetchError(f"fetching failed: {error}") from error
+
+
+def _fetched(part: Path, cache: Path, major: int | None) -> Tree:
+    apt = _PrivateApt.prepare(part)
+    complaints = apt.update()
+    found = _newest_major(apt, major)
+    if found is None:
+        wanted = "postgresql-*-postgis-3" if major is None else f"postgresql-{major}-postgis-3"
+        raise FetchError(f"offers no {wanted}" + (f"; apt says: {complaints}" if complaints else ""))
+    names = _closure(apt, found)
+    apt.unpack(names)
+    tree = _finish(part, found)
     final = cache / f"{_system_name()}-{platform.machine()}-postgresql-{found}"
     missing = tree.missing_libraries()
     if missing:

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e4fd5ee0075be2869482ec2558f5003a603dfbc20a9672bb3cab43084a7cf311"
+routines_sha256 = "437719bf6a73363e2773c2281ec7c05cf9e45cfe1139a4b8009d9493b9922420"
 
 SCENE_LOCK = """
 CREATE TABLE conflictdb.scene_lock (

@@ -4,6 +4,7 @@ Users are processes of their own, so that they can be killed. Each test gets a c
 """
 
 import errno
+import fcntl
 import os
 import shutil
 import signal
@@ -331,6 +332,37 @@ def test_interrupted_initialisation_is_repeated(home: Path) -> None:
     with server.embedded(home, durable=False) as embedded:
         assert query(embedded.dsn, "SHOW fsync") == "off"
     assert not (home / "data.new").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_stopped_while_initialising_leaves_nothing_broken(new_home: Path, number: signal.Signals) -> None:
+    """An interrupt ends initdb too; after kill -9 the next user waits until initdb is done, and goes on from there."""
+    command = [sys.executable, "-m", "conflictdb", "status"]
+    heeded = signal.signal(signal.SIGINT, signal.default_int_handler)
+    process = subprocess.Popen(
+        command, env={**os.environ, "CONFLICTDB_HOME": str(new_home)}, stderr=subprocess.PIPE, text=True
+    )
+    signal.signal(signal.SIGINT, heeded)
+    await_that(lambda: (new_home / "data.new/base").exists() or process.poll() is not None, "initdb works")
+    process.send_signal(number)
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode != 0
+    assert "Traceback" not in err
+    if number != signal.SIGKILL:
+        assert is_free(new_home / "lock"), "nothing of initdb is left, for that holds the lock"
+    with server.embedded(new_home, durable=False) as embedded:
+        assert query(embedded.dsn, "SELECT current_database()") == "conflictdb"
+    assert not (new_home / "data.new").exists()
+
+
+def is_free(lock: Path) -> bool:
+    """Return whether no process holds a lock file."""
+    with lock.open("r+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
 
 
 @pytest.mark.parametrize(("name", "is_short"), [("deep" * 40, False), ("a,b", False), ("ä 'b' \"c\" $d", True)])

@@ -219,7 +219,7 @@ def test_tree_with_missing_libraries_is_refused(machine: FakeMachine) -> None:
 
 def test_half_unpacked_tree_is_not_used(machine: FakeMachine) -> None:
     """What a killed fetch leaves has another name than a complete tree."""
-    machine.unpacked(15).parents[5].rename(machine.root / "cache/fetch.part")
+    machine.unpacked(15).parents[5].rename(machine.root / "cache/fetch-1.part")
     with pytest.raises(ServerError, match=r"nothing\s+unpacked"):
         machine.find()
 
@@ -248,6 +248,16 @@ def test_second_fetch_waits_and_takes_what_the_first_brought(machine: FakeMachin
     thread.join(10)
     assert [server.origin for server in found] == ["cache"]
     assert machine.said == ["another process is fetching PostgreSQL with PostGIS: waiting for it"]
+
+
+def test_failed_fetch_leaves_nothing(machine: FakeMachine) -> None:
+    """Neither its own files nor those of a process that was killed while it fetched."""
+    for name in ("apt-get", "apt-cache", "apt-config", "dpkg", "dpkg-deb", "dpkg-query"):
+        program(machine.root / "system" / name, "exit 100")
+    (machine.root / "cache/fetch-left.part/root").mkdir(parents=True)
+    with pytest.raises(ServerError, match="package archive"):
+        find_server(Settings(machine.root / "home", machine.root / "cache"), MYSELF, None, machine.said.append)
+    assert not list((machine.root / "cache").glob("*.part"))
 
 
 def test_foreign_settings_do_not_reach_the_server(machine: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
