@@ -139,8 +139,15 @@ def clean_up(run: str) -> None:
         time.sleep(0.01)
     for left_home in home.parent.glob(run_home("*").name):
         # Those of runs that were killed, too, once nobody can miss them.
-        if left_home == home or (time.time() - left_home.stat().st_mtime > 86400 and _is_idle(left_home)):
+        if left_home == home or (_age_s(left_home) > 86400 and _is_idle(left_home)):
             shutil.rmtree(left_home, ignore_errors=True)
+
+
+def _age_s(home: Path) -> float:
+    try:
+        return time.time() - home.stat().st_mtime
+    except FileNotFoundError:  # another run has just removed it
+        return 0.0
 
 
 def _is_idle(home: Path) -> bool:
