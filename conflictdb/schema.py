@@ -116,6 +116,20 @@ def upgrade(dsn: str) -> str:
         return str(revision(conn))
 
 
+def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
+    """Return what an administrator must run so that the roles can work, None if nothing is missing.
+
+    The roles use the types of PostGIS; only who owns the schema it lives in may let them.
+    """
+    with _translated(), conn.transaction():
+        where = _one(
+            conn,
+            "SELECT quote_ident(n.nspname) FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace "
+            "WHERE e.extname = 'postgis' AND NOT has_schema_privilege('conflictdb_reader', n.oid, 'USAGE')",
+        )
+    return None if where is None else f"GRANT USAGE ON SCHEMA {where} TO conflictdb_reader"
+
+
 def prepare(conn: psycopg.Connection[Any]) -> None:
     """Lock out other upgrades until the transaction ends; make sure of the extensions, the schema and the search path.
 

@@ -23,6 +23,22 @@ BEGIN
 END
 $$;
 
+-- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
+-- conflictdb.schema.missing_grants.
+DO $$
+DECLARE
+    v_schema regnamespace := (SELECT e.extnamespace FROM pg_catalog.pg_extension e WHERE e.extname = 'postgis');
+BEGIN
+    IF NOT has_schema_privilege('conflictdb_reader', v_schema, 'USAGE') THEN
+        BEGIN
+            EXECUTE format('GRANT USAGE ON SCHEMA %s TO conflictdb_reader', v_schema);
+        EXCEPTION
+            WHEN insufficient_privilege THEN NULL;
+        END;
+    END IF;
+END
+$$;
+
 -- Editors change the input. Marks and keys are kept by triggers that run as their owner.
 GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;

@@ -5,6 +5,7 @@ import json
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from conflictdb import schema
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark, table
 from conflictdb.cli.parser import check
@@ -108,5 +109,8 @@ def upgrade(args: argparse.Namespace) -> int:
     """Create the schema, or bring it to this program's revision."""
     with connect(args.dsn, create=True, say=note) as db:
         state = db.status()
+        missing = schema.missing_grants(db.connection)
+    if missing:
+        remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
     out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
     return DONE

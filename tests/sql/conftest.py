@@ -7,6 +7,22 @@ import psycopg
 import pytest
 from databases import TestServer
 
+from conflictdb import schema
+
+
+@pytest.fixture(scope="session")
+def elsewhere_template(_server: TestServer, worker_id: str) -> Iterator[str]:
+    """Return the name of a database with PostGIS in schema "My GIS", off everybody's search path, to be cloned."""
+    name = f"{_server.prefix}_{worker_id}_elsewhere_template"
+    dsn = _server.clone("template0", name)
+    with psycopg.connect(dsn) as conn:
+        conn.execute('CREATE SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION postgis SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION btree_gist SCHEMA "My GIS"')
+    schema.upgrade(dsn)
+    yield name
+    _server.drop(name)
+
 
 @pytest.fixture(scope="session")
 def shared_dsn(_server: TestServer, template: str, worker_id: str) -> Iterator[str]:

@@ -1,21 +1,30 @@
 """Readers query, editors change the input, workers keep the rest; nobody else may do anything."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
+from databases import TestServer
 from piecework import load
 from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
-from conflictdb import detect, store
+from conflictdb import connect, detect, store
 from conflictdb.errors import StoreError
 from conflictdb.model import Scene
 
 Conn = psycopg.Connection[Any]
 
-ROLES = ("conflictdb_reader", "conflictdb_editor", "conflictdb_worker")
+
+@pytest.fixture(params=["public", "My GIS"])
+def dsn(
+    _server: TestServer, template: str, elsewhere_template: str, _fresh_name: str, request: pytest.FixtureRequest
+) -> Iterator[str]:
+    """Return how to connect to a fresh database whose PostGIS is in this schema."""
+    yield _server.clone(template if request.param == "public" else elsewhere_template, _fresh_name)
+    _server.drop(_fresh_name)
 
 
 @pytest.fixture
@@ -88,14 +97,40 @@ QUERIES = [
 ]
 
 
-def test_reader_queries_and_changes_nothing(acting: Any, scene: Scene) -> None:
+PUTS = [
+    """SELECT conflictdb.put_area(%s, 'AX', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))', '[2026-03-01 00:00Z,)',
+       p_floor_m => 0, p_ceiling_m => 9)""",
+    """SELECT conflictdb.put_track(%s, 'TX', conflictdb.track_path('SRID=4326;LINESTRING(0 0, 1 1)',
+       ARRAY['2026-03-01 00:00Z', '2026-03-01 05:00Z']::timestamptz[]), conflictdb.rectangle_outline(9, 9, 5, 5),
+       p_grow_mps => 0.1)""",
+    """SELECT conflictdb.put_track(%s, 'TY', 'SRID=4326;LINESTRING M (0 0 0, 1 1 3600)', NULL, p_outlines =>
+       'MULTIPOLYGON(((0 0, 1 0, 1 1, 0 0)), ((0 0, 2 0, 2 2, 0 0)))')""",
+]
+
+
+def test_reader_queries_and_changes_nothing(acting: Any, scene: Scene, tmp_path: Path) -> None:
     conn = acting("conflictdb_reader")
+    first = """SELECT lower(p.span) FROM conflictdb.piece p
+               JOIN conflictdb.track t ON p.object_kind = 1 AND t.track_id = p.object_id
+               WHERE t.key = 'T1' ORDER BY p.span LIMIT 1"""
+    ((starts,),) = conn.execute(first).fetchall()
+    in_track = [scene.name, starts]
     for query in QUERIES:
         conn.execute(query.encode(), [scene.name] if "%s" in query else [])
     assert store.conflicts(conn, scene.name, with_region=True)
     assert store.list_scenes(conn)[0].areas == 8
     assert len(store.read_scene(conn, scene.name)[2]) == 8
+    assert conn.execute("SELECT count(region) FROM conflictdb.conflicts").fetchone() != (0,)
+    assert conn.execute("SELECT count(haven) FROM conflictdb.haven_at(%s, 'T1', %s) haven", in_track).fetchone() == (1,)
+    asked = "SELECT count(region) FROM conflictdb.{}(%s, (SELECT footprint FROM conflictdb.area WHERE key = 'A1'){})"
+    for function, more in (("probe", ""), ("conflicts_within", ", '(,)'")):
+        conn.execute(asked.format(function, more).encode(), [scene.name])
     conn.commit()
+    with connect(conn) as db:
+        db.export(scene.name, tmp_path / "scene.geojson")
+        assert db.advise(scene.name, sample=5).estimates
+        assert db.approaches(scene.name)
+        assert db.status().scenes[0].conflicts == len(db.conflicts(scene.name))
     for statement in EDITS + DERIVED + KEPT_BY_TRIGGERS:
         refused(conn, statement)
 
@@ -107,7 +142,19 @@ def test_editor_changes_the_input_and_leaves_marks_it_cannot_touch(acting: Any, 
     assert counts.added == 2
     conn.execute("SELECT conflictdb.remove_object(%s, 'A0')", [scene.name])
     conn.execute("UPDATE conflictdb.area SET ceiling_m = 1e5")
-    assert conn.execute("SELECT conflictdb.request_detection(%s)", [scene.name]).fetchone() == (18,)
+    for put in PUTS:
+        conn.execute(put.encode(), [scene.name])
+    conn.execute("SELECT conflictdb.create_scene(%s, 'great_circle')", [scene.name + " round"])
+    for put in PUTS:
+        conn.execute(put.encode(), [scene.name + " round"])
+    with pytest.raises(psycopg.Error, match="valid"), conn.transaction():
+        conn.execute(PUTS[0].replace("1 1, 0 1", "0 1, 1 1").encode(), [scene.name])
+    for key in ("AX", "TX", "TY"):
+        conn.execute("SELECT conflictdb.remove_object(%s, %s)", [scene.name, key])
+    conn.execute("UPDATE conflictdb.scene SET tolerance_m = 2 WHERE name = %s", [scene.name])
+    conn.execute("UPDATE conflictdb.scene SET tolerance_m = 1 WHERE name = %s", [scene.name])
+    # 18 objects, and what came and went.
+    assert conn.execute("SELECT conflictdb.request_detection(%s)", [scene.name]).fetchone() == (21,)
     conn.commit()
     for statement in DERIVED + KEPT_BY_TRIGGERS:
         refused(conn, statement)

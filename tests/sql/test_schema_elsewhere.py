@@ -1,5 +1,6 @@
 """The schema works with PostGIS in a schema of its own, and survives dump and restore there."""
 
+import os
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -9,8 +10,10 @@ from typing import Any
 
 import psycopg
 import pytest
+from commands import runner
 from databases import TestServer
 from piecework import load
+from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
 from conflictdb import detect, schema, store
@@ -25,16 +28,10 @@ MIXED = replace(PAPER, changing_share=0.5)  # havens of every kind
 
 
 @pytest.fixture
-def elsewhere(_server: TestServer, worker_id: str) -> Iterator[str]:
+def elsewhere(_server: TestServer, elsewhere_template: str, worker_id: str) -> Iterator[str]:
     """Return how to connect to a database with PostGIS in schema "My GIS", off everybody's search path."""
     name = f"{_server.prefix}_{worker_id}_elsewhere"
-    dsn = _server.clone("template0", name)
-    with psycopg.connect(dsn) as conn:
-        conn.execute('CREATE SCHEMA "My GIS"')
-        conn.execute('CREATE EXTENSION postgis SCHEMA "My GIS"')
-        conn.execute('CREATE EXTENSION btree_gist SCHEMA "My GIS"')
-    schema.upgrade(dsn)
-    yield dsn
+    yield _server.clone(elsewhere_template, name)
     _server.drop(name)
 
 
@@ -109,3 +106,36 @@ def test_dump_and_restore(elsewhere: str, restored: str) -> None:
     assert [(c.a_key, c.b_key, c.periods, c.region) for c in again] == [
         (c.a_key, c.b_key, c.periods, c.region) for c in before
     ]
+
+
+def test_who_may_not_grant_the_use_of_postgis_is_told_what_to_ask_for(
+    elsewhere: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The owner of our schema need not be that of PostGIS's."""
+    asked = 'GRANT USAGE ON SCHEMA "My GIS" TO conflictdb_reader'
+    run = runner(elsewhere, capsys)
+    assert run("init").err == ""
+    with psycopg.connect(elsewhere) as conn:
+        conn.execute('REVOKE USAGE ON SCHEMA "My GIS" FROM conflictdb_reader')
+    assert f"let an administrator run: {asked}" in run("init").err
+    with psycopg.connect(elsewhere) as conn:
+        conn.execute(asked)
+    assert run("upgrade").err == ""
+
+
+def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhere: str) -> None:
+    user = sql.Identifier(f"installer_{os.getpid()}")
+    with psycopg.connect(elsewhere) as conn:
+        conn.execute("DROP SCHEMA conflictdb CASCADE")
+        conn.execute('REVOKE USAGE ON SCHEMA "My GIS" FROM conflictdb_reader')
+        conn.execute(sql.SQL("CREATE ROLE {}").format(user))
+        conn.execute(sql.SQL('GRANT USAGE ON SCHEMA "My GIS" TO {}').format(user))
+        conn.execute(sql.SQL("GRANT CREATE ON DATABASE {} TO {}").format(sql.Identifier(conn.info.dbname), user))
+    try:
+        schema.upgrade(conninfo.make_conninfo(elsewhere, options=f"-c role=installer_{os.getpid()}"))
+        with psycopg.connect(elsewhere) as conn:
+            assert schema.missing_grants(conn) == 'GRANT USAGE ON SCHEMA "My GIS" TO conflictdb_reader'
+    finally:
+        with psycopg.connect(elsewhere) as conn:
+            conn.execute(sql.SQL("DROP OWNED BY {}").format(user))
+            conn.execute(sql.SQL("DROP ROLE {}").format(user))
