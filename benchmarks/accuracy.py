@@ -46,7 +46,8 @@ from conflictdb import Area, Scene, Track, Verdict
 from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
 from conflictdb.geodesy import earth_of
 from conflictdb.memory import pairs_in_memory
-from conflictdb.model import EarthModel, Method
+from conflictdb.methods import Method
+from conflictdb.model import EarthModel
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.settle import settle
 
@@ -174,12 +175,11 @@ def named(one: tuple[int, int], other: tuple[int, int]) -> Pair:
 def by_name(found: Conflicts) -> Answer:
     """Return an answer as `verdicts.compare` reads it."""
     answer = {}
-    verdicts = list(Verdict)
     for k in range(len(found)):
         pair = named((found.a_kind[k], found.a_id[k]), (found.b_kind[k], found.b_id[k]))
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
         periods_us = tuple((start, end) for start, end in periods)
-        answer[pair] = Reported(verdicts[found.verdict[k]], periods_us, float(found.time_error_s[k]))
+        answer[pair] = Reported(Verdict.of_code(int(found.verdict[k])), periods_us, float(found.time_error_s[k]))
     return answer
 
 

@@ -46,7 +46,8 @@ from tables import markdown, put_into
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
 from conflictdb.geodesy import Earth, Floats, earth_of, rhumb_direct
-from conflictdb.model import METRES_PER_NMI, EarthModel, Kind, Method
+from conflictdb.methods import Method
+from conflictdb.model import METRES_PER_NMI, EarthModel, Kind
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.settle import settle
 

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from conflictdb.detect import Run
     from conflictdb.io import Contents, Remark, Skipped, read
     from conflictdb.memory import Interference, solve
-    from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
+    from conflictdb.methods import Method
+    from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict, rectangle_outline_m
     from conflictdb.store import Approach, Conflict
 
 __all__ = [
@@ -74,11 +75,12 @@ _HOME: Final = {
     **dict.fromkeys(("Advice",), "conflictdb.advise"),
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.detect"),
+    **dict.fromkeys(("Method",), "conflictdb.methods"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
     **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
     **dict.fromkeys(("Approach", "Conflict"), "conflictdb.store"),
     **dict.fromkeys(
-        ("Area", "EarthModel", "Method", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
+        ("Area", "EarthModel", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
         "conflictdb.model",
     ),
 }

@@ -43,10 +43,11 @@ from conflictdb.estimates import (
 )
 from conflictdb.geodesy import Floats
 from conflictdb.memory import candidates, intersections
-from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.methods import METHODS, Method
+from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.planes import centred
 from conflictdb.sample import Frame, Objects
-from conflictdb.settle import needs_regions, settle
+from conflictdb.settle import settle
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
 
@@ -287,7 +288,7 @@ class _Measure:
         scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._stage1(scene)
         drawn = self._number(pieces, a, b)
-        regions = needs_regions(scene.method)
+        regions = METHODS[scene.method].projects_regions
         met = intersections(pieces, a, b, regions=False)
         met_of = np.bincount(self._number(pieces, met.a, met.b), minlength=len(self._drawn))
         some = np.flatnonzero(drawn < n)

@@ -280,7 +280,7 @@ class Conflicts:
     a_id, b_id, a_version, b_version : (n,) int64
     period_us, period_offset : (p, 2) int64, (n + 1,) int64   inclusive, increasing, disjoint; SINCE_EVER_US and
         FOR_EVER_US where unbounded
-    verdict : (n,) int8            index into list(Verdict)
+    verdict : (n,) int8            Verdict.code
     first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
     time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
     closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US where there is none
@@ -318,7 +318,7 @@ class Contacts:
     pair : (m,) int64          row number of the pair, not decreasing
     start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
     error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
-    verdict : (m,) int8        index into list(Verdict)
+    verdict : (m,) int8        Verdict.code
     touches : (m,) bool        whether they meet during it, not only come within the tolerance
     """
 

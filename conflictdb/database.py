@@ -22,7 +22,8 @@ from conflictdb import schema, store
 from conflictdb.errors import InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
-from conflictdb.model import Area, Method, Motion, Scene, Track
+from conflictdb.methods import Method
+from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.pieces import check_plane
 from conflictdb.planes import centred
 

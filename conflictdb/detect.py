@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from conflictdb import store
 from conflictdb.batches import Pieces
 from conflictdb.errors import ConflictDBError, LockTimeout
-from conflictdb.model import Method, Scene
+from conflictdb.methods import METHODS, Method
+from conflictdb.model import Scene
 from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.settle import Progress, needs_regions, settle
+from conflictdb.settle import Progress, settle
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
@@ -189,7 +190,7 @@ def _refresh_conflicts(
 
     candidates = store.find_candidates(conn, scene_id)
     stage1_s = lap()
-    regions = needs_regions(settings.method)
+    regions = METHODS[settings.method].projects_regions
     intersecting = store.find_intersections(conn, scene_id, regions)
     pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
     stage2_s = lap()

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import Conflicts
 from conflictdb.geodesy import Floats
-from conflictdb.model import EarthModel, Method, Verdict
+from conflictdb.methods import Method
+from conflictdb.model import EarthModel, Verdict
 
 # What is saved counts from this share of the cost, and from this time: less is within what timing itself varies by.
 WORTH_SHARE: Final = 0.1
@@ -37,7 +38,6 @@ _MORE_OR_LESS: Final = ("less", "more")
 # How often the intervals that are told hold what the whole scene has, and the standard errors that this is of a mean.
 CONFIDENCE: Final = 0.95
 _ERRORS: Final = 1.959964
-_UNRESOLVED: Final = list(Verdict).index(Verdict.UNRESOLVED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ class Answer:
             pair[rows],
             conflicts.period_us[first[rows], 0],
             conflicts.period_us[after[rows] - 1, 1],
-            conflicts.verdict[rows] == _UNRESOLVED,
+            conflicts.verdict[rows] == Verdict.UNRESOLVED.code,
             conflicts.time_error_s[rows],
         )
 

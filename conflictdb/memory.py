@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
+from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
 from conflictdb.pieces import area_pieces, check_plane, track_pieces
 from conflictdb.planes import centred
-from conflictdb.settle import needs_regions, settle
+from conflictdb.settle import settle
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
     found, _ = settle(
         scene,
         pieces,
-        pairs_in_memory(pieces, regions=needs_regions(scene.method)),
+        pairs_in_memory(pieces, regions=METHODS[scene.method].projects_regions),
         lambda numbers: batch.footprint[numbers],
     )
     objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
@@ -90,7 +91,7 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
                 a_kind,
                 b_key,
                 b_kind,
-                list(Verdict)[found.verdict[k]],
+                Verdict.of_code(int(found.verdict[k])),
                 tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
                 _point(found.first_contact_deg[k]),
                 float(found.time_error_s[k]),

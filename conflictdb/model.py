@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.methods import METHODS, Method
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
@@ -55,15 +56,6 @@ class EarthModel(StrEnum):
 _BY_MOTION: Final = cast(EarthModel, None)
 
 
-class Method(StrEnum):
-    """Where a detection stops: the trade between speed and accuracy."""
-
-    SCREEN = "screen"  # stages 1-2: who might meet
-    WINDOW = "window"  # stage 3: a time window that holds every contact
-    EXACT = "exact"  # stage 4: times to the last digits, with a certificate
-    NLP = "nlp"  # stage 4: the published nonlinear program (SLSQP), its answers certified
-
-
 class Verdict(StrEnum):
     """What is known of a pair that is reported."""
 
@@ -71,6 +63,21 @@ class Verdict(StrEnum):
     GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
     UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
     NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
+
+    @property
+    def code(self) -> int:
+        """The number that stands for it in arrays."""
+        return _VERDICT_CODES[self]
+
+    @classmethod
+    def of_code(cls, code: int) -> "Verdict":
+        """Return the verdict that a number stands for."""
+        return _VERDICTS[code]
+
+
+# Given, not counted: they stay what they are whatever the order of the names. The database knows names only.
+_VERDICT_CODES: Final = {Verdict.CONFLICT: 0, Verdict.GRAZING: 1, Verdict.UNRESOLVED: 2, Verdict.NEAR: 3}
+_VERDICTS: Final = {code: verdict for verdict, code in _VERDICT_CODES.items()}
 
 
 class Kind(IntEnum):
@@ -143,7 +150,7 @@ class Scene:
     def reach_m(self) -> float:
         """How close two polygons must come to be of any interest, metres."""
         conflict_m = self.tolerance_m + self.separation_m
-        return conflict_m if self.method in (Method.SCREEN, Method.WINDOW) else max(conflict_m, self.nearest_m)
+        return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from typing import Final
 
 import numpy as np
 import shapely
@@ -13,7 +12,8 @@ from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
 from conflictdb.geodesy import Floats
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Method, Scene, Verdict
+from conflictdb.methods import METHODS
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Scene, Verdict
 from conflictdb.motion import Plane, shapes_of
 from conflictdb.pieces import planar
 from conflictdb.planes import plane_of
@@ -36,11 +36,6 @@ Progress = Callable[[int, int], None]
 
 # Given numbers of areas, returns their footprints (degrees).
 Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
-
-NEAR: Final = list(Verdict).index(Verdict.NEAR)
-
-# Pairs that a process of stage 4 gets at a time: some seconds of work, many times its start.
-PAIRS_PER_JOB: Final = {Method.EXACT: 200_000, Method.NLP: 2_000}
 
 
 @dataclass(slots=True)
@@ -88,7 +83,7 @@ def settle(
     funnel.window_pairs = len(meets)
 
     moving = np.flatnonzero(~still)
-    if scene.method == Method.SCREEN:
+    if METHODS[scene.method].last_stage < 3:
         found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
     elif moving.size:
         some = pairs.take(moving)
@@ -97,7 +92,7 @@ def settle(
         funnel.window_pairs += len(possible)
         funnel.stage3_s = time.perf_counter() - started
         started = time.perf_counter()
-        if scene.method == Method.WINDOW:
+        if METHODS[scene.method].last_stage < 4:
             width = last[possible] - first[possible]
             verdict = np.full(len(possible), UNRESOLVED, np.int8)
             touches = np.ones(len(possible), np.bool_)
@@ -111,20 +106,15 @@ def settle(
     all_found = Contacts.concatenate(found)
     funnel.met_pairs = len(np.unique(all_found.pair))
     conflicts = _by_object(scene, pieces, pairs, all_found, footprints)
-    if scene.method not in (Method.SCREEN, Method.WINDOW):
+    if METHODS[scene.method].solver is not None:
         conflicts = with_approaches(scene, pieces, pairs, conflicts)
     funnel.stage4_s = time.perf_counter() - started
     return conflicts, funnel
 
 
-def needs_regions(method: Method) -> bool:
-    """Return whether stage 3 projects the regions of stage 2: the certified windows of `exact` cost less than those."""
-    return method in (Method.WINDOW, Method.NLP)
-
-
 def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
     """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
-    if needs_regions(scene.method):
+    if METHODS[scene.method].projects_regions:
         funnel.projected_pairs = len(pairs)
         return windows(scene, pieces, pairs)
     start, end = shared_span(pieces, pairs)
@@ -144,7 +134,7 @@ def _contacts(
             progress(settled, len(pairs))
 
     advance(0)
-    size = PAIRS_PER_JOB[scene.method]
+    size = METHODS[scene.method].pairs_per_job
     jobs = min(jobs, -(-len(pairs) // size))
     if jobs <= 1:
         return contacts(scene, pieces, pairs, first, last, advance)
@@ -217,7 +207,7 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
     has_conflict[shallow] = _deep(scene, pieces, pairs, found, contacts_of, footprints)
 
     points = np.full((n, 2), np.nan)
-    if scene.method not in (Method.SCREEN, Method.WINDOW):
+    if METHODS[scene.method].solver is not None:
         at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
         points = meeting_points(scene, pieces, pairs.take(found.pair[order][first]), at)
     member_a, member_b = a[order][first], b[order][first]
@@ -340,7 +330,7 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
         b_version=np.concatenate([conflicts.b_version, pieces.version[member_b]]),
         period_us=conflicts.period_us,
         period_offset=np.concatenate([conflicts.period_offset, np.full(n, len(conflicts.period_us), np.int64)]),
-        verdict=np.concatenate([conflicts.verdict, np.full(n, NEAR, np.int8)]),
+        verdict=np.concatenate([conflicts.verdict, np.full(n, Verdict.NEAR.code, np.int8)]),
         first_contact_deg=np.concatenate([conflicts.first_contact_deg, np.full((n, 2), np.nan)]),
         time_error_s=np.concatenate([conflicts.time_error_s, np.zeros(n)]),
         closest_us=np.concatenate([closest_us, found.at_us[near]]),

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Floats
-from conflictdb.model import Method, Scene
+from conflictdb.methods import METHODS, Solver
+from conflictdb.model import Scene
 from conflictdb.planes import plane_of
 from conflictdb.separation import TOUCH_M, Encounters, alike
 from conflictdb.stage4_exact import Settled, Work, settle_exactly
@@ -74,7 +75,10 @@ def contacts(
 
 def _settled(scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort) -> Contacts:
     """Return the contacts of like pairs by the scene's method."""
-    if scene.method == Method.NLP:
+    solver = METHODS[scene.method].solver
+    if solver is None:
+        raise ValueError(f"method {scene.method} stops before stage 4")
+    if solver is Solver.PROGRAMS:
         effort.searched_pairs += len(pairs)
         return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
     found, rest = _settled_exactly(scene, pairs, low, high, beyond_s, effort.exact)

@@ -21,10 +21,9 @@ from conflictdb.model import Verdict
 from conflictdb.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, not_clear, not_held
 from conflictdb.separation import TOUCH_M, Encounters
 
-_VERDICTS: Final = list(Verdict)
-CONFLICT: Final = _VERDICTS.index(Verdict.CONFLICT)
-GRAZING: Final = _VERDICTS.index(Verdict.GRAZING)
-UNRESOLVED: Final = _VERDICTS.index(Verdict.UNRESOLVED)
+CONFLICT: Final = Verdict.CONFLICT.code
+GRAZING: Final = Verdict.GRAZING.code
+UNRESOLVED: Final = Verdict.UNRESOLVED.code
 
 # A guess of the solver is bracketed within these steps, seconds; failing that, within the whole window.
 BRACKETS_S: Final = (1e-3, 0.1, 10.0)

@@ -5,11 +5,13 @@
 -- ZC007 duplicate_key           ZC008 invalid_key            ZC009 invalid_setting
 -- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
 -- ZC013 wrong_sequence (a private routine was called out of order)
+--
+-- What refuses is at most STABLE: an IMMUTABLE call may be made while a plan is made, also in a branch never taken.
 
 CREATE OR REPLACE FUNCTION _refuse(
     p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
 ) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
         USING ERRCODE = p_state, DETAIL = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb',

@@ -18,7 +18,7 @@ COMMENT ON FUNCTION _half_open(tstzrange) IS
 
 CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
                                          p_ceiling_m double precision, p_properties jsonb) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
         PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_speakable');
@@ -75,7 +75,7 @@ COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 'Refuses longitudes and latitudes (degrees) that are not finite, out of range or beyond the scene''s plane.';
 
 CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_planar geometry;
     v_reason text;
@@ -134,7 +134,7 @@ COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precisio
 CREATE OR REPLACE FUNCTION _check_near_centre(
     p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_far double precision := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);
 BEGIN
@@ -154,7 +154,7 @@ COMMENT ON FUNCTION _check_near_centre(text, text, geometry, double precision, d
 CREATE OR REPLACE FUNCTION _near_centre(
     p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS geometry
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _check_near_centre('what is asked about', 'geometry', p_geometry, p_centre_lon, p_centre_lat);
     RETURN p_geometry;
@@ -164,7 +164,7 @@ COMMENT ON FUNCTION _near_centre(geometry, double precision, double precision) I
 'A geometry (longitude and latitude), refused if it leaves the plane of a scene with great circles.';
 
 CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_bad record;
 BEGIN
@@ -192,7 +192,7 @@ COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Refuses a path whose M (Unix seconds) is outside the years 1 to 9999 or does not increase by a microsecond at least.';
 
 CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_left boolean;
     v_right boolean;
@@ -230,7 +230,7 @@ COMMENT ON FUNCTION _check_outline(text, geometry, text) IS
 CREATE OR REPLACE FUNCTION _check_growth(
     p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_nr integer;
 BEGIN

@@ -53,7 +53,7 @@ BEGIN
     DROP TABLE IF EXISTS pg_temp.found, pg_temp.found_period;
     CREATE TEMPORARY TABLE found (
         nr bigint, a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
-        verdict smallint, lon_deg double precision, lat_deg double precision, time_error_s double precision,
+        verdict text, lon_deg double precision, lat_deg double precision, time_error_s double precision,
         closest_at timestamptz, closest_m double precision, closest_error_m double precision,
         a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision
     ) ON COMMIT DROP;
@@ -110,7 +110,6 @@ BEGIN
         ), ordered AS (
             SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
                    (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
-                   (ARRAY['conflict', 'grazing', 'unresolved', 'near'])[f.verdict + 1] AS verdict_name,
                    CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END
                        AS first_point,
                    CASE WHEN f.a_lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.a_lon_deg, f.a_lat_deg), 4326) END
@@ -123,7 +122,7 @@ BEGIN
             JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id
         )
         SELECT o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key,
-               coalesce(o.periods, '{}') AS periods, o.verdict_name AS verdict,
+               coalesce(o.periods, '{}') AS periods, o.verdict,
                _wrapped(o.first_point) AS first_contact_point, o.time_error_s,
                nullif(o.closest_at, '-infinity') AS closest_at, nullif(o.closest_m, 'NaN') AS closest_m,
                nullif(o.closest_error_m, 'NaN') AS closest_error_m, _wrapped(o.a_point) AS closest_a_point,
@@ -131,7 +130,7 @@ BEGIN
         FROM ordered o WHERE NOT o.is_swapped
         UNION ALL
         SELECT o.b_kind, o.b_id, o.b_version, o.b_key, o.a_kind, o.a_id, o.a_version, o.a_key,
-               coalesce(o.periods, '{}'), o.verdict_name, _wrapped(o.first_point), o.time_error_s,
+               coalesce(o.periods, '{}'), o.verdict, _wrapped(o.first_point), o.time_error_s,
                nullif(o.closest_at, '-infinity'), nullif(o.closest_m, 'NaN'), nullif(o.closest_error_m, 'NaN'),
                _wrapped(o.b_point), _wrapped(o.a_point)
         FROM ordered o WHERE o.is_swapped;

@@ -284,7 +284,7 @@ COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
 CREATE OR REPLACE FUNCTION _check_haven(
     p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (SELECT max(greatest(abs(e.mu + v.ahead), abs(e.mu + v.ahead - v.across)))
         FROM _legs(p_path, p_earth) l

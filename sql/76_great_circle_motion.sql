@@ -128,7 +128,7 @@ CREATE OR REPLACE FUNCTION _check_haven_near_centre(
     p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
     p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_changes boolean := p_grow_mps > 0 OR p_outlines IS NOT NULL;
     v_widest geometry := coalesce(p_outlines, _outline_at(p_path, p_outline, p_grow_mps, NULL, ST_NPoints(p_path)));

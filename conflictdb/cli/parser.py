@@ -9,9 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final, NoReturn
 
 from conflictdb.cli.output import program
+from conflictdb.methods import Method
 
-# Kept in step with conflictdb.model.Method by a test; the model itself would bring numpy and shapely with it.
-METHODS: Final = ("screen", "window", "exact", "nlp")
 FORMATS: Final = ("table", "json", "csv", "geojson")
 
 EPILOG: Final = """\
@@ -107,7 +106,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
     )
-    parser.add_argument("--method", choices=METHODS, help="where to stop: the trade between speed and accuracy")
+    parser.add_argument("--method", choices=tuple(Method), help="where to stop: the trade between speed and accuracy")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument(
         "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"

@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
-from conflictdb.model import Kind
+from conflictdb.model import Kind, Verdict
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many, transaction
 from conflictdb.store.objects import decode_outlines, decode_paths, decode_rings
@@ -37,6 +37,8 @@ _PIECE_COLUMNS = [
     ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"), ("end_lon_deg", "f8"),
     ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
+
+_VERDICT_NAMES = {verdict.code: verdict.encode() for verdict in Verdict}
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +293,7 @@ def write_run(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, conf
             "b_kind": copy_binary.fixed(conflicts.b_kind, "i2"),
             "b_id": copy_binary.fixed(conflicts.b_id, "i8"),
             "b_version": copy_binary.fixed(conflicts.b_version, "i8"),
-            "verdict": copy_binary.fixed(conflicts.verdict, "i2"),
+            "verdict": copy_binary.Ragged.of([_VERDICT_NAMES[code] for code in conflicts.verdict.tolist()]),
             "lon_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 0], "f8"),
             "lat_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 1], "f8"),
             "time_error_s": copy_binary.fixed(conflicts.time_error_s, "f8"),

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, TrackBatch
 from conflictdb.errors import InvalidInput
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Method, Motion, Scene, Track
+from conflictdb.methods import Method
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many, require_writable, transaction
 

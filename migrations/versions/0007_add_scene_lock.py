@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "437719bf6a73363e2773c2281ec7c05cf9e45cfe1139a4b8009d9493b9922420"
+routines_sha256 = "fb023b8218283f6a59469e5149a491d26dbc564c8ebb4e8b91409ca0b435f38d"
 
 SCENE_LOCK = """
 CREATE TABLE conflictdb.scene_lock (

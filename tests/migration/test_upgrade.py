@@ -245,6 +245,18 @@ def test_plpgsql_pins_its_search_path_and_sql_is_atomic(dsn: str) -> None:
     assert loose == []
 
 
+def test_what_only_raises_is_not_immutable(dsn: str) -> None:
+    """An immutable call may be made while a plan is made, also in a branch that is never taken."""
+    with psycopg.connect(dsn) as conn:
+        folded = conn.execute(
+            """SELECT p.proname FROM pg_proc p
+               WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile = 'i'
+                 AND (p.prorettype = 'void'::regtype OR p.prosrc ~ '_refuse|_check_|RAISE EXCEPTION'
+                      OR pg_get_function_sqlbody(p.oid) ~ '_refuse|_check_|_near_centre')"""
+        ).fetchall()
+    assert folded == [("track_path",)]  # it has a value, for which it may refuse what it is given
+
+
 def test_user_who_may_not_create_extensions_is_told_what_to_ask_for(server_dsn: str, empty_dsn: str) -> None:
     name = f"plain_{conninfo.conninfo_to_dict(empty_dsn)['dbname']}"
     user = sql.Identifier(name)

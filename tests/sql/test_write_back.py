@@ -1,6 +1,7 @@
 """Conflicts are replaced in one transaction, exactly for the pairs that were looked at; marks made meanwhile stay."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
@@ -14,7 +15,8 @@ from psycopg.pq import TransactionStatus
 
 from conflictdb import store
 from conflictdb.batches import Conflicts
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.methods import Method
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, Verdict, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -272,6 +274,27 @@ def test_listeners_are_told_what_a_detection_changed(conn: Conn, dsn: str, scene
         outcome = detect(conn, scene_id, ALL)
         (heard,) = listener.notifies(timeout=5, stop_after=1)
     assert json.loads(heard.payload) == {"scene": "s", "run": outcome.run_id, "opened": 3, "changed": 0, "closed": 0}
+
+
+@pytest.mark.parametrize("verdict", [Verdict.CONFLICT, Verdict.GRAZING, Verdict.UNRESOLVED])
+def test_a_verdict_is_written_by_its_name(conn: Conn, scene_id: int, verdict: Verdict) -> None:
+    detect(conn, scene_id, {("A", "B"): ONE}, verdict=verdict.code)
+    (row,) = conn.execute("SELECT verdict FROM conflictdb.conflicts").fetchall()
+    assert row == (verdict.value,)
+
+
+def test_the_database_knows_the_methods_and_verdicts_that_python_knows(conn: Conn) -> None:
+    """Both refuse any other."""
+    for constraint, names in (("scene_method_known", Method), ("conflict_verdict_known", Verdict)):
+        row = conn.execute(
+            "SELECT pg_get_constraintdef(oid) FROM pg_constraint WHERE conname = %s", [constraint]
+        ).fetchone()
+        assert row is not None
+        assert set(re.findall(r"'(\w+)'", row[0])) == set(names)
+    for method in Method:
+        conn.execute("SELECT conflictdb.create_scene('m', p_method => %s)", [method])
+    with pytest.raises(psycopg.Error, match=f"must be one of {', '.join(Method)}; got 'guess'"):
+        conn.execute("SELECT conflictdb.create_scene('m', p_method => 'guess')")
 
 
 def test_failed_detection_is_recorded_and_nothing_else_changes(conn: Conn, scene_id: int) -> None:

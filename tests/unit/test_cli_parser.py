@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from conflictdb.cli import codes
-from conflictdb.cli.parser import FORMATS, METHODS, build, count, duration_s, instant, metres, speed_kn
+from conflictdb.cli.parser import FORMATS, build, count, duration_s, instant, metres, speed_kn
+from conflictdb.methods import Method
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "cli.md"
 
@@ -61,7 +62,7 @@ def test_help_can_be_shown(path: str, capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_choices_exit_codes_and_environment_are_documented() -> None:
     text = DOCUMENT.read_text()
-    for choice in (*FORMATS, *METHODS):
+    for choice in (*FORMATS, *Method):
         assert f"`{choice}`" in text
     for name, code in vars(codes).items():
         if name.isupper():

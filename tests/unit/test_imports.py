@@ -6,8 +6,6 @@ import sys
 from pathlib import Path
 
 import conflictdb
-from conflictdb.cli.parser import METHODS
-from conflictdb.model import Method
 
 PACKAGE = Path(conflictdb.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -46,10 +44,6 @@ def test_help_waits_for_no_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.splitlines()[-1] == "[]"
-
-
-def test_the_parser_knows_the_methods_of_the_model() -> None:
-    assert tuple(Method) == METHODS
 
 
 def test_everything_public_can_be_imported() -> None:

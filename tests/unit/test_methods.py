@@ -1,0 +1,58 @@
+"""One table says what a method does; a method that it does not know, or that has no stage 4, runs nothing in secret."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scenes
+import shapely
+
+from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.errors import InvalidInput
+from conflictdb.methods import METHODS, Method, Solver, Steps
+from conflictdb.model import EarthModel, Scene, Verdict
+from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.stage4_contacts import contacts
+
+
+def test_every_method_has_its_row() -> None:
+    assert set(METHODS) == set(Method)
+    for steps in METHODS.values():
+        assert 2 <= steps.last_stage <= 4
+        assert (steps.solver is None) == (steps.last_stage < 4)
+        assert steps.last_stage > 2 or not steps.projects_regions
+
+
+@pytest.mark.parametrize("method", ["guess", "EXACT", "", None, 3])
+def test_an_unknown_method_is_refused(method: object) -> None:
+    with pytest.raises(InvalidInput, match="must be one of screen, window, exact, nlp"):
+        Scene("s", method=method)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", [Method.SCREEN, Method.WINDOW])
+def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Method) -> None:
+    scene = Scene("s", earth=EarthModel.SPHERE, method=method)
+    still = area_pieces(scene, AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
+    moving = track_pieces(scene, TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
+    pieces = Pieces.concatenate([still, moving])
+    first, second = np.zeros(1, np.int64), np.full(1, len(still))
+    pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
+    with pytest.raises(ValueError, match=f"method {method} stops before stage 4"):
+        contacts(scene, pieces, pair, np.zeros(1), np.full(1, 3600.0))
+    contacts(replace(scene, method=Method.EXACT), pieces, pair, np.zeros(1), np.full(1, 3600.0))
+
+
+def test_a_solver_is_not_guessed() -> None:
+    """A row cannot be made without saying how far the method goes."""
+    with pytest.raises(TypeError):
+        Steps(solver=Solver.CERTIFIED)  # type: ignore[call-arg]
+
+
+def test_codes_of_verdicts_do_not_follow_the_order_of_their_names() -> None:
+    assert {verdict.value: verdict.code for verdict in Verdict} == {
+        "conflict": 0,
+        "grazing": 1,
+        "unresolved": 2,
+        "near": 3,
+    }
+    assert [Verdict.of_code(verdict.code) for verdict in Verdict] == list(Verdict)
