@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.errors import (
     ConflictDBError,
+    IncompleteWarning,
     InvalidInput,
     LockTimeout,
+    NotCurrent,
     ReadOnlyDatabase,
     SchemaError,
     SchemaMissing,
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from conflictdb.memory import Interference, solve
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict, rectangle_outline_m
-    from conflictdb.store import Approach, Conflict
+    from conflictdb.store import Approach, Conflict, Listing, SceneState
 
 __all__ = [
     "Advice",
@@ -45,16 +47,20 @@ __all__ = [
     "Contents",
     "Database",
     "EarthModel",
+    "IncompleteWarning",
     "Interference",
     "InvalidInput",
+    "Listing",
     "Loaded",
     "LockTimeout",
     "Method",
     "Motion",
+    "NotCurrent",
     "ReadOnlyDatabase",
     "Remark",
     "Run",
     "Scene",
+    "SceneState",
     "SchemaError",
     "SchemaMissing",
     "SchemaOutdated",
@@ -78,7 +84,7 @@ _HOME: Final = {
     **dict.fromkeys(("Method",), "conflictdb.methods"),
     **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
     **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
-    **dict.fromkeys(("Approach", "Conflict"), "conflictdb.store"),
+    **dict.fromkeys(("Approach", "Conflict", "Listing", "SceneState"), "conflictdb.store"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
         "conflictdb.model",

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 import psycopg
 
 from conflictdb import schema, store
-from conflictdb.errors import InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
+from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
 from conflictdb.methods import Method
@@ -334,20 +334,46 @@ class Database:
             self.connection, scene, full=full, jobs=jobs, progress=progress, lock_timeout_s=lock_timeout_s, say=say
         )
 
-    def conflicts(self, scene: str, at: datetime | None = None, *, with_region: bool = False) -> list[store.Conflict]:
+    def conflicts(
+        self, scene: str, at: datetime | None = None, *, with_region: bool = False
+    ) -> store.Listing[store.Conflict]:
         """Return the conflicts of a scene that are known, with `at` only those at that instant.
 
-        Where each conflict is (`region`) is computed only `with_region`, because it takes time.
+        Where each conflict is (`region`) is computed only `with_region`, because it takes time. The list says whether
+        it is complete (`is_current`, `state`); while changes of the scene wait for detection it comes with an
+        IncompleteWarning.
         """
         if at is not None and at.tzinfo is None:
             raise InvalidInput("conflicts", "at", f"needs an offset from UTC; got {at.isoformat()}")
         with self._transaction():
-            return store.conflicts(self.connection, scene, at, with_region=with_region)
+            found = store.conflicts(self.connection, scene, at, with_region=with_region)
+        _warn_if_incomplete(found.state)
+        return found
 
-    def approaches(self, scene: str) -> list[store.Approach]:
-        """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`."""
+    def approaches(self, scene: str) -> store.Listing[store.Approach]:
+        """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`.
+
+        The list says whether it is complete, as that of `conflicts` does.
+        """
         with self._transaction():
-            return store.approaches(self.connection, scene)
+            found = store.approaches(self.connection, scene)
+        _warn_if_incomplete(found.state)
+        return found
+
+    def wait_until_current(self, scene: str, timeout_s: float = 60.0) -> None:
+        """Wait until nothing of a scene waits for detection, which a worker has to do, or another program.
+
+        Raises
+        ------
+        InvalidInput
+            There is no such scene.
+        NotCurrent
+            It takes longer than `timeout_s`; the message says what waits.
+        StoreError
+            The connection is in a transaction that cannot see others' changes, or has changed the scene itself.
+        """
+        with self._transaction():
+            store.wait_until_current(self.connection, scene, timedelta(seconds=timeout_s))
 
     def advise(
         self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
@@ -430,6 +456,12 @@ def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
     except InvalidInput as refused:
         return refused.at(source)
     return None
+
+
+def _warn_if_incomplete(state: store.SceneState) -> None:
+    if not state.is_current:
+        # The caller of the method that calls this.
+        warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=3)
 
 
 def _write(path: Path, mode: str, lines: Iterable[str]) -> None:

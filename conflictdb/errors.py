@@ -10,7 +10,9 @@ ConflictDBError
 |__ StoreError                 any other database error; psycopg.Error in __cause__
     |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
+    |__ NotCurrent             a scene did not become current in the time that somebody would wait
 
+IncompleteWarning is given with an answer that may lack something, because changes wait for detection.
 What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
 """
 
@@ -119,3 +121,11 @@ class ReadOnlyDatabase(StoreError):
 
 class LockTimeout(StoreError):
     """Somebody else, whom it names where that can be seen, kept a lock for longer than was to be waited."""
+
+
+class NotCurrent(StoreError):
+    """Changes of a scene still wait for detection at the end of the time that somebody would wait."""
+
+
+class IncompleteWarning(UserWarning):
+    """An answer may lack conflicts: changes of its scene wait for detection."""

@@ -172,7 +172,8 @@ VIEW approaches (
     verdict text,
     is_current boolean,
     run_id bigint,
-    found_at timestamp with time zone
+    found_at timestamp with time zone,
+    scene_is_current boolean
 );
 
 VIEW conflicts (
@@ -196,7 +197,26 @@ VIEW conflicts (
     closest_m double precision,
     closest_error_m double precision,
     closest_a_point geometry(Point,4326),
-    closest_b_point geometry(Point,4326)
+    closest_b_point geometry(Point,4326),
+    scene_is_current boolean
+);
+
+VIEW scenes (
+    scene text COLLATE C,
+    motion text,
+    earth text,
+    centre_lon double precision,
+    centre_lat double precision,
+    method text,
+    tolerance_m double precision,
+    separation_m double precision,
+    nearest_m double precision,
+    objects bigint,
+    pending bigint,
+    last_run_id bigint,
+    last_run_at timestamp with time zone,
+    last_error text,
+    is_current boolean
 );
 
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
@@ -290,7 +310,7 @@ FUNCTION _after_scene_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _approaches(p_scene text)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -350,7 +370,7 @@ FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -396,6 +416,9 @@ FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT
 
 FUNCTION _is_pending(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _is_current(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _join_all(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off;
@@ -508,8 +531,11 @@ FUNCTION _scene_id(p_scene text)
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _scenes()
-    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -532,6 +558,9 @@ FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _told(p_scene text)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -542,19 +571,19 @@ FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opene
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION approaches_of(p_scene text, p_key text)
-    RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION candidates(p_scene text)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_at(p_scene text, p_instant timestamp with time zone)
-    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_of(p_scene text, p_key text)
-    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
-    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -563,7 +592,7 @@ FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
-    RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -582,3 +611,6 @@ FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT '00:01:00'::interval)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

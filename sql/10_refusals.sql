@@ -4,7 +4,8 @@
 -- ZC004 invalid_heights         ZC005 coordinate_out_of_range ZC006 invalid_outline
 -- ZC007 duplicate_key           ZC008 invalid_key            ZC009 invalid_setting
 -- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
--- ZC013 wrong_sequence (a private routine was called out of order)
+-- ZC013 wrong_sequence (called out of order, or in a transaction where it cannot work)
+-- ZC014 not_current (in time)
 --
 -- What refuses is at most STABLE: an IMMUTABLE call may be made while a plan is made, also in a branch never taken.
 

@@ -1,5 +1,6 @@
 -- What users query. These functions are not STRICT: a set-returning function that is cannot be inlined, and the planner
--- could neither use indexes through it nor leave out columns that nobody reads.
+-- could neither use indexes through it nor leave out columns that nobody reads. They tell (NOTICE) when changes of the
+-- scene wait for detection, so that an answer may lack something; so do scenes.is_current and scene_is_current.
 
 CREATE OR REPLACE VIEW conflicts AS
 SELECT s.name AS scene,
@@ -12,7 +13,8 @@ SELECT s.name AS scene,
        c.first_contact_point, c.method, c.time_error_s,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
-       c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point
+       c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
+       _is_current(c.scene_id) AS scene_is_current
 FROM conflict c JOIN scene s USING (scene_id)
 WHERE c.verdict <> 'near';
 
@@ -51,6 +53,8 @@ COMMENT ON COLUMN conflicts.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude in degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.scene_is_current IS
+'Whether the conflicts of the scene are complete: nothing of it waits for detection (see the view scenes).';
 
 CREATE OR REPLACE VIEW approaches AS
 SELECT s.name AS scene,
@@ -60,7 +64,7 @@ SELECT s.name AS scene,
        c.verdict,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
-       c.run_id, c.found_at
+       c.run_id, c.found_at, _is_current(c.scene_id) AS scene_is_current
 FROM conflict c JOIN scene s USING (scene_id)
 WHERE c.closest_m IS NOT NULL;
 
@@ -84,28 +88,30 @@ COMMENT ON COLUMN approaches.verdict IS
 COMMENT ON COLUMN approaches.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
 COMMENT ON COLUMN approaches.run_id IS 'The run that last computed this pair.';
 COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found to interfere, or to come near.';
+COMMENT ON COLUMN approaches.scene_is_current IS
+'Whether the closest approaches of the scene are complete: nothing of it waits for detection (see the view scenes).';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND c.periods @> p_instant;
+    WHERE c.scene = p_scene AND _told(p_scene) AND c.periods @> p_instant;
 END;
 COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene that are on at an instant.';
 
 CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF conflicts
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
+    WHERE c.scene = p_scene AND _told(p_scene) AND p_key IN (c.a_key, c.b_key);
 END;
 COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
 
 CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF approaches
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM approaches c
-    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND p_key IN (c.a_key, c.b_key);
+    WHERE c.scene = p_scene AND _told(p_scene) AND p_key IN (c.a_key, c.b_key);
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scene comes to others.';
 
@@ -148,7 +154,7 @@ COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, 
 
 CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 RETURNS SETOF conflicts
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     -- Both members must come near the geometry, which the index tells; only then is a region computed.
     WITH near AS MATERIALIZED (
@@ -158,7 +164,7 @@ BEGIN ATOMIC
         LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
     )
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND c.periods && p_span
+    WHERE c.scene = p_scene AND _told(p_scene) AND c.periods && p_span
       -- As subplans these are looked up in a table of hashes.
       AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
       AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
@@ -172,7 +178,7 @@ CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL
 ) RETURNS TABLE (key text, kind text, spans tstzmultirange, region geometry)
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
     FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans,
@@ -183,7 +189,7 @@ BEGIN ATOMIC
           GROUP BY x.object_kind, x.object_id) n
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
-    WHERE coalesce(a.key, t.key) IS NOT NULL;
+    WHERE coalesce(a.key, t.key) IS NOT NULL AND _told(p_scene);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
@@ -191,7 +197,7 @@ COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double pr
 
 CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)
-LANGUAGE sql STABLE PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
@@ -211,7 +217,8 @@ BEGIN ATOMIC
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id
     LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id
     LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id
-    WHERE coalesce(aa.key, ta.key) IS NOT NULL AND coalesce(ab.key, tb.key) IS NOT NULL;
+    WHERE coalesce(aa.key, ta.key) IS NOT NULL AND coalesce(ab.key, tb.key) IS NOT NULL
+      AND _told(p_scene);
 END;
 COMMENT ON FUNCTION candidates(text) IS
 'Pairs of objects of a scene that might interfere: stages 1 and 2 on the pieces of the last detection, a superset of '

@@ -7,7 +7,7 @@ RETURNS TABLE (
     method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz,
     closest_at timestamptz, closest_m double precision, closest_error_m double precision,
     closest_a_lon_deg double precision, closest_a_lat_deg double precision,
-    closest_b_lon_deg double precision, closest_b_lat_deg double precision
+    closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -17,7 +17,7 @@ BEGIN
                CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
                ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
                c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
-               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point)
+               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current
         FROM conflicts c
         CROSS JOIN LATERAL (SELECT array_agg(lower(r) ORDER BY r) AS starts, array_agg(upper(r) ORDER BY r) AS ends
                             FROM unnest(c.periods) r) p
@@ -33,14 +33,15 @@ RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
     b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
-    found_at timestamptz
+    found_at timestamptz, scene_is_current boolean
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _scene_id(p_scene);
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
-               ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at
+               ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
+               c.scene_is_current
         FROM approaches c
         WHERE c.scene = p_scene
         ORDER BY c.closest_at NULLS FIRST, c.a_key, c.b_key;
@@ -52,21 +53,17 @@ CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
     separation_m double precision, nearest_m double precision, centre_lon double precision,
     centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint,
-    run_id bigint, finished_at timestamptz, error text
+    run_id bigint, finished_at timestamptz, error text, is_current boolean
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m,
            s.centre_lon, s.centre_lat,
            (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
-           (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id),
-           (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-                                  WHERE m.scene_id = s.scene_id) d),
+           (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id), v.pending,
            (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id AND c.verdict <> 'near'),
-           r.run_id, r.finished_at, r.error
-    FROM scene s
-    LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
-                       ORDER BY x.run_id DESC LIMIT 1) r ON true
+           v.last_run_id, v.last_run_at, v.last_error, v.is_current
+    FROM scene s JOIN scenes v ON v.scene = s.name
     ORDER BY s.name;
 END;
 COMMENT ON FUNCTION _scenes() IS

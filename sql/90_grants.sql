@@ -23,6 +23,9 @@ BEGIN
 END
 $$;
 
+-- Waiting sees what others commit meanwhile, so it is no query; it writes nothing all the same.
+GRANT EXECUTE ON FUNCTION wait_until_current TO conflictdb_reader;
+
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
 -- conflictdb.schema.missing_grants.
 DO $$

@@ -7,9 +7,10 @@ from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, load_files, show_progress
+from conflictdb.database import Database
 from conflictdb.io.conflict_text import near_pair
 from conflictdb.model import Verdict
-from conflictdb.store import Approach, Conflict
+from conflictdb.store import Approach, Conflict, SceneState
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -34,6 +35,7 @@ def detect(args: argparse.Namespace) -> int:
         found: list[Conflict] = []
         near: list[Approach] = []
         near_rows: list[Conflict] = []
+        states: list[SceneState] = []
         for scene in scenes:
             run = db.detect(
                 scene,
@@ -49,16 +51,18 @@ def detect(args: argparse.Namespace) -> int:
             )
             progress("")
             note(run_text(scene, run))
-            found += db.conflicts(scene, with_region=_wants_region(args))
+            known = db.conflicts(scene, with_region=_wants_region(args))
+            found += known
+            states.append(known.state)
             also = [approach for approach in db.approaches(scene) if approach.verdict == Verdict.NEAR]
             near += also
             near_rows += [near_pair(approach, run.method) for approach in also]
     if args.format == "table":
-        print_conflicts(found, args.format)
+        print_conflicts(found, states, args.format)
         if near:
             out("\nno conflict, but near:\n" + approach_table(near))
     else:
-        print_conflicts(found + near_rows, args.format)
+        print_conflicts(found + near_rows, states, args.format)
     if found and args.fail_on_conflict:
         return CONFLICTS_FOUND
     return DONE if is_complete else LEFT_OUT
@@ -67,17 +71,24 @@ def detect(args: argparse.Namespace) -> int:
 def conflicts(args: argparse.Namespace) -> int:
     """Print the conflicts that are known."""
     with database(args) as db:
+        _wait(db, args)
         found = db.conflicts(args.scene, args.at, with_region=_wants_region(args))
-    print_conflicts(found, args.format)
+    print_conflicts(found, [found.state], args.format)
     return DONE
 
 
 def approaches(args: argparse.Namespace) -> int:
     """Print the closest approaches that are known."""
     with database(args) as db:
+        _wait(db, args)
         found = db.approaches(args.scene)
-    print_approaches(found, args.format)
+    print_approaches(found, [found.state], args.format)
     return DONE
+
+
+def _wait(db: Database, args: argparse.Namespace) -> None:
+    if args.wait is not None:
+        db.wait_until_current(args.scene, args.wait)
 
 
 def _wants_region(args: argparse.Namespace) -> bool:

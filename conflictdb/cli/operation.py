@@ -88,6 +88,7 @@ def _members(state: Status) -> dict[str, Any]:
             "run_id": scene.run_id,
             "finished_at": format_moment(scene.finished_at),
             "error": scene.error,
+            "is_current": scene.is_current,
         }
         for scene in state.scenes
     ]

@@ -146,6 +146,7 @@ def _conflicts(commands: Any) -> None:
     parser = _command(commands, "conflicts", "detection:conflicts", "print the conflicts that are known")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
+    _add_wait(parser)
     _add_output(parser)
 
 
@@ -158,6 +159,7 @@ def _approaches(commands: Any) -> None:
         "Conflicts, and with the scene's nearest_m also pairs without conflict that come within that distance.",
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
+    _add_wait(parser)
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
 
 
@@ -266,6 +268,15 @@ def _add_merge(parser: Parser) -> None:
         type=speed_kn,
         metavar="KN",
         help="faster tracks are refused, faster fixes of positions left out (default 2000, 102.2 for AIS)",
+    )
+
+
+def _add_wait(parser: Parser) -> None:
+    parser.add_argument(
+        "--wait",
+        type=duration_s,
+        metavar="DURATION",
+        help="wait until a worker has detected what changed, at most so long (30s, 5m); exit with 1 if it has not",
     )
 
 

@@ -1,5 +1,6 @@
 """How results look on a terminal: conflicts, runs, and what was loaded or left out."""
 
+import shlex
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -10,7 +11,7 @@ from conflictdb.cli.output import out, remark, table
 from conflictdb.database import Loaded
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
-from conflictdb.store import Approach, Conflict
+from conflictdb.store import Approach, Conflict, SceneState
 
 if TYPE_CHECKING:
     from conflictdb.detect import Run
@@ -18,28 +19,42 @@ if TYPE_CHECKING:
 _SECOND = timedelta(seconds=1)
 
 
-def print_conflicts(conflicts: Sequence[Conflict], form: str) -> None:
-    """Print conflicts as a table, JSON, CSV or GeoJSON."""
+def print_conflicts(conflicts: Sequence[Conflict], states: Sequence[SceneState], form: str) -> None:
+    """Print conflicts as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes."""
+    _remark_incomplete(states)
     if form == "table":
-        out(conflict_table(conflicts) if conflicts else "no conflicts")
+        complete = all(state.is_current for state in states)
+        out(conflict_table(conflicts) if conflicts else "no conflicts" if complete else "no conflict is known")
         return
-    _write(conflicts, form, conflict_text.COLUMNS)
+    _write(conflicts, states, form, conflict_text.COLUMNS)
 
 
-def print_approaches(approaches: Sequence[Approach], form: str) -> None:
-    """Print closest approaches as a table, JSON, CSV or GeoJSON."""
+def print_approaches(approaches: Sequence[Approach], states: Sequence[SceneState], form: str) -> None:
+    """Print closest approaches as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes."""
+    _remark_incomplete(states)
     if form == "table":
         out(approach_table(approaches) if approaches else "no closest approach is known")
         return
-    _write(approaches, form, conflict_text.APPROACH_COLUMNS)
+    _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
 
 
-def _write(pairs: Sequence[Conflict | Approach], form: str, columns: Sequence[str]) -> None:
+def _remark_incomplete(states: Iterable[SceneState]) -> None:
+    for state in states:
+        if state.remark:
+            more = "" if state.is_current else f" (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
+            remark(f"{state.scene}: {'' if state.is_current else 'not complete: '}{state.remark}{more}")
+
+
+def _write(
+    pairs: Sequence[Conflict | Approach], states: Sequence[SceneState], form: str, columns: Sequence[str]
+) -> None:
     if form == "csv":
-        sys.stdout.writelines(conflict_text.as_csv(pairs, columns))
+        lines = conflict_text.as_csv(pairs, columns)
+    elif form == "geojson":
+        lines = conflict_text.as_geojson(pairs, states)
     else:
-        write = {"json": conflict_text.as_json, "geojson": conflict_text.as_geojson}[form]
-        sys.stdout.writelines(write(pairs))
+        lines = conflict_text.as_json(pairs)
+    sys.stdout.writelines(lines)
 
 
 def conflict_table(conflicts: Sequence[Conflict]) -> str:

@@ -1,6 +1,7 @@
 """The database that a command works on, and the scene that it means."""
 
 import argparse
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from conflictdb import store
 from conflictdb.cli.output import note, progress
 from conflictdb.database import Database, Loaded, connect
+from conflictdb.errors import IncompleteWarning
 from conflictdb.server import EmbeddedServer, embedded
 
 if TYPE_CHECKING:
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
 @contextmanager
 def database(args: argparse.Namespace) -> Iterator[Database]:
     """Open the database of a command, and close it at the end."""
-    with connect(args.dsn, say=note) as opened:
+    with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
+        warnings.simplefilter("ignore", IncompleteWarning)  # commands say so in their own words
         yield opened
 
 

@@ -11,7 +11,7 @@ from io import StringIO
 from typing import Any
 
 from conflictdb.io.instants import format_moment
-from conflictdb.store import Approach, Conflict
+from conflictdb.store import Approach, Conflict, SceneState
 
 Period = tuple[datetime | None, datetime | None]
 
@@ -41,7 +41,8 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
             row["periods"] = interval_text(conflict.periods)
         for name in [name for name in columns if isinstance(row[name], dict)]:
             row[name] = json.dumps(row[name], separators=(",", ":"))
-        row["is_current"] = str(conflict.is_current).lower()
+        for name in ("is_current", "scene_is_current"):
+            row[name] = str(row[name]).lower()
         writer.writerow([row[column] for column in columns])
         yield buffer.getvalue()
         buffer.seek(0)
@@ -49,12 +50,24 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
     yield buffer.getvalue()
 
 
-def as_geojson(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
+def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneState]) -> Iterator[str]:
     """Yield the lines of a FeatureCollection: where each pair is, and the rest.
 
-    That is a conflict's region, else its first contact; of a closest approach the line between the nearest points.
+    That is a conflict's region, else its first contact; of a closest approach the line between the nearest points. The
+    foreign member `scenes` says of each scene whether this is all.
     """
-    yield '{ "type": "FeatureCollection",\n  "features": ['
+    scenes = [
+        {
+            "scene": state.scene,
+            "is_current": state.is_current,
+            "objects": state.objects,
+            "pending": state.pending,
+            "last_run_at": format_moment(state.last_run_at),
+            "last_error": state.last_error,
+        }
+        for state in states
+    ]
+    yield f'{{ "type": "FeatureCollection",\n  "scenes": {json.dumps(scenes, ensure_ascii=False)},\n  "features": ['
     separator = "\n"
     for conflict in conflicts:
         properties = members(conflict)
@@ -96,6 +109,7 @@ def near_pair(approach: Approach, method: str) -> Conflict:
         closest_error_m=approach.closest_error_m,
         closest_a_deg=approach.a_deg,
         closest_b_deg=approach.b_deg,
+        scene_is_current=approach.scene_is_current,
     )
 
 
@@ -117,6 +131,7 @@ def members(conflict: Conflict | Approach) -> dict[str, Any]:
             "is_current": conflict.is_current,
             "run_id": conflict.run_id,
             "found_at": format_moment(conflict.found_at),
+            "scene_is_current": conflict.scene_is_current,
         }
     return {
         "scene": conflict.scene,
@@ -140,6 +155,7 @@ def members(conflict: Conflict | Approach) -> dict[str, Any]:
         "closest_error_m": conflict.closest_error_m,
         "closest_a_point": _point(conflict.closest_a_deg),
         "closest_b_point": _point(conflict.closest_b_deg),
+        "scene_is_current": conflict.scene_is_current,
     }
 
 
@@ -164,8 +180,9 @@ COLUMNS = (
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
     *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
+    "scene_is_current",
 )
 APPROACH_COLUMNS = (
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
-    *("b_point", "verdict", "is_current", "run_id", "found_at"),
+    *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
 )

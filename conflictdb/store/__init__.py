@@ -36,7 +36,18 @@ from conflictdb.store.objects import (
     scene_settings,
     set_scene,
 )
-from conflictdb.store.reading import Approach, Conflict, RunStatus, approaches, conflicts, runs
+from conflictdb.store.reading import (
+    Approach,
+    Conflict,
+    Listing,
+    RunStatus,
+    SceneState,
+    approaches,
+    conflicts,
+    runs,
+    scene_state,
+    wait_until_current,
+)
 from conflictdb.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
 
 __all__ = [
@@ -44,11 +55,13 @@ __all__ = [
     "WORKER_NAME",
     "Approach",
     "Conflict",
+    "Listing",
     "LoadCounts",
     "RunOutcome",
     "RunRecord",
     "RunStatus",
     "Say",
+    "SceneState",
     "SceneStatus",
     "Service",
     "approaches",
@@ -77,11 +90,13 @@ __all__ = [
     "runs",
     "scene_id",
     "scene_settings",
+    "scene_state",
     "service",
     "set_scene",
     "transaction",
     "translated",
     "wait_for_change",
+    "wait_until_current",
     "worker_dsn",
     "write_run",
 ]

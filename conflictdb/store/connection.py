@@ -8,11 +8,12 @@ import psycopg
 from psycopg.pq import TransactionStatus
 from psycopg.rows import tuple_row
 
-from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, ReadOnlyDatabase, StoreError
+from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, NotCurrent, ReadOnlyDatabase, StoreError
 
-# SQLSTATE class of the refusals of sql/10_refusals.sql; one of them is not about input.
+# SQLSTATE class of the refusals of sql/10_refusals.sql; some of them are not about input.
 REFUSAL_CLASS: Final = "ZC"
 WRONG_SEQUENCE: Final = "ZC013"
+NOT_CURRENT: Final = "ZC014"
 
 # COPY sends and receives texts as UTF-8, and the connection must say so.
 _ENCODING: Final = "UTF8"
@@ -121,6 +122,8 @@ def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
 
 
 def _translation(error: psycopg.Error) -> ConflictDBError:
+    if error.sqlstate == NOT_CURRENT:
+        return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag
         key, field = diag.message_detail or "", diag.column_name or ""

@@ -40,6 +40,7 @@ class SceneStatus:
     areas, tracks, conflicts : how many it has
     pending : objects that changed since the last detection
     run_id, finished_at, error : the last detection; None if there was none (error: if it did not fail)
+    is_current : whether nothing changed since the last detection that succeeded
     """
 
     scene_id: int
@@ -51,6 +52,7 @@ class SceneStatus:
     run_id: int | None
     finished_at: datetime | None
     error: str | None
+    is_current: bool
 
 
 def replace_scene(

@@ -1,14 +1,52 @@
-"""Conflicts, closest approaches and runs, as the database knows them."""
+"""Conflicts, closest approaches and runs, as the database knows them, and whether that is all."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from typing import Any
+from datetime import UTC, datetime, timedelta
+from typing import Any, TypeVar
 
 import psycopg
 
-from conflictdb.store.connection import call_many, transaction
+from conflictdb.store.connection import call, call_many, transaction
 
 Period = tuple[datetime | None, datetime | None]
+_Row = TypeVar("_Row")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneState:
+    """Whether what is known of a scene is complete: a row of the view `scenes`. Instants in UTC.
+
+    objects : areas and tracks it holds
+    pending : objects that wait for detection
+    last_run_at, last_error : when its last detection ended, and why it failed; None if there was none, or it did not
+    is_current : whether nothing changed since the last detection that succeeded
+    remark : what is wrong, in words; None if nothing is
+    """
+
+    scene: str
+    objects: int
+    pending: int
+    last_run_at: datetime | None
+    last_error: str | None
+    is_current: bool
+    remark: str | None
+
+
+class Listing(list[_Row]):
+    """A list of conflicts or closest approaches of a scene that says whether it is complete.
+
+    state : of the scene, read before the list: when it says that nothing was missing, nothing is
+    """
+
+    def __init__(self, state: SceneState, rows: Iterable[_Row]) -> None:
+        super().__init__(rows)
+        self.state = state
+
+    @property
+    def is_current(self) -> bool:
+        """Whether it is complete: nothing of the scene waited for detection when it was read."""
+        return self.state.is_current
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +60,7 @@ class Conflict:
     first_contact_deg : longitude and latitude where they first touch; None if not computed
     time_error_s : bound on the error of every end of every period, seconds
     is_current : whether neither object changed since
+    scene_is_current : whether the conflicts of the scene are complete
     closest_at : instant of the closest approach; None if not computed, and for areas that are always there
     closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be
     closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
@@ -48,6 +87,7 @@ class Conflict:
     closest_error_m: float | None = None
     closest_a_deg: tuple[float, float] | None = None
     closest_b_deg: tuple[float, float] | None = None
+    scene_is_current: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +99,7 @@ class Approach:
     a_deg, b_deg : longitude and latitude of the nearest points then
     verdict : near (no conflict), conflict, grazing or unresolved
     is_current : whether neither object changed since
+    scene_is_current : whether the closest approaches of the scene are complete
     """
 
     scene: str
@@ -75,6 +116,7 @@ class Approach:
     is_current: bool
     run_id: int
     found_at: datetime
+    scene_is_current: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,17 +148,33 @@ class RunStatus:
     error: str | None
 
 
+def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
+    """Return whether what is known of a scene is complete; InvalidInput if the scene is not known."""
+    with transaction(conn):
+        objects, pending, last_run_at, last_error, is_current, remark = call(conn, "_scene_state", scene)
+    return SceneState(scene, objects, pending, _utc(last_run_at), last_error, is_current, remark)
+
+
+def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:
+    """Wait until nothing of a scene waits for detection; raises NotCurrent when that takes longer."""
+    with transaction(conn):
+        call(conn, "wait_until_current", scene, timeout)
+
+
 def conflicts(
     conn: psycopg.Connection[Any], scene: str, at: datetime | None = None, *, with_region: bool = False
-) -> list[Conflict]:
+) -> Listing[Conflict]:
     """Return the conflicts of a scene, or those on at an instant, earliest first; InvalidInput if it is not known."""
     with transaction(conn):
+        # First: what is detected between the two makes the list better than is said of it, not worse.
+        state = scene_state(conn, scene)
         rows = call_many(conn, "_conflicts", scene, at, with_region)
     found = []
     for row in rows:
         a_key, a_kind, b_key, b_kind, starts, ends, verdict, region, lon_deg, lat_deg, *rest = row
         periods = [(_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True)]
-        method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *points = rest
+        method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *more = rest
+        *points, scene_is_current = more
         found.append(
             Conflict(
                 scene=scene,
@@ -140,16 +198,18 @@ def conflicts(
                 closest_error_m=closest_error_m,
                 closest_a_deg=None if points[0] is None else (points[0], points[1]),
                 closest_b_deg=None if points[2] is None else (points[2], points[3]),
+                scene_is_current=scene_is_current,
             )
         )
-    return found
+    return Listing(state, found)
 
 
-def approaches(conn: psycopg.Connection[Any], scene: str) -> list[Approach]:
+def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
     """Return how close the pairs of a scene come that are known, earliest first; InvalidInput if it is not known."""
     with transaction(conn):
+        state = scene_state(conn, scene)
         rows = call_many(conn, "_approaches", scene)
-    return [
+    found = [
         Approach(
             scene=scene,
             a_key=row[0],
@@ -165,9 +225,11 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> list[Approach]:
             is_current=row[12],
             run_id=row[13],
             found_at=row[14].astimezone(UTC),
+            scene_is_current=row[15],
         )
         for row in rows
     ]
+    return Listing(state, found)
 
 
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:

@@ -22,6 +22,7 @@ COLUMNS = [
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
     *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
+    "scene_is_current",
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 

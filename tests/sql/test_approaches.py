@@ -41,7 +41,7 @@ def test_view_shows_conflicts_and_near_pairs_with_their_closest_approach(planned
     columns = [column.name for column in planned.execute("SELECT * FROM approaches").description or ()]
     assert columns == [
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m"),
-        *("a_point", "b_point", "verdict", "is_current", "run_id", "found_at"),
+        *("a_point", "b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
     ]
     found = rows(
         planned,

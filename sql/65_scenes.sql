@@ -1,0 +1,119 @@
+-- What the database says about what it knows: is the list of a scene's conflicts complete?
+
+CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Whatever changes, settings too, leaves marks until a detection has succeeded.
+    SELECT NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
+           AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
+                OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
+                   AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));
+END;
+COMMENT ON FUNCTION _is_current(bigint) IS
+'Whether nothing of a scene, neither object nor setting, changed since its last detection that succeeded.';
+
+CREATE OR REPLACE VIEW scenes AS
+SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
+       s.nearest_m,
+       (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id)
+           + (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id) AS objects,
+       (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
+                              WHERE m.scene_id = s.scene_id) d) AS pending,
+       r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
+       _is_current(s.scene_id) AS is_current
+FROM scene s
+LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
+                   ORDER BY x.run_id DESC LIMIT 1) r ON true;
+
+COMMENT ON VIEW scenes IS 'Every scene: its settings, what it holds, and whether what is known of it is complete.';
+COMMENT ON COLUMN scenes.scene IS 'Name of the scene.';
+COMMENT ON COLUMN scenes.motion IS 'How tracks and edges run between their points: rhumb, or great_circle.';
+COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere.';
+COMMENT ON COLUMN scenes.centre_lon IS 'great_circle: longitude of the centre, degrees; null until there is one.';
+COMMENT ON COLUMN scenes.centre_lat IS 'great_circle: latitude of the centre, degrees; null until there is one.';
+COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, window, exact or nlp.';
+COMMENT ON COLUMN scenes.tolerance_m IS 'Closeness that is too close to call, metres.';
+COMMENT ON COLUMN scenes.separation_m IS 'Minimum distance wanted between polygons, metres.';
+COMMENT ON COLUMN scenes.nearest_m IS
+'Pairs without conflict that come within this are kept with their closest approach, metres.';
+COMMENT ON COLUMN scenes.objects IS 'How many areas and tracks it holds.';
+COMMENT ON COLUMN scenes.pending IS
+'How many objects wait for detection: changed, removed, or under other settings since the last one that succeeded.';
+COMMENT ON COLUMN scenes.last_run_id IS 'Its last detection, also one that failed; null if there was none.';
+COMMENT ON COLUMN scenes.last_run_at IS 'When that ended.';
+COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not.';
+COMMENT ON COLUMN scenes.is_current IS
+'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
+
+CREATE OR REPLACE FUNCTION _scene_state(
+    p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
+    OUT is_current boolean, OUT remark text
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_waits text;
+BEGIN
+    SELECT v.objects, v.pending, v.last_run_at, v.last_error, v.is_current
+        INTO objects, pending, last_run_at, last_error, is_current FROM scenes v WHERE v.scene = p_scene;
+    v_waits := pending || CASE pending WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection';
+    remark := nullif(concat_ws('; ',
+        CASE WHEN is_current THEN NULL
+             WHEN EXISTS (SELECT FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL) THEN v_waits
+             ELSE 'never detected: ' || v_waits END,
+        'the last detection failed: ' || last_error), '');
+END
+$$;
+COMMENT ON FUNCTION _scene_state(text) IS
+'What the view scenes says of a scene, and in words what is wrong with it, null if nothing is; refuses (ZC010) a name '
+'that is not known.';
+
+CREATE OR REPLACE FUNCTION _told(p_scene text) RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT _is_current(_scene_id(p_scene)) THEN
+        RAISE NOTICE 'scene %: %: the answer may not be complete', quote_literal(p_scene),
+                     (SELECT s.remark FROM _scene_state(p_scene) s)
+            USING HINT = 'The view scenes says is_current; wait_until_current(scene, timeout) waits for a detection.';
+    END IF;
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _told(text) IS
+'Tells the session (NOTICE) when what is known of a scene is not complete; true. Refuses (ZC010) a name that is not '
+'known.';
+
+CREATE OR REPLACE FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT interval '1 minute')
+RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_pause_s CONSTANT double precision := 0.1;
+    v_until timestamptz := clock_timestamp() + p_timeout;
+    v_who text := format('scene %L', p_scene);
+BEGIN
+    -- Each turn sees what others have committed by then; also that the scene was removed.
+    WHILE NOT _is_current(_scene_id(p_scene)) LOOP
+        IF current_setting('transaction_isolation') <> 'read committed' THEN
+            PERFORM _refuse('ZC013', v_who, 'transaction',
+                            format('is %s: it sees one state of the database until it ends, and would wait in vain',
+                                   upper(current_setting('transaction_isolation'))),
+                            'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
+        END IF;
+        IF pg_current_xact_id_if_assigned() IS NOT NULL
+           AND EXISTS (SELECT FROM change m JOIN scene s USING (scene_id)
+                       WHERE s.name = p_scene AND m.changed_at = now()) THEN
+            PERFORM _refuse('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
+                            'until it is committed', 'wait_sees_committed', 'Commit first.');
+        END IF;
+        IF clock_timestamp() >= v_until THEN
+            PERFORM _refuse('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
+                            (SELECT s.remark FROM _scene_state(p_scene) s)), 'scene_current_in_time',
+                            'Is a worker running, and does the last run of the scene tell of an error?');
+        END IF;
+        PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION wait_until_current(text, interval) IS
+'Waits until nothing of a scene waits for detection any more; refuses (ZC014) when that takes longer than p_timeout '
+'(null: however long), and (ZC013) in a transaction that could never see it.';
