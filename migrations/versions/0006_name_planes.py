@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ef64a67e2885837235cdcc211213daf8df7290bd3fc24d1d9e8aa9883ecef6ee"
+routines_sha256 = "1106b30eb18c426733e70738db9691eae30635042d6960bbe76fd6e7b38dd1ff"
 
 
 def upgrade() -> None:
