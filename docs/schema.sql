@@ -414,11 +414,11 @@ FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank b
 FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _is_pending(p_scene_id bigint)
-    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
-
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_pending(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _join_all(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off;
