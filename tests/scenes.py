@@ -33,6 +33,7 @@ class Known:
 
     expected : for each pair that meets, its intervals, seconds after T0 (None: unbounded); all other pairs never meet
     undecided : pairs that may be reported or not: touching at an instant that rounding or the end of a span decides
+    grazing : pairs of those expected that only touch; all others are in conflict
     """
 
     name: str
@@ -41,6 +42,7 @@ class Known:
     tracks: list[Track] = field(default_factory=list)
     expected: dict[Pair, list[Interval]] = field(default_factory=dict)
     undecided: frozenset[Pair] = frozenset()
+    grazing: frozenset[Pair] = frozenset()
 
 
 def meridian_m(earth: EarthModel, lat_deg: float) -> float:
@@ -264,6 +266,7 @@ def on_the_seam(earth: EarthModel) -> Known:
             ("E", "W"): [(None, None)],
             ("minus", "plus"): [(0.0, 3 * HOUR_S)],
         },
+        grazing=frozenset({("E", "W")}),
     )
 
 
@@ -290,6 +293,7 @@ def touching(earth: EarthModel) -> Known:
         ],
         {("edge", "T0"): [times], ("left", "right"): [(None, None)], ("corner", "right"): [(None, None)]},
         frozenset({("close", "T10")}),
+        frozenset({("edge", "T0"), ("left", "right"), ("corner", "right")}),
     )
 
 

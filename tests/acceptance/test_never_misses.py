@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import numpy as np
 import oracle
 import psycopg
 import pytest
@@ -13,10 +14,11 @@ from workloads import WORKLOADS, throw
 
 from conflictdb import store
 from conflictdb.detect import detect
-from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
 
 OBJECTS = 8  # areas, and as many tracks, per scene
-NLP_WORST_S = 10.0
+WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch
+USUAL_S = 1e-6  # of half of the pairs in conflict
 QUICK = [(workload.name, k, list(EarthModel)[k % 2]) for k, workload in enumerate(WORKLOADS)]
 SLOW = [(workload.name, seed, earth) for workload in WORKLOADS for seed in range(100, 106) for earth in EarthModel]
 CASES = [pytest.param(*case, id="-".join(map(str, case))) for case in QUICK]
@@ -85,7 +87,7 @@ def test_stage_three_never_misses(conn: psycopg.Connection[Any], workload: str, 
 
 @cases
 def test_stage_four_is_right(conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel) -> None:
-    """None missed, none false, times within the stated bound, and the bound within ten seconds; database or not."""
+    """None missed, none false, times within the stated bound, bounds that excuse nothing; database or not."""
     scene, areas, tracks = thrown(workload, seed, earth)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     reported = detected(conn, scene)
@@ -93,7 +95,8 @@ def test_stage_four_is_right(conn: psycopg.Connection[Any], workload: str, seed:
     assert not result.wrong
     assert result.touching > 0, "a scene that tests nothing"
     assert result.unresolved == 0
-    assert result.worst_bound_s <= NLP_WORST_S
+    assert result.worst_bound_s <= WORST_S
+    assert np.median([one.time_error_s for one in reported.values() if one.verdict is Verdict.CONFLICT]) < USUAL_S
     assert reported == solved(scene, areas, tracks), "the database and the objects in memory give the same answer"
 
 
