@@ -165,13 +165,27 @@ def test_across_the_antimeridian() -> None:
     assert abs(abs(found.closest_a_deg[0]) - 180.0) < 1e-3
 
 
+slow = pytest.mark.slow  # the oracle looks closely at all that comes near
+
+
 @pytest.mark.parametrize(
-    ("workload", "seed"), [(workloads.EQUATOR, 3), (workloads.HIGH_LATITUDE, 1), (workloads.HARBOUR, 1)]
+    ("workload", "seed", "objects", "near_m"),
+    [
+        (workloads.HIGH_LATITUDE, 3, 3, 50e3),
+        pytest.param(workloads.PAPER, 3, 3, 50e3, marks=slow),
+        *(
+            pytest.param(workload, seed, 4, near_m, marks=slow)
+            for workload, near_m in ((workloads.EQUATOR, 50e3), (workloads.SEAM, 50e3), (workloads.HARBOUR, 1e3))
+            for seed in range(1, 5)
+        ),
+    ],
+    ids=lambda value: getattr(value, "name", str(value)),
 )
-def test_random_scenes_against_brute_force(workload: workloads.Workload, seed: int) -> None:
+def test_random_scenes_against_brute_force(
+    workload: workloads.Workload, seed: int, objects: int, near_m: float
+) -> None:
     """None is missed, and the least distance lies within the stated bound."""
-    scene, areas, tracks = workloads.throw(workload, seed, 4, 4)
-    near_m = 200.0 if workload is workloads.HARBOUR else 5000.0
+    scene, areas, tracks = workloads.throw(workload, seed, objects, objects)
     scene = replace(scene, nearest_m=near_m)
     found = {(one.a_key, one.b_key): one for one in solve(tracks, areas, scene)}
     for pair, meeting in oracle.meetings(scene, areas, tracks, care_m=8.0 * near_m).items():
@@ -181,5 +195,7 @@ def test_random_scenes_against_brute_force(workload: workloads.Workload, seed: i
         one = found[pair]
         assert one.closest_m is not None
         assert one.closest_error_m is not None
+        assert one.closest_error_m <= 1e-4 * one.closest_m + 0.01
         allowed = 2e-3 + 1e-6 * one.closest_m
         assert one.closest_m - one.closest_error_m - allowed <= meeting.least_m <= one.closest_m + allowed
+    assert sum(one.verdict is Verdict.NEAR for one in found.values()) >= 2, "pairs that tell nothing"
