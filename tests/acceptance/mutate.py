@@ -1,0 +1,454 @@
+"""Changes one thing in the numeric modules at a time, and sees which tests notice: a test of the tests.
+
+    python tests/acceptance/mutate.py --seed 1 --count 200 [--keep DIRECTORY] [MODULE ...]
+    python tests/acceptance/mutate.py --again DIRECTORY/survivors.json
+
+Works on a copy of the tree. First it runs the tests once and writes down which of them reach which line, and how long
+they take. Then it draws changes by the seed, and runs for each the tests that reach its line, the quickest first, until
+one fails: the mutant is killed. Tests that need a database, slow ones, and what other processes run are left out. It
+prints each mutant, the survivors as they would look, and a table by module; exits 1 if any survived that is not listed
+in mutants.toml, where mutants that change no answer are, each with the reason.
+
+A module's mutants are: comparisons (their boundary, their sense), arithmetic swapped, signs and negations dropped,
+constants changed, conditions negated, minimum and maximum (and their like) swapped, the branches of `where` swapped,
+clips and absolute values dropped, statements removed. Messages, annotations and decorators are not changed.
+"""
+
+import argparse
+import ast
+import copy
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any, Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+# fmt: off
+MODULES: Final = (
+    "geodesy", "rhumb", "circles", "arcs", "mercator", "gnomonic", "motion", "separation", "proofs", "pieces",
+    "convex", "outlines", "batches", "settle", "stage3_projection", "stage4_contacts", "stage4_exact",
+    "stage4_windows", "stage4_touching", "stage4_separated", "stage4_search", "stage4_approach", "stage4_lp",
+    "stage4_nlp", "estimates",
+)
+# fmt: on
+TESTS: Final = ("tests/unit", "tests/acceptance")
+# Hypothesis' own profile for servers: the same examples each time, and no deadline.
+PYTEST: Final = (
+    "-q",
+    "-x",
+    "-n",
+    "0",
+    "-p",
+    "no:randomly",
+    "-p",
+    "no:cacheprovider",
+    "--tb=no",
+    "--hypothesis-profile=ci",
+)
+# A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
+TIMES: Final = 5.0
+LONGER_S: Final = 30.0
+# Tests on lines that nearly all of them reach: the quickest so many seconds of them.
+ENOUGH_S: Final = 120.0
+# Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
+FEW: Final = 3
+
+COMPARED: Final[dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]]] = {
+    ast.Lt: (ast.LtE, ast.Gt),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.Lt),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+OPERATED: Final[dict[type[ast.operator], type[ast.operator]]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+SWAPPED: Final = {
+    name: other
+    for pair in (
+        ("minimum", "maximum"),
+        ("min", "max"),
+        ("fmin", "fmax"),
+        ("argmin", "argmax"),
+        ("floor", "ceil"),
+        ("any", "all"),
+        ("sin", "cos"),
+        ("sinh", "cosh"),
+        ("zeros", "ones"),
+        ("zeros_like", "ones_like"),
+    )
+    for name, other in (pair, pair[::-1])
+}
+DROPPED: Final = ("clip", "abs", "sqrt", "degrees", "radians", "nan_to_num", "nextafter")  # f(x, ...) becomes x
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change: `old` at a place of a module becomes `new`.
+
+    line : of the module, from 1, where the tests must come by
+    start, end : where `old` is in the text, in bytes
+    within : the function it is in
+    before, after : what is beside it in its line
+    """
+
+    module: str
+    line: int
+    start: int
+    end: int
+    within: str
+    before: str
+    after: str
+    old: str
+    new: str
+
+    @property
+    def name(self) -> str:
+        """The change as mutants.toml and people know it, wherever its lines have moved."""
+        text = f"{self.before}[{self.old} -> {self.new}]{self.after}"
+        return f"{self.module}.{self.within}: {' '.join(text.split())}"
+
+
+class Sites(ast.NodeVisitor):
+    """All that can be changed in one module."""
+
+    def __init__(self, module: str, source: str) -> None:
+        self._module, self._source = module, source.encode()
+        self._starts = [0, *(i + 1 for i, byte in enumerate(self._source) if byte == 10)]
+        self._within: list[str] = []
+        self.found: list[Mutant] = []
+        self.visit(ast.parse(source))
+
+    def _add(self, node: Any, *mutated: Any) -> None:
+        start = self._starts[node.lineno - 1] + node.col_offset
+        end = self._starts[node.end_lineno - 1] + node.end_col_offset
+        old = self._source[start:end].decode()
+        before = self._source[self._starts[node.lineno - 1] : start].decode()
+        after = self._source[end:].split(b"\n", 1)[0].decode()
+        within = ".".join(self._within) or "module"
+        for other in mutated:
+            new = ast.unparse(other)
+            if isinstance(node, ast.expr) and not isinstance(node, ast.Constant | ast.Call):
+                new = f"({new})"
+            self.found.append(Mutant(self._module, node.lineno, start, end, within, before, after, old, new))
+
+    def _scope(self, node: ast.FunctionDef | ast.ClassDef) -> None:
+        self._within.append(node.name)
+        for child in node.body:
+            self.visit(child)
+        self._within.pop()
+
+    visit_FunctionDef = visit_ClassDef = _scope  # noqa: N815 - the names that NodeVisitor looks for
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        """Messages are not changed."""
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
+        """Nor what they are made of."""
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.visit(node.value)
+
+    def visit_Compare(self, node: ast.Compare) -> None:
+        for k, op in enumerate(node.ops):
+            for other in COMPARED[type(op)]:
+                changed = copy.deepcopy(node)
+                changed.ops[k] = other()
+                self._add(node, changed)
+        self.generic_visit(node)
+
+    def visit_BinOp(self, node: ast.BinOp) -> None:
+        is_type = any(isinstance(side, ast.Constant) and side.value is None for side in (node.left, node.right))
+        if type(node.op) in OPERATED and not is_type:
+            self._add(node, ast.BinOp(node.left, OPERATED[type(node.op)](), node.right))
+        self.generic_visit(node)
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
+        self._add(node, node.operand)
+        if not isinstance(node.operand, ast.Constant):
+            self.generic_visit(node)
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> None:
+        self._add(node, ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values))
+        self.generic_visit(node)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        value = node.value
+        if isinstance(value, bool):
+            self._add(node, ast.Constant(not value))
+        elif isinstance(value, int):
+            self._add(node, ast.Constant(value + 1))
+        elif isinstance(value, float):
+            self._add(node, ast.Constant(1.0 if value == 0.0 else 2.0 * value))
+
+    def visit_Call(self, node: ast.Call) -> None:
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name in SWAPPED:
+            changed = copy.deepcopy(node)
+            if isinstance(changed.func, ast.Attribute):
+                changed.func.attr = SWAPPED[name]
+            elif isinstance(changed.func, ast.Name):
+                changed.func.id = SWAPPED[name]
+            self._add(node, changed)
+        elif name in DROPPED and node.args:
+            self._add(node, node.args[0])
+        elif name == "where" and len(node.args) == 3:
+            self._add(node, ast.Call(node.func, [node.args[0], node.args[2], node.args[1]], []))
+        self.visit(node.func)
+        for argument in node.args:
+            self.visit(argument)
+        for keyword in node.keywords:
+            if keyword.arg != "strict":
+                self.visit(keyword.value)
+
+    def visit_IfExp(self, node: ast.IfExp) -> None:
+        self._add(node, ast.IfExp(node.test, node.orelse, node.body))
+        self.generic_visit(node)
+
+    def visit_If(self, node: ast.If | ast.While) -> None:
+        if not isinstance(node.test, ast.Compare | ast.UnaryOp):
+            self._add(node.test, ast.UnaryOp(ast.Not(), node.test))
+        self.generic_visit(node)
+
+    visit_While = visit_If  # noqa: N815
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):  # a docstring
+            self._add(node, ast.Pass())
+            self.generic_visit(node)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> None:
+        self._add(node, ast.Pass())
+        if type(node.op) in OPERATED:
+            self._add(node, ast.AugAssign(node.target, OPERATED[type(node.op)](), node.value))
+        self.visit(node.value)
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        if isinstance(node.targets[0], ast.Subscript):
+            self._add(node, ast.Pass())
+        if getattr(node.targets[0], "id", "") != "__all__":
+            self.generic_visit(node)
+
+
+def sites(root: Path, module: str) -> list[Mutant]:
+    """Return all mutants of a module."""
+    return Sites(module, (root / "conflictdb" / f"{module}.py").read_text()).found
+
+
+class Reach:
+    """A plugin of pytest that notes which lines of the modules each test reaches, and its seconds."""
+
+    def __init__(self, package: Path, modules: Sequence[str]) -> None:
+        self._files = {str(package / f"{module}.py"): module for module in modules}
+        self._left: dict[CodeType, set[int]] = {}
+        self.by_line: dict[str, list[str]] = defaultdict(list)
+        self.seconds: dict[str, float] = {}
+
+    def _enter(self, frame: FrameType, event: str, _: Any) -> Any:
+        code = frame.f_code
+        if code.co_filename not in self._files:
+            return None
+        # Tracing is slow: a function is not traced again once all its lines were reached.
+        left = self._left.get(code)
+        if left is None:
+            left = self._left[code] = {line for *_, line in code.co_lines() if line}
+        return self._line if left else None
+
+    def _line(self, frame: FrameType, event: str, _: Any) -> Any:
+        if event == "line":
+            self._left[frame.f_code].discard(frame.f_lineno)
+        return self._line
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Run a test with its lines traced."""
+        self._left.clear()
+        started = time.perf_counter()
+        sys.settrace(self._enter)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            self.seconds[item.nodeid] = time.perf_counter() - started
+            for code, left in self._left.items():
+                for line in {line for *_, line in code.co_lines() if line} - left:
+                    self.by_line[f"{self._files[code.co_filename]}:{line}"].append(item.nodeid)
+
+
+def reached(root: Path, modules: Sequence[str]) -> None:
+    """Run the tests in this process and write reach.json; exits as pytest does."""
+    plugin = Reach(root / "conflictdb", modules)
+    code = pytest.main([*PYTEST, "-m", "not slow and not db", *TESTS], plugins=[plugin])
+    (root / "reach.json").write_text(json.dumps({"seconds": plugin.seconds, "by_line": plugin.by_line}))
+    sys.exit(code)
+
+
+class Bench:
+    """A copy of the tree, and what its tests reach."""
+
+    def __init__(self, root: Path, modules: Sequence[str]) -> None:
+        self.root = root
+        git = ("git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "--deduplicate")
+        for name in subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0"):
+            if (ROOT / name).is_file():
+                (root / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(ROOT / name, root / name)
+        reach = root / "reach.json"
+        if not reach.exists():
+            tell("reach: running all tests once")
+            done = self._python("tests/acceptance/mutate.py", "--reach", *modules)
+            if done.returncode:
+                sys.exit(f"the tests fail without any change:\n{done.stdout[-3000:]}")
+        found = json.loads(reach.read_text())
+        self._seconds: dict[str, float] = found["seconds"]
+        self._by_line: dict[str, list[str]] = found["by_line"]
+
+    def _python(self, *arguments: str, timeout_s: float | None = None) -> subprocess.CompletedProcess[str]:
+        home = self.root / "home"
+        environment = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "HOME": str(home)}
+        command = [sys.executable, *arguments]
+        return subprocess.run(
+            command, cwd=self.root, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
+
+    def tests_of(self, mutant: Mutant) -> list[str]:
+        """Return the tests that reach a mutant, the quickest first.
+
+        Constants are made on import, and what is kept by a cache is made by whatever test came first: where few tests
+        reach a line, all those that reach its module count.
+        """
+        found = set(self._by_line.get(f"{mutant.module}:{mutant.line}", ()))
+        if mutant.within == "module" or len(found) < FEW:
+            lines = (tests for line, tests in self._by_line.items() if line.startswith(f"{mutant.module}:"))
+            found |= {test for tests in lines for test in tests}
+        chosen, total_s = [], 0.0
+        for test in sorted(found, key=lambda test: (self._seconds[test], test)):
+            total_s += self._seconds[test]
+            if total_s > ENOUGH_S and chosen:
+                break
+            chosen.append(test)
+        return chosen
+
+    def fate(self, mutant: Mutant) -> str:
+        """Return which test fails (or that it hangs); nothing if none does."""
+        tests = self.tests_of(mutant)
+        if not tests:
+            return ""
+        file = self.root / "conflictdb" / f"{mutant.module}.py"
+        source = file.read_bytes()
+        assert source[mutant.start : mutant.end].decode() == mutant.old, "the tree has changed since"
+        (self.root / "tests.txt").write_text("".join(f"{test}\n" for test in tests))
+        try:
+            file.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
+            limit_s = LONGER_S + TIMES * sum(self._seconds[test] for test in tests)
+            done = self._python("-m", "pytest", *PYTEST, "-x", "-m", "", "@tests.txt", timeout_s=limit_s)
+        except subprocess.TimeoutExpired:
+            return "hangs"
+        finally:
+            file.write_bytes(source)
+        if done.returncode == 0:
+            return ""
+        failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        return failed[0] if failed else f"pytest ended with {done.returncode}"
+
+
+def tell(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def known() -> dict[str, str]:
+    """Return the mutants that change no answer, and why."""
+    entries = tomllib.loads(Path(__file__).with_name("mutants.toml").read_text())["equivalent"]
+    return {entry["mutant"]: entry["reason"] for entry in entries}
+
+
+def drawn(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
+    """Return so many mutants of all, every one as likely; or all of them."""
+    found = [mutant for module in modules for mutant in sites(root, module)]
+    return random.Random(seed).sample(found, min(count, len(found)))  # noqa: S311 - chance, not secrecy
+
+
+def again(root: Path, file: Path) -> list[Mutant]:
+    """Return the mutants of an earlier run that still exist, wherever their lines have moved."""
+    names = Counter(json.loads(file.read_text()))
+    every = [mutant for module in {name.split(".")[0] for name in names} for mutant in sites(root, module)]
+    return [mutant for mutant in every if mutant.name in names]
+
+
+def run(bench: Bench, mutants: Sequence[Mutant]) -> list[Mutant]:
+    """Return those that no test notices and nobody has explained; prints all."""
+    reasons, survivors = known(), []
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for k, mutant in enumerate(mutants, 1):
+        started = time.perf_counter()
+        killer = "" if mutant.name in reasons else bench.fate(mutant)
+        kind = "killed" if killer else "equivalent" if mutant.name in reasons else "survived"
+        counts[mutant.module][kind] += 1
+        if kind == "survived":
+            survivors.append(mutant)
+            killer = f"{len(bench.tests_of(mutant))} tests reach it"
+        took_s = time.perf_counter() - started
+        tell(f"{k}/{len(mutants)} {kind:10} {took_s:5.1f} s  {mutant.module}.py:{mutant.line}  {mutant.name}  {killer}")
+    tell("\n| module | mutants | killed | equivalent | survived |\n|---|---|---|---|---|")
+    for module, count in sorted(counts.items()):
+        kinds = " | ".join(str(count[kind]) for kind in ("killed", "equivalent", "survived"))
+        tell(f"| `{module}` | {count.total()} | {kinds} |")
+    return survivors
+
+
+def main() -> int:
+    """Mutate as the command line asks."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, help="directory of the copy, the reach and the survivors (default: new)")
+    parser.add_argument("--again", type=Path, help="the survivors of an earlier run instead of new mutants")
+    parser.add_argument("--reach", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("module", nargs="*", default=MODULES)
+    options = parser.parse_args()
+    if options.reach:
+        reached(ROOT, options.module)
+    keep = (options.keep or Path(tempfile.mkdtemp(prefix="mutants-"))).resolve()
+    keep.mkdir(parents=True, exist_ok=True)
+    bench = Bench(keep, MODULES)
+    mutants = again(keep, options.again) if options.again else drawn(keep, options.module, options.count, options.seed)
+    survivors = run(bench, mutants)
+    (keep / "survivors.json").write_text(json.dumps([mutant.name for mutant in survivors], indent=1))
+    for name in sorted(set(known()) - {mutant.name for module in MODULES for mutant in sites(keep, module)}):
+        tell(f"mutants.toml explains what is no longer there: {name}")
+    for mutant in survivors:
+        tell(f"\nconflictdb/{mutant.module}.py:{mutant.line}\n- {mutant.old}\n+ {mutant.new}")
+    return int(bool(survivors))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
