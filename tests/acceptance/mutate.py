@@ -62,7 +62,7 @@ PYTEST: Final = (
 TIMES: Final = 5.0
 LONGER_S: Final = 30.0
 # Tests on lines that nearly all of them reach: the quickest so many seconds of them.
-ENOUGH_S: Final = 120.0
+ENOUGH_S: Final = 20.0
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
 FEW: Final = 3
 
