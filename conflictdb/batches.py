@@ -62,7 +62,7 @@ class TrackBatch:
     times_us : (w,) int64
     outline_offset : (n + 1,) int64
     outline_m : (v, 2) float64, starboard and forward
-    floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    floor_m, ceiling_m : (w - n,) float64, of each leg, -inf and +inf where unbounded
     grow_mps : (n,) float64, outward speed of every side; 0 where the haven does not grow
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, the outlines of tracks that have one per waypoint, one after the other; else no rows
@@ -87,6 +87,7 @@ class TrackBatch:
     @classmethod
     def of(cls, tracks: Sequence[Track]) -> "TrackBatch":
         """Return the batch of some tracks, numbered from 0."""
+        heights = [t.heights_m() for t in tracks]
         return cls(
             np.arange(len(tracks), dtype=np.int64),
             np.ones(len(tracks), dtype=np.int64),
@@ -95,8 +96,8 @@ class TrackBatch:
             np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
             _offsets([len(t.outline_m) for t in tracks]),
             _stacked([t.outline_m for t in tracks]),
-            np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], dtype=np.float64),
-            np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], dtype=np.float64),
+            np.concatenate([np.empty(0), *(floors_m for floors_m, _ in heights)]),
+            np.concatenate([np.empty(0), *(ceilings_m for _, ceilings_m in heights)]),
             np.array([t.grow_mps for t in tracks], dtype=np.float64),
             _offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             _stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),

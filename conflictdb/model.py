@@ -197,6 +197,9 @@ class Track:
     grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
     outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
         moves straight, and steadily, from its place in one to that in the next; None: it keeps its outline, or grows
+    floors_m, ceilings_m : (n - 1,) float64, instead of floor_m or ceiling_m: the height band on every leg, -inf and
+        +inf where unbounded; floor_m and ceiling_m are then the lowest and the highest of them. At a waypoint the
+        bands of both legs count
     """
 
     key: str
@@ -209,6 +212,8 @@ class Track:
     properties: Mapping[str, Any] = field(default_factory=dict)
     grow_mps: float = 0.0
     outlines_m: NDArray[np.float64] | None = None
+    floors_m: NDArray[np.float64] | None = None
+    ceilings_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         who = _named("track", self.key)
@@ -222,8 +227,47 @@ class Track:
             if self.outlines_m is not None:
                 _check_outlines(who, self)
         with refusals:
-            _check_heights(who, self.floor_m, self.ceiling_m)
+            if self.floors_m is None and self.ceilings_m is None:
+                _check_heights(who, self.floor_m, self.ceiling_m)
+            else:
+                self._settle_heights(who)
         refusals.settle()
+
+    def _settle_heights(self, who: str) -> None:
+        """Check the heights of legs, and take the band of the whole track from them."""
+        for name, extreme in (("floor_m", np.min), ("ceiling_m", np.max)):
+            heights, given = getattr(self, name.replace("_m", "s_m")), getattr(self, name)
+            if heights is None:
+                continue
+            if heights.shape != (len(self.positions_deg) - 1,):
+                rule = f"must be one number, or one per leg: {len(self.positions_deg) - 1} legs, {heights.size} heights"
+                raise InvalidInput(who, name, rule)
+            for i, height in enumerate(heights.tolist()):
+                _check_height(
+                    who, f"{name}[{i}]", None if height == (-np.inf if extreme is np.min else np.inf) else height
+                )
+            whole = float(extreme(heights))
+            settled = whole if np.isfinite(whole) else None
+            if given not in (None, settled):
+                raise InvalidInput(who, name, f"must be that of all legs ({settled}), or be left out; got {given}")
+            object.__setattr__(self, name, settled)
+        floors_m, ceilings_m = self.heights_m()
+        low = np.flatnonzero(ceilings_m <= floors_m)
+        if low.size:
+            i = int(low[0])
+            name = "ceiling_m" if self.ceilings_m is None else f"ceiling_m[{i}]"
+            rule = f"must be above the floor of leg {i} ({floors_m[i]:g}); got {ceilings_m[i]:g}"
+            raise InvalidInput(who, name, rule)
+
+    def heights_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the floor and the ceiling of each leg, (n - 1,) metres, -inf and +inf where unbounded."""
+        legs = len(self.positions_deg) - 1
+        floor_m = -np.inf if self.floor_m is None else self.floor_m
+        ceiling_m = np.inf if self.ceiling_m is None else self.ceiling_m
+        return (
+            np.full(legs, floor_m) if self.floors_m is None else self.floors_m,
+            np.full(legs, ceiling_m) if self.ceilings_m is None else self.ceilings_m,
+        )
 
 
 def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:
@@ -280,10 +324,14 @@ def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
         raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}")
 
 
+def _check_height(who: str, name: str, value: float | None) -> None:
+    if value is not None and not np.isfinite(value):
+        raise InvalidInput(who, name, "must be a finite number of metres, or absent")
+
+
 def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> None:
-    for name, value in (("floor_m", floor_m), ("ceiling_m", ceiling_m)):
-        if value is not None and not np.isfinite(value):
-            raise InvalidInput(who, name, "must be a finite number of metres, or absent")
+    _check_height(who, "floor_m", floor_m)
+    _check_height(who, "ceiling_m", ceiling_m)
     if floor_m is not None and ceiling_m is not None and ceiling_m <= floor_m:
         raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
 

@@ -155,7 +155,9 @@ TABLE track (
     properties jsonb NOT NULL DEFAULT '{}'::jsonb,
     version bigint NOT NULL,
     grow_mps double precision NOT NULL DEFAULT 0,
-    outlines geometry(MultiPolygon)
+    outlines geometry(MultiPolygon),
+    floors_m double precision[],
+    ceilings_m double precision[]
 );
 
 VIEW approaches (
@@ -273,6 +275,7 @@ CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
 CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double precision) OR (outlines IS NULL)));
 CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
 CONSTRAINT track_heights_finite ON track: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
+CONSTRAINT track_heights_in_a_row ON track: CHECK (((array_ndims(floors_m) = 1) AND (array_ndims(ceilings_m) = 1)));
 CONSTRAINT track_key_speakable ON track: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT track_key_unique ON track: UNIQUE (scene_id, key);
 CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
@@ -327,7 +330,7 @@ FUNCTION _begin_write()
 FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea)
+FUNCTION _changed_tracks(p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
@@ -343,6 +346,9 @@ FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth t
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision, p_grow_mps double precision, p_outlines geometry)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_leg_heights(p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
@@ -486,7 +492,7 @@ FUNCTION _radius_m(p_plane text)
 FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
@@ -564,6 +570,9 @@ FUNCTION _told(p_scene text)
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision, p_is_changed boolean)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -591,13 +600,16 @@ FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth tex
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION heights_at(p_scene text, p_key text, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry)
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[])
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)

@@ -41,6 +41,62 @@ $$;
 COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb) IS
 'Refuses what is wrong with the key, heights (metres) or properties of an object.';
 
+CREATE OR REPLACE FUNCTION _check_leg_heights(
+    p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision,
+    p_floors_m double precision[], p_ceilings_m double precision[]
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_legs integer := ST_NPoints(p_path) - 1;
+    v_bad record;
+BEGIN
+    SELECT h.* INTO v_bad FROM (VALUES ('floors_m', p_floors_m), ('ceilings_m', p_ceilings_m)) h (field, heights)
+        WHERE array_ndims(h.heights) IS DISTINCT FROM 1 AND h.heights IS NOT NULL OR array_lower(h.heights, 1) <> 1
+           OR cardinality(h.heights) <> v_legs LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC004', p_who, v_bad.field,
+                        format('must be one per leg: %s legs, %s heights', v_legs, cardinality(v_bad.heights)),
+                        'height_per_leg', 'Null is no limit.');
+    END IF;
+    SELECT n.leg, coalesce(p_floors_m[n.leg], CASE WHEN p_floors_m IS NULL THEN p_floor_m END) AS floor_m,
+           coalesce(p_ceilings_m[n.leg], CASE WHEN p_ceilings_m IS NULL THEN p_ceiling_m END) AS ceiling_m INTO v_bad
+        FROM generate_series(1, v_legs) n (leg)
+        WHERE NOT (p_floors_m[n.leg] > '-infinity' AND p_floors_m[n.leg] < 'infinity')
+           OR NOT (p_ceilings_m[n.leg] > '-infinity' AND p_ceilings_m[n.leg] < 'infinity')
+           OR coalesce(p_ceilings_m[n.leg], CASE WHEN p_ceilings_m IS NULL THEN p_ceiling_m END)
+              <= coalesce(p_floors_m[n.leg], CASE WHEN p_floors_m IS NULL THEN p_floor_m END)
+        ORDER BY n.leg LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC004', p_who, format('leg %s', v_bad.leg),
+                        format('heights must be finite, or null, and the ceiling above the floor; got %s to %s',
+                               v_bad.floor_m, v_bad.ceiling_m), 'ceiling_above_floor');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double precision, double precision[],
+                                       double precision[]) IS
+'Refuses heights of legs (metres) that are not one per leg, not finite, or without room between them. Legs are counted '
+'from 1; of heights that are null the whole track''s holds.';
+
+CREATE OR REPLACE FUNCTION _whole_height(
+    p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,
+    p_is_changed boolean
+) RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- What stands there since before the heights of legs were changed is no contradiction.
+    IF p_given_m IS DISTINCT FROM p_whole_m AND p_given_m IS NOT NULL
+       AND NOT (p_is_changed AND p_given_m IS NOT DISTINCT FROM p_known_m) THEN
+        PERFORM _refuse('ZC004', p_who, p_field,
+                        format('must be that of all legs (%s), or null; got %s', p_whole_m, p_given_m),
+                        'height_of_all_legs');
+    END IF;
+    RETURN p_whole_m;
+END
+$$;
+COMMENT ON FUNCTION _whole_height(text, text, double precision, double precision, double precision, boolean) IS
+'The height of a whole track whose legs have heights of their own (p_whole_m, metres); refuses another one.';
+
 CREATE OR REPLACE FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

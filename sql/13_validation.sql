@@ -94,14 +94,30 @@ BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     NEW.grow_mps := coalesce(NEW.grow_mps, 0);
     NEW.outline := coalesce(NEW.outline, ST_GeometryN(NEW.outlines, 1));
+    IF NEW.floors_m IS NOT NULL THEN
+        NEW.floor_m := _whole_height(
+            v_who, 'floor_m', NEW.floor_m,
+            (SELECT CASE WHEN count(h) = count(*) THEN min(h) END FROM unnest(NEW.floors_m) h),
+            CASE TG_OP WHEN 'UPDATE' THEN OLD.floor_m END,
+            TG_OP = 'UPDATE' AND NEW.floors_m IS DISTINCT FROM OLD.floors_m);
+    END IF;
+    IF NEW.ceilings_m IS NOT NULL THEN
+        NEW.ceiling_m := _whole_height(
+            v_who, 'ceiling_m', NEW.ceiling_m,
+            (SELECT CASE WHEN count(h) = count(*) THEN max(h) END FROM unnest(NEW.ceilings_m) h),
+            CASE TG_OP WHEN 'UPDATE' THEN OLD.ceiling_m END,
+            TG_OP = 'UPDATE' AND NEW.ceilings_m IS DISTINCT FROM OLD.ceilings_m);
+    END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
             PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the object and put it anew',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
-        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines)
-           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines)
+        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
+            NEW.ceilings_m)
+           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
+                                 OLD.floors_m, OLD.ceilings_m)
            AND jsonb_typeof(NEW.properties) = 'object' THEN
             RETURN NEW;
         END IF;
@@ -114,6 +130,9 @@ BEGIN
     END IF;
     IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
         PERFORM _refuse('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
+    END IF;
+    IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
+        PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
     END IF;
     -- X and M change places: the length of a line through a coordinate that is not finite is not finite either.
     IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN

@@ -110,7 +110,8 @@ CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
     p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
-    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL
+    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL,
+    p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -134,28 +135,34 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
                         'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
     END IF;
-    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines)
+    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
+                            floors_m, ceilings_m)
         VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
-                p_grow_mps, ST_Force2D(p_outlines))
+                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
                 floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
-                grow_mps = excluded.grow_mps, outlines = excluded.outlines
-            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines)
+                grow_mps = excluded.grow_mps, outlines = excluded.outlines, floors_m = excluded.floors_m,
+                ceilings_m = excluded.ceilings_m
+            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines,
+                   t.floors_m, t.ceilings_m)
                   IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.grow_mps, excluded.outlines)
+                   excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_track(
-    text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry) IS
+    text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
+    double precision[], double precision[]) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'Path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
 'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point. '
 'A haven may change: every side moves outward at p_grow_mps (metres per second) from the first waypoint''s time on, or '
-'p_outlines is a MultiPolygon of one outline per waypoint (p_outline may be null then).';
+'p_outlines is a MultiPolygon of one outline per waypoint (p_outline may be null then). '
+'Heights (metres above mean sea level) hold for the whole track, or p_floors_m and p_ceilings_m have one per leg, '
+'null where there is no limit (p_floor_m and p_ceiling_m are null then).';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

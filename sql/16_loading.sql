@@ -10,7 +10,7 @@ BEGIN
     ) ON COMMIT DROP;
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
         key text COLLATE "C", name text, path geometry, outline geometry,
-        floor_m double precision, ceiling_m double precision, properties jsonb,
+        floor_m double precision, ceiling_m double precision, floors text, ceilings text, properties jsonb,
         grow_mps double precision, outlines geometry
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
@@ -70,14 +70,18 @@ BEGIN
               IS DISTINCT FROM (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties);
     GET DIAGNOSTICS updated = ROW_COUNT;
     UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
-                       ceiling_m = n.ceiling_m, properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines
+                       ceiling_m = n.ceiling_m, floors_m = n.floors_m, ceilings_m = n.ceilings_m,
+                       properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines
         FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
                      nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
+                     s.floors::double precision[] AS floors_m, s.ceilings::double precision[] AS ceilings_m,
                      s.properties, s.grow_mps, s.outlines FROM pg_temp.staged_track s) n
         WHERE t.scene_id = v_scene_id AND t.key = n.key
-          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines)
+          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.properties, t.grow_mps,
+               t.outlines)
               IS DISTINCT FROM
-              (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.properties, n.grow_mps, n.outlines);
+              (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.grow_mps,
+               n.outlines);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
@@ -88,9 +92,11 @@ BEGIN
         FROM pg_temp.staged_area s
         WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key);
     GET DIAGNOSTICS added = ROW_COUNT;
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines)
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
+                       grow_mps, outlines)
         SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties, s.grow_mps, s.outlines
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
+               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines
         FROM pg_temp.staged_track s
         WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -122,15 +128,17 @@ COMMENT ON FUNCTION _read_areas(bigint) IS 'All areas of a scene, without nulls,
 
 CREATE OR REPLACE FUNCTION _read_tracks(
     p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
-    OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT key text, OUT name text,
-    OUT properties text
+    OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea,
+    OUT ceilings bytea, OUT key text, OUT name text, OUT properties text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL, t.grow_mps,
            ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
-           t.key, coalesce(t.name, ''), t.properties::text
+           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''), t.key, coalesce(t.name, ''),
+           t.properties::text
     FROM track t WHERE t.scene_id = p_scene_id ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint) IS
-'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint.';
+'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint, '
+'floors and ceilings (array_send) where there is none per leg.';

@@ -35,13 +35,14 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'The footprints of some areas as WK
 CREATE OR REPLACE FUNCTION _changed_tracks(
     p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea
+    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
-           coalesce(ST_AsBinary(t.outlines, 'NDR'), '')
+           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
+           coalesce(array_send(t.ceilings_m), '')
     FROM track t
     WHERE t.scene_id = p_scene_id
       AND EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id = t.track_id)
@@ -49,7 +50,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _changed_tracks(bigint) IS
 'The marked tracks of a scene, without nulls, for COPY: infinite heights (metres) stand for unbounded, empty outlines '
-'for none per waypoint.';
+'for none per waypoint, empty floors and ceilings (array_send) for none per leg.';
 
 CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint) RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

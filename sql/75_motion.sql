@@ -281,6 +281,25 @@ COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
 'at the seam; null before its first and from its last waypoint on. A haven without size is a point, without width '
 'a line.';
 
+CREATE OR REPLACE FUNCTION heights_at(
+    p_scene text, p_key text, p_instant timestamptz, OUT floor_m double precision, OUT ceiling_m double precision
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT nullif(min(h.floor_m), '-infinity'), nullif(max(h.ceiling_m), 'infinity')
+    FROM (SELECT CASE WHEN t.floors_m IS NULL THEN coalesce(t.floor_m, '-infinity')
+                      ELSE coalesce(t.floors_m[n.leg], '-infinity') END AS floor_m,
+                 CASE WHEN t.ceilings_m IS NULL THEN coalesce(t.ceiling_m, 'infinity')
+                      ELSE coalesce(t.ceilings_m[n.leg], 'infinity') END AS ceiling_m
+          FROM track t CROSS JOIN LATERAL generate_series(1, ST_NPoints(t.path) - 1) n (leg)
+          WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key
+            AND p_instant BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
+                              AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))) h;
+END;
+COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
+'The height band of a track at an instant, metres above mean sea level, null where there is no limit; at a waypoint it '
+'holds the bands of both legs. Both are null, too, while the track is not under way.';
+
 CREATE OR REPLACE FUNCTION _check_haven(
     p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void

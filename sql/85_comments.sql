@@ -46,6 +46,10 @@ COMMENT ON COLUMN track.outline IS
 'One vertex repeated is a point, two a line.';
 COMMENT ON COLUMN track.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN track.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
+COMMENT ON COLUMN track.floors_m IS
+'Instead: the lowest height on each leg, metres; a null among them is no limit. floor_m is then the lowest of all.';
+COMMENT ON COLUMN track.ceilings_m IS
+'Instead: the first height above it on each leg, metres; a null among them is no limit. ceiling_m is then the highest.';
 COMMENT ON COLUMN track.properties IS 'What its source said beyond these.';
 COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline, growth or heights change.';
 COMMENT ON COLUMN track.grow_mps IS

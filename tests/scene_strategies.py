@@ -72,7 +72,15 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
     if not growth and draw(st.booleans()):
         outlines = np.array([outline * draw(st.floats(0.0, 2.0)) for _ in times])
         outline = outlines[0]
-    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties, growth, outlines)
+    per_leg = None, None
+    if band == (None, None) and draw(st.booleans()):
+        each = [draw(heights()) for _ in times[1:]]
+        per_leg = (
+            np.array([-np.inf if floor_m is None else floor_m for floor_m, _ in each]),
+            np.array([np.inf if ceiling_m is None else ceiling_m for _, ceiling_m in each]),
+        )
+    havens = growth, outlines
+    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties, *havens, *per_leg)
 
 
 @st.composite
@@ -102,5 +110,5 @@ def assert_same(one: Area | Track, other: Area | Track) -> None:
         assert np.array_equal(shapely.get_coordinates(one.footprint), shapely.get_coordinates(other.footprint))
     elif isinstance(one, Track) and isinstance(other, Track):
         assert one.grow_mps == other.grow_mps
-        for name in ("positions_deg", "times_us", "outline_m", "outlines_m"):
+        for name in ("positions_deg", "times_us", "outline_m", "outlines_m", "floors_m", "ceilings_m"):
             assert np.array_equal(getattr(one, name), getattr(other, name)), name

@@ -1,7 +1,7 @@
 """GeoJSON geometries as arrays and polygons, each number checked.
 
 A position may carry a third number (altitude, RFC 7946); it is accepted and left aside, because heights of a scene are
-bands (`floor_m`, `ceiling_m`) that hold for a whole object. Leaving it aside can only report more: without a band an
+bands (`floor_m`, `ceiling_m`) of whole objects or legs. Leaving it aside can only report more: without a band an
 object is at all heights.
 """
 

@@ -211,15 +211,26 @@ def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = R
     with fields.refusals:
         outlines = havens(fields)
         members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
+    members |= _heights(fields, "floor_m", -np.inf) | _heights(fields, "ceiling_m", np.inf)
     members |= {
         "name": fields.text("name"),
-        "floor_m": fields.number("floor_m"),
-        "ceiling_m": fields.number("ceiling_m"),
         "grow_mps": fields.number("grow_mps") or 0.0,
         "properties": fields.rest(),
     }
     fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, foreign, remedy)
     return members
+
+
+def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
+    """Return a height of a track: one, or one per leg, null where it is unbounded."""
+    value = fields.get(name)
+    if not isinstance(value, list):
+        return {name: fields.number(name)}
+    heights = []
+    for i, height in enumerate(value):
+        with fields.refusals:
+            heights.append(unbounded if height is None else finite(fields.who, f"{name}[{i}]", height))
+    return {name.replace("_m", "s_m"): np.array(heights, dtype=np.float64)}
 
 
 def instants(fields: Fields, name: str) -> NDArray[np.int64]:
@@ -364,8 +375,16 @@ def track_properties(item: Track) -> dict[str, Any]:
         **_present(kind="track", name=item.name),
         "times": [format_instant(int(t)) for t in item.times_us],
         **_haven_properties(item),
-        **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
+        **_present(
+            floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
+            ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),
+        ),
     }
+
+
+def _listed(heights: NDArray[np.float64]) -> list[float | None]:
+    """Return heights as JSON has them, null where they are unbounded."""
+    return [height if np.isfinite(height) else None for height in heights.tolist()]
 
 
 def _haven_properties(item: Track) -> Mapping[str, Any]:

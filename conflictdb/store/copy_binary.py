@@ -92,6 +92,19 @@ def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
     return _wkb(WKB_POLYGON, [1], xy, offset, srid)
 
 
+def float8_array(sent: bytes) -> NDArray[np.float64]:
+    """Return the numbers of an array of one dimension as array_send gives it; NaN for null."""
+    count = int.from_bytes(sent[12:16], "big") if sent[3] else 0
+    numbers, at = np.full(count, np.nan), 20
+    for i in range(count):
+        size = int.from_bytes(sent[at : at + 4], "big", signed=True)
+        at += 4
+        if size > 0:
+            numbers[i] = np.frombuffer(sent, dtype=">f8", count=1, offset=at)[0]
+            at += size
+    return numbers
+
+
 def lines_m(xym: NDArray[np.float64], offset: Offsets) -> Ragged:
     """Return a column of LineStringM (WKB), from concatenated vertices."""
     return _wkb(WKB_LINESTRING_M, [], xym, offset, 0)

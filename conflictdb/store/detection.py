@@ -9,7 +9,7 @@ calls:
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
@@ -23,7 +23,7 @@ from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
 from conflictdb.model import Kind, Verdict
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many, transaction
-from conflictdb.store.objects import decode_outlines, decode_paths, decode_rings
+from conflictdb.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
 
 _AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -110,7 +110,7 @@ def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> ND
 def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
     """Return the tracks of a scene that changed since the last detection."""
     columns, strings = copy_binary.receive(
-        conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline", "outlines"]
+        conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline", "outlines", "floors", "ceilings"]
     )
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
@@ -123,12 +123,24 @@ def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
         times_us,
         outline_offset,
         outline_m,
-        columns["floor_m"],
-        columns["ceiling_m"],
+        _leg_heights(columns["floor_m"], strings["floors"], waypoint_offset, -np.inf),
+        _leg_heights(columns["ceiling_m"], strings["ceilings"], waypoint_offset, np.inf),
         columns["grow_mps"],
         outlines_offset,
         outlines_m,
     )
+
+
+def _leg_heights(
+    whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
+) -> NDArray[np.float64]:
+    """Return the heights of all legs of tracks: that of the whole track, or those of its legs where it has some."""
+    legs = np.diff(waypoint_offset) - 1
+    heights = np.repeat(whole_m, legs)
+    start = np.cumsum(legs) - legs
+    for i in np.flatnonzero([bool(one) for one in sent]).tolist():
+        heights[start[i] : start[i] + legs[i]] = decode_heights(sent[i], unbounded)
+    return heights
 
 
 def replace_pieces(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces) -> None:

@@ -140,9 +140,8 @@ def _areas(conn: psycopg.Connection[Any], key: int) -> list[Area]:
 
 
 def _tracks(conn: psycopg.Connection[Any], key: int) -> list[Track]:
-    columns, strings = copy_binary.receive(
-        conn, "_read_tracks", [key], _TRACK_COLUMNS, ["path", "outline", "outlines", "key", "name", "properties"]
-    )
+    ragged = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
+    columns, strings = copy_binary.receive(conn, "_read_tracks", [key], _TRACK_COLUMNS, ragged)
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)
@@ -162,6 +161,8 @@ def _tracks(conn: psycopg.Connection[Any], key: int) -> list[Track]:
             properties=json.loads(strings["properties"][i]),
             grow_mps=grow_mps,
             outlines_m=given,
+            floors_m=decode_heights(strings["floors"][i], -np.inf),
+            ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
         )
         for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
             zip(
@@ -202,6 +203,21 @@ def decode_outlines(wkb: Sequence[bytes], way: NDArray[np.int64]) -> tuple[NDArr
         rings.append(closed[:, :vertices].reshape(-1, 2))
         count[i] = len(rings[-1])
     return np.concatenate(rings), copy_binary.offsets(count)
+
+
+def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
+    """Return the heights of legs (metres) as array_send gives them, null for unbounded; None for no bytes."""
+    if not sent:
+        return None
+    heights = copy_binary.float8_array(sent)
+    return np.where(np.isnan(heights), unbounded, heights)
+
+
+def _encoded_heights(heights: NDArray[np.float64] | None) -> bytes | None:
+    """Return the heights of legs as the text of an array, which loses no digit."""
+    if heights is None:
+        return None
+    return ("{" + ",".join(repr(x) if math.isfinite(x) else "NULL" for x in heights.tolist()) + "}").encode()
 
 
 def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
@@ -248,8 +264,10 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
             np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset
         ),
         "outline": copy_binary.polygons(outline, ring, 0),
-        "floor_m": copy_binary.fixed(batch.floor_m, "f8"),
-        "ceiling_m": copy_binary.fixed(batch.ceiling_m, "f8"),
+        "floor_m": copy_binary.fixed([-np.inf if t.floor_m is None else t.floor_m for t in tracks], "f8"),
+        "ceiling_m": copy_binary.fixed([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], "f8"),
+        "floors": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
+        "ceilings": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
         "properties": _documents("track", keys, [t.properties for t in tracks]),
         "grow_mps": copy_binary.fixed(batch.grow_mps, "f8"),
         "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),

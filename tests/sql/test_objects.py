@@ -55,6 +55,10 @@ TRACKS = [
     track("T line", [-1, 0, 1], [[1, 2], [3, -4.25]], ceiling_m=3.0, properties={"class": {"x": [True]}}),
     track("T many", [-8_500_000_000_000_001, 8_589_934_591_999_999], [[0, 9], [8, 4], [6, -5], [-3, -7], [-9, 1]]),
     track("T grows", [T0_US, T0_US + 7], grow_mps=1 / 3),
+    track(
+        "T climbs", [T0_US, T0_US + 5, T0_US + 9], floors_m=np.array([0.1, 1 / 3]), ceilings_m=np.array([0.2, np.inf])
+    ),
+    track("T dives", [T0_US, T0_US + 5, T0_US + 9], floors_m=np.array([-np.inf, -30.0]), ceiling_m=5.0),
     track("T growing point", [T0_US, T0_US + 7], [[0, 0]], grow_mps=0.25),
     *(
         track(f"T changes {m}", [T0_US, T0_US + 5, T0_US + 9], rings[0], outlines_m=np.array(rings))
@@ -76,6 +80,8 @@ def assert_same(found: Track, wanted: Track) -> None:
     assert found.positions_deg.tobytes() == wanted.positions_deg.tobytes()
     assert found.outline_m.tobytes() == wanted.outline_m.tobytes()
     assert found.grow_mps == wanted.grow_mps
+    for name in ("floors_m", "ceilings_m"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name))
     assert (found.outlines_m is None) == (wanted.outlines_m is None)
     if found.outlines_m is not None and wanted.outlines_m is not None:
         assert found.outlines_m.shape == wanted.outlines_m.shape
@@ -89,7 +95,7 @@ def versions(conn: Conn) -> list[tuple[str, int]]:
 
 
 def test_scene_comes_back_as_it_was_loaded(conn: Conn) -> None:
-    assert store.replace_scene(conn, SCENE, AREAS, TRACKS, merge=False) == store.LoadCounts(16, 0, 0, 0)
+    assert store.replace_scene(conn, SCENE, AREAS, TRACKS, merge=False) == store.LoadCounts(18, 0, 0, 0)
     scene, areas, tracks = store.read_scene(conn, "s")
     assert scene == SCENE
     assert areas == AREAS
@@ -116,7 +122,7 @@ def test_loading_in_the_callers_transaction_is_the_callers_to_commit(conn: Conn)
 
 def test_callers_connection_may_have_other_rows_and_autocommit(dsn: str) -> None:
     with psycopg.connect(dsn, autocommit=True, row_factory=dict_row) as conn:
-        assert store.replace_scene(conn, SCENE, AREAS, TRACKS, merge=False).added == 16
+        assert store.replace_scene(conn, SCENE, AREAS, TRACKS, merge=False).added == 18
         assert len(store.read_scene(conn, "s")[1]) == 5
         assert store.conflicts(conn, "s") == []
 
@@ -126,7 +132,7 @@ def test_loading_again_touches_nothing(conn: Conn) -> None:
     before = versions(conn)
     conn.execute("DELETE FROM conflictdb.change")
     conn.commit()
-    assert store.replace_scene(conn, SCENE, AREAS[::-1], TRACKS, merge=False) == store.LoadCounts(0, 0, 0, 16)
+    assert store.replace_scene(conn, SCENE, AREAS[::-1], TRACKS, merge=False) == store.LoadCounts(0, 0, 0, 18)
     assert versions(conn) == before
     assert store.list_scenes(conn)[0].pending == 0
 
@@ -138,7 +144,7 @@ def test_loading_touches_only_what_differs(conn: Conn) -> None:
     areas = [replace(AREAS[0], floor_m=5.0), replace(AREAS[1], name="other"), *AREAS[2:4]]
     later = replace(TRACKS[0], times_us=TRACKS[0].times_us + np.array([0, 0, 1]))
     tracks = [later, *TRACKS[1:], track("new", [1, 2])]
-    assert store.replace_scene(conn, SCENE, areas, tracks, merge=False) == store.LoadCounts(1, 3, 1, 12)
+    assert store.replace_scene(conn, SCENE, areas, tracks, merge=False) == store.LoadCounts(1, 3, 1, 14)
     assert store.list_scenes(conn)[0].pending == 4  # not the one whose name changed
     assert_same(store.read_scene(conn, "s")[2][0], later)
 
