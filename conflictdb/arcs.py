@@ -6,35 +6,41 @@ vectors is (dy, -dx, x dy - y dx), and the triple product of three twice the are
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from conflictdb.geodesy import Floats
+from conflictdb.geodesy import Floats, Sides
 
 
-def least_chord(points: Floats, polygon: Floats) -> Floats:
-    """Return (n,) the least chord from points (2, p, n) to the edges of polygons (2, e, n), all in radii.
+def least_chord(points: Floats, polygon: Floats, sides: Sides) -> Floats:
+    """Return (n,) the least chord from points (2, p, n) to the sides of polygons (2, v, n), all in radii.
 
     Coordinates are those of the gnomonic plane; less than half a sphere lies in it.
     """
-    edge = np.roll(polygon, -1, axis=1) - polygon
-    to_point = points[:, :, None, :] - polygon[:, None, :, :]  # (2, p, e, n)
+    start, end = (polygon[:, side] for side in sides)
+    edge = end - start
+    to_point = points[:, :, None, :] - start[:, None]  # (2, p, e, n)
     to_next = to_point - edge[:, None]
-    square = 1.0 + (polygon**2).sum(axis=0)  # (e, n)
+    square = 1.0 + (start**2).sum(axis=0)  # (e, n)
     point_square = (1.0 + (points**2).sum(axis=0))[:, None]  # (p, 1, n)
-    from_vertex = _sine2(polygon[:, None], to_point) / (square * point_square)
+    from_vertex = _sine2(start[:, None], to_point) / (square * point_square)
     # Within the edge: in front of either end, by the metric there.
-    inside = (_metric(polygon[:, None], square, to_point, edge[:, None]) > 0.0) & (
-        _metric(np.roll(polygon, -1, axis=1)[:, None], np.roll(square, -1, axis=0), to_next, -edge[:, None]) > 0.0
+    inside = (_metric(start[:, None], square, to_point, edge[:, None]) > 0.0) & (
+        _metric(end[:, None], 1.0 + (end**2).sum(axis=0), to_next, -edge[:, None]) > 0.0
     )
     area = edge[0] * to_point[1] - edge[1] * to_point[0]
-    normal = _sine2(polygon, edge)
+    normal = _sine2(start, edge)
     with np.errstate(divide="ignore", invalid="ignore"):
         to_edge = area**2 / (normal * point_square)
-    # Of the squared sine to the squared chord, 2 - 2 cos; polygons lie within 60 degrees of the centre, so that two
-    # points may be more than a quarter turn apart: their cosine tells.
-    dot = 1.0 + polygon[0] * points[0][:, None] + polygon[1] * points[1][:, None]
-    chord = _chord2(from_vertex, dot < 0.0)
-    return np.sqrt(np.where(inside, np.minimum(_chord2(to_edge, np.zeros(1, np.bool_)), chord), chord).min(axis=(0, 1)))
+    # Polygons lie within 60 degrees of the centre: two points may be more than a quarter turn apart, an edge may not.
+    dot = 1.0 + start[0] * points[0][:, None] + start[1] * points[1][:, None]
+    chord = _chord2(from_vertex, dot / np.sqrt(square * point_square))
+    cosine = np.sqrt(np.maximum(1.0 - to_edge, 0.0))
+    if (to_edge > 0.5).any():
+        # The cosine of nearly a quarter turn is lost in its sine: |(start x end) x point| has it.
+        ahead = edge[0] * points[0][:, None] + edge[1] * points[1][:, None]
+        across2 = sum((edge[k] * dot - start[k] * ahead) ** 2 for k in (0, 1)) + ahead**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cosine = np.where(to_edge > 0.5, np.sqrt(across2 / (normal * point_square)), cosine)
+    return np.sqrt(np.where(inside, np.minimum(_chord2(to_edge, cosine), chord), chord).min(axis=(0, 1)))
 
 
 def _sine2(base: Floats, step: Floats) -> Floats:
@@ -50,7 +56,6 @@ def _metric(base: Floats, square: Floats, one: Floats, other: Floats) -> Floats:
     )
 
 
-def _chord2(sine2: Floats, obtuse: NDArray[np.bool_]) -> Floats:
-    """Return the squared chord of angles whose squared sine is given: 2 - 2 cos, without cancellation."""
-    cosine = np.sqrt(np.maximum(1.0 - sine2, 0.0))
-    return np.where(obtuse, 2.0 + 2.0 * cosine, 2.0 * sine2 / (1.0 + cosine))
+def _chord2(sine2: Floats, cosine: Floats) -> Floats:
+    """Return the squared chord of angles, 2 - 2 cos, without cancellation."""
+    return np.where(cosine < 0.0, 2.0 - 2.0 * cosine, 2.0 * sine2 / np.maximum(1.0 + cosine, 1.0))

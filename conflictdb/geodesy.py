@@ -24,6 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb.model import EarthModel
 
 Floats = NDArray[np.float64]
+# Which vertices the sides of polygons run between, (e,) each.
+Sides = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 MEAN_RADIUS_M: Final = 6_371_008.771415  # (2a + b) / 3 of WGS84, the sphere of this package
 WGS84_RADIUS_M: Final = 6_378_137.0
@@ -50,6 +52,16 @@ class Earth:
     to_rectifying: tuple[float, ...]
     to_conformal: tuple[float, ...]
     conformal_radius: tuple[float, ...]
+
+    @property
+    def polar_conformal_radius_m(self) -> float:
+        """The least radius of the conformal sphere, metres; the largest is the equatorial one."""
+        return sum(self.conformal_radius)
+
+    @property
+    def oblateness(self) -> float:
+        """ln(largest / least radius of the conformal sphere): also the most that ln radius changes in a radian."""
+        return math.log(self.radius_m / self.polar_conformal_radius_m)
 
     def rectifying(self, latitude: ArrayLike) -> Floats:
         """Return the rectifying latitude mu of a geographic latitude, radians."""
@@ -158,8 +170,11 @@ class Earth:
         """Return metres on the earth per radian of the sphere that has the same Mercator plane (conformal sphere)."""
         if not self.to_conformal:
             return np.full_like(psi, self.radius_m)
-        square = np.tanh(psi) ** 2
-        value = np.full_like(psi, self.conformal_radius[-1])
+        return self.conformal_radius_of(np.tanh(psi) ** 2)
+
+    def conformal_radius_of(self, square: Floats) -> Floats:
+        """Return `conformal_radius_m` where the squared sine of the conformal latitude is given."""
+        value = np.full_like(square, self.conformal_radius[-1])
         for coefficient in self.conformal_radius[-2::-1]:
             value *= square
             value += coefficient

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb.arcs import least_chord
 from conflictdb.batches import Pieces, ragged_rows
 from conflictdb.circles import LEAST_UP, MAX_CHANGING_REACH, GreatCircles, GreatCircleShapes, great_circle_shapes
-from conflictdb.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
+from conflictdb.geodesy import MEAN_RADIUS_M, Floats, Sides, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind
 from conflictdb.motion import likeness, shape_vertices
 
@@ -124,6 +124,9 @@ class Gnomonic:
         """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
         return np.asarray(distance_m * scale)
 
+    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
+        return np.asarray(span_m / scale)
+
     def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
@@ -132,21 +135,21 @@ class Gnomonic:
         """
         return np.asarray(distance_m * 2.0 * np.sqrt(scale - 1.0) * scale / MEAN_RADIUS_M * speed)
 
-    def slant(self, scale: Floats) -> Floats:
+    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return the largest angle between a step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2."""
         return np.arctan(0.5 * (scale - 1.0) / np.sqrt(scale))
 
-    def understated_m(self, distance_m: float, scale: Floats) -> Floats:
+    def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return the rounding of a distance that has a closed form."""
-        return np.full(len(scale), 1e-12 * distance_m)
+        return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)
 
-    def distance_m(self, a: Floats, b: Floats) -> Floats:
+    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
         """Return (n,) the least distance on the sphere of disjoint polygons (2, va, n) and (2, vb, n), plane metres.
 
         Of two arcs of great circles that do not cross, one has an end that is nearest to the other.
         """
         a, b = a / MEAN_RADIUS_M, b / MEAN_RADIUS_M
-        chord = np.minimum(least_chord(a, b), least_chord(b, a))
+        chord = np.minimum(least_chord(a, b, sides_b), least_chord(b, a, sides_a))
         distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 

@@ -9,25 +9,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb import rhumb
+from conflictdb import rhumb, rhumb_distance
 from conflictdb.batches import Pieces
-from conflictdb.geodesy import Earth, Floats, direction_of
+from conflictdb.geodesy import Earth, Floats, Sides, direction_of
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG
+from conflictdb.rhumb_distance import BLOCK_NUMBERS, NEARBY
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
-# The radius of the conformal sphere varies by 0.7 % from equator to pole, and great circles on it are taken for
-# geodesics: over 100 km that overstates a distance by less than this share.
-GEODESIC_SHARE: Final = 1e-8
-# Rhumb lines curve, so that two edges may be nearest between their ends: that is seen to save less than a share of
-# 0.003 (distance * tan(latitude) / radius)^4; rounded up seven times.
-EDGE_SHARE: Final = 0.02
-# Steps that find the nearest place on an edge: each leaves (distance * tan(latitude) / radius)^2 / 2 of the error.
-NEAREST_STEPS: Final = 4
-# Where distance * tan(latitude) / radius is beyond this, the nearest place is only bounded.
-MAX_TURN: Final = 0.3
-# What numpy holds at once when distances between all vertices and edges are taken, numbers.
-BLOCK_NUMBERS: Final = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,30 +86,60 @@ class Mercator:
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return the plane metres of a distance on the earth.
 
-        A rhumb line has at most the geodesic curvature tan(latitude) / R: over a distance d the shortest way saves a
-        share (d tan / R)^2 / 24 of it; a way over the pole at most a third. Rounded up.
+        With s = cosh(psi) sin(theta / 2) that is 2 asin(s) at most on the sphere, from the formula of `rhumb_distance`,
+        while s < 1, and 2 hypot(pi / 2, acosh(s)) beyond; the bounds taken here are convex in ln s, so that half of
+        what each end needs is enough. The radius of the conformal sphere changes by oblateness * theta on the way.
         """
-        turn = distance_m * self._tangent(scale) / self.earth.rectifying_m
-        return np.asarray(distance_m / (1.0 - np.minimum(turn**2 / 4.0, 0.5)) * scale)
+        radius = self.earth.radius_m
+        theta = distance_m / radius
+        change = 1.0 + self._most_change(theta)
+        s = scale * change * np.sin(np.minimum(0.5 * theta, 0.5 * np.pi))
+        beyond = np.pi + (3.0 * np.pi - 4.0) * np.log(np.maximum(s, 1.0))
+        return np.asarray(radius * np.where(s < 1.0, 2.0 * s + (np.pi - 2.0) * s**3, beyond))
+
+    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
+        """Return the least distance of places this far apart in the plane: what `span_m` is from."""
+        radius = self.earth.radius_m
+        sine = np.sin(np.minimum(0.5 * span_m / radius, 0.5 * np.pi))
+        theta = 2.0 * np.arcsin(np.minimum(sine / np.maximum(scale, 1.0), 1.0))
+        return np.asarray(radius * theta / (1.0 + self._most_change(1.01 * theta)))
 
     def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
-        return np.asarray(distance_m * self._tangent(scale) / self.earth.rectifying_m * speed)
+        """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
-    def slant(self, scale: Floats) -> Floats:
-        return np.zeros(len(scale))
+        The shortest way pulls at its ends with 1 / scale, and on the way that changes by tanh(psi) / radius a metre.
+        """
+        sine = np.sin(self._highest(distance_m, scale))
+        return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * sine * scale * speed)
 
-    def understated_m(self, distance_m: float, scale: Floats) -> Floats:
-        turn = distance_m * self._tangent(scale) / self.earth.rectifying_m
-        return 2.0 * distance_m * _unsure(turn)
+    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return by how much the shortest way turns in the plane, radians: by tan(latitude) / radius a metre."""
+        highest = self._highest(distance_m, scale)
+        tangent = np.tan(np.minimum(highest, 0.5 * np.pi - 1e-9))
+        return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * tangent)
 
-    def distance_m(self, a: Floats, b: Floats) -> Floats:
+    def distance_error_m(self, distance_m: Floats | float) -> Floats:
+        return rhumb_distance.error_m(self.earth, distance_m)
+
+    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
+        earth = self.earth
         found = np.empty(a.shape[2])
-        step = max(1, BLOCK_NUMBERS // (a.shape[1] * b.shape[1]))
+        step = max(1, BLOCK_NUMBERS // max(a.shape[1] * len(sides_b[0]), b.shape[1] * len(sides_a[0])))
         for first in range(0, a.shape[2], step):
             block = slice(first, first + step)
-            one, other = a[:, :, block] / self.earth.radius_m, b[:, :, block] / self.earth.radius_m
-            found[block] = np.minimum(self._from_vertices(one, other), self._from_vertices(other, one))
-        return found
+            one, other = a[:, :, block] / earth.radius_m, b[:, :, block] / earth.radius_m
+            least = np.minimum(
+                rhumb_distance.nearby_m(earth, one, other, sides_b), rhumb_distance.nearby_m(earth, other, one, sides_a)
+            )
+            # Known to be the least one where all that is as near lies nearby in the plane, and none across the seam.
+            corners = np.concatenate([one, other], axis=1)
+            width = corners[0].max(axis=0) - corners[0].min(axis=0)
+            span = self.span_m(least, earth.plane_scale(np.abs(corners[1]).max(axis=0)))
+            far = np.flatnonzero((span > NEARBY * earth.radius_m) | (width > 2.0 * np.pi - NEARBY))
+            if far.size:
+                least[far] = rhumb_distance.anywhere_m(earth, one[:, :, far], other[:, :, far], sides_a, sides_b)
+            found[block] = least
+        return np.maximum(found - rhumb_distance.overstated_m(earth, found), 0.0)
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
         return rhumb.variety(self.earth, pieces)
@@ -136,42 +155,16 @@ class Mercator:
     def _scale(self, y_m: Floats) -> Floats:
         return self.earth.plane_scale(y_m / self.earth.radius_m)
 
-    def _tangent(self, scale: Floats) -> Floats:
-        """Return at least the tangent of the (conformal) latitude that has this scale."""
-        widest = max(self.earth.conformal_radius_m(np.array([0.0, 30.0]))) / self.earth.radius_m
-        return np.asarray(np.sqrt(np.maximum((scale * widest) ** 2 - 1.0, 0.0)))
+    @property
+    def _shrinks(self) -> float:
+        """The most that the conformal sphere's radius adds to the scale and how it changes, as a share of tanh(psi)."""
+        return 3.02 * self.earth.oblateness
 
-    def _from_vertices(self, points: Floats, polygon: Floats) -> Floats:
-        """Return (n,) the least distance of vertices from edges of another polygon, radians of longitude and psi.
+    def _most_change(self, theta: Floats | float) -> Floats:
+        """Return by what share the radius of the conformal sphere may change on a way of theta radians."""
+        return np.asarray(1.01 * self.earth.oblateness * np.minimum(theta, 1.0))
 
-        On the sphere, between points of the Mercator plane, sin^2(d / 2) = (sin^2(dlon / 2) + sinh^2(dpsi / 2))
-        sech psi1 sech psi2, exactly. Along an edge it is least at the fixed point of a step from the plane's foot.
-        """
-        start = polygon[:, None, :, :]
-        edge = np.roll(polygon, -1, axis=1)[:, None, :, :] - start
-        length = np.hypot(edge[0], edge[1])
-        unit = edge / np.where(length > 0.0, length, 1.0)
-        way = points[:, :, None, :] - start
-        foot = way[0] * unit[0] + way[1] * unit[1]
-        off = way[0] * unit[1] - way[1] * unit[0]
-        along = np.clip(foot, 0.0, length)
-        for _ in range(NEAREST_STEPS):
-            square = off**2 + (along - foot) ** 2
-            along = np.clip(foot + 0.5 * square * unit[1] * np.tanh(start[1] + along * unit[1]), 0.0, length)
-        psi, psi_foot = np.broadcast_arrays(points[1][:, None, :], start[1] + along * unit[1])
-        lon_apart = way[0] - along * unit[0]
-        psi_apart = way[1] - along * unit[1]
-        half = np.sqrt(np.sin(0.5 * lon_apart) ** 2 + np.sinh(0.5 * psi_apart) ** 2)
-        half = np.minimum(half / np.sqrt(np.cosh(psi) * np.cosh(psi_foot)), 1.0)
-        angle = 2.0 * np.arcsin(half)
-        # Simpson's rule for the radius along the great circle, whose middle has this latitude.
-        middle = np.arctanh(0.5 * (np.tanh(psi) + np.tanh(psi_foot)) / np.sqrt(1.0 - half**2))
-        radius = self.earth.conformal_radius_m
-        mean = (radius(psi) + 4.0 * radius(middle) + radius(psi_foot)) / 6.0
-        turn = angle * np.sinh(np.maximum(np.abs(psi), np.abs(psi_foot)))
-        return np.asarray((mean * angle * (1.0 - _unsure(turn))).min(axis=(0, 1)))
-
-
-def _unsure(turn: Floats) -> Floats:
-    """Return the share of a distance that is taken off to be sure, turn = distance * tan(latitude) / radius."""
-    return np.where(turn > MAX_TURN, np.minimum(turn**2 / 4.0, 0.5), GEODESIC_SHARE + EDGE_SHARE * turn**4)
+    def _highest(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return at least the highest conformal latitude, radians, of a shortest way whose ends have this scale."""
+        highest = np.arccos(1.0 / np.maximum(scale, 1.0)) + 0.505 * distance_m / self.earth.radius_m
+        return np.asarray(np.minimum(highest, 0.5 * np.pi))

@@ -27,6 +27,9 @@ MAX_LATITUDE_DEG: Final = 90.0
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
+# Half the way around the earth: no two places are further apart, and no bound on distances reaches further, metres.
+MAX_DISTANCE_M: Final = 20_000_000.0
+
 # No position is that uncertain; what grows faster is a mistake in its units.
 MAX_GROWTH_MPS: Final = 1e6
 
@@ -126,6 +129,9 @@ class Scene:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
                 raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
+            if value > MAX_DISTANCE_M:
+                rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
+                raise InvalidInput(who, name, f"{rule}; got {value!r} (is it in metres?)")
             object.__setattr__(self, name, float(value))
         if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
             raise InvalidInput(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.batches import Pieces
-from conflictdb.geodesy import Floats
+from conflictdb.geodesy import Floats, Sides
 from conflictdb.model import Kind
 
 # Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
@@ -119,7 +119,13 @@ class Plane(Protocol):
         """Return (n,) the fewest plane metres per metre on the earth (>= 1) in the hulls of points (2, v, n)."""
 
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return how many plane metres a distance may take up where the scale at its ends is at most this."""
+        """Return how many plane metres a distance may take up where the scale at its ends is at most this.
+
+        Half of it at the scale of each end is enough, too.
+        """
+
+    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
+        """Return the least distance that so many plane metres may be, where the scale at both ends is at most this."""
 
     def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
@@ -127,19 +133,20 @@ class Plane(Protocol):
         speed : (n,) plane m/s of the points; scale : the largest they reach, at which the rate is brought to the plane
         """
 
-    def slant(self, scale: Floats) -> Floats:
-        """Return (n,) the largest angle, radians, between a way and where distances along it grow fastest.
+    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return (n,) the largest angle, radians, between the line between two places and where distances grow fastest.
 
-        scale : the largest on the way; in a plane that keeps angles it is 0
+        distance_m : of the places, at most; scale : the largest at either
         """
 
-    def understated_m(self, distance_m: float, scale: Floats) -> Floats:
-        """Return (n,) by how much at most `distance_m` understates such a distance; scale : the largest on the way."""
+    def distance_error_m(self, distance_m: Floats | float) -> Floats:
+        """Return by how much at most `distance_m` understates a distance that is this long."""
 
-    def distance_m(self, a: Floats, b: Floats) -> Floats:
+    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
         """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
 
-        The length of the shortest way (geodesic); never overstated, understated by less than a millimetre in 100 km.
+        The length of the shortest way (geodesic), any way round; never overstated, and understated by less than
+        `distance_error_m`.
         """
 
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
@@ -180,6 +187,16 @@ class StaticShapes:
 
     def uneven(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
+
+
+def sides_of(count: int, *, convex: bool) -> Sides:
+    """Return the vertices that sides of polygons run between: any two, where the sides of their hull are not known.
+
+    A side starts at each vertex.
+    """
+    start = np.arange(count)
+    steps = np.arange(1, 2 if convex else max(count // 2 + 1, 2))
+    return np.tile(start, len(steps)), ((start + steps[:, None]) % count).reshape(-1)
 
 
 def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:

@@ -122,10 +122,11 @@ def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats)
         rate = _relative_speed(some, t) + bend * width
         level = found.gap
         if pairs.separation_m > 0.0:
-            largest = some.scale(a, b)[0]
+            ends = [shape.positions(at) for at in (t - 0.5 * width, t + 0.5 * width) for shape in (some.a, some.b)]
+            largest = some.scale(*ends)[0]
             rate += pairs.plane.drift(some.separation_m, largest, _speed(some, t, bend * width))
             # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
-            level = found.excess_m
+            level = found.excess_m + pairs.distance_error_m(pairs.separation_m)
         bound = level + 0.5 * rate * width
         parts.append(np.where(found.excess_m > TOUCH_M, np.inf, bound))
     return np.concatenate(parts)

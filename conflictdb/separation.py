@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces
-from conflictdb.geodesy import Floats
-from conflictdb.motion import Plane, Rows, Shapes, likeness, origins, shapes_of
+from conflictdb.geodesy import Floats, Sides
+from conflictdb.motion import Plane, Rows, Shapes, likeness, origins, shapes_of, sides_of
 
 # Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a miss.
 TOUCH_M: Final = 5e-8
@@ -80,9 +80,20 @@ class Encounters:
         step = max(1, BATCH_NUMBERS // (self.a.vertex_count + self.b.vertex_count))
         return [slice(first, first + step) for first in range(0, max(n, 1), step)]
 
-    def doubt_m(self, largest: Floats) -> Floats:
-        """Return (n,) how much nearer than wanted a pair must be to be so beyond doubt; largest : scale on the way."""
-        return TOUCH_M + self.plane.understated_m(self.separation_m, largest)
+    @property
+    def certainty_margin_m(self) -> float:
+        """How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth."""
+        return TOUCH_M + self.distance_error_m(self.separation_m)
+
+    def distance_error_m(self, distance_m: float) -> float:
+        """Return by how much a distance on the earth may be understated; those in the plane are as they are."""
+        return float(self.plane.distance_error_m(distance_m)) if distance_m > short_m(self.plane) else 0.0
+
+    @property
+    def sides(self) -> tuple[Sides, Sides]:
+        """Of a and of b, which vertices their sides run between."""
+        a, b = (sides_of(shape.vertex_count, convex=shape.is_convex) for shape in (self.a, self.b))
+        return a, b
 
     def scale(self, *polygons: Floats) -> tuple[Floats, Floats]:
         """Return (n,) the largest and smallest scale in the hulls of all vertices (2, v, n) of each of these pairs."""
@@ -144,7 +155,7 @@ def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, 
     point_a, point_b = a.mean(axis=1), b.mean(axis=1)
     if apart.size:
         one, other = a[:, :, apart], b[:, :, apart]
-        point_a[:, apart], point_b[:, apart] = _nearest_points(one, other)
+        point_a[:, apart], point_b[:, apart] = _nearest_points(one, other, *pairs.sides)
         between = point_b[:, apart] - point_a[:, apart]
         distance = np.hypot(between[0], between[1])
         # The way between points that are close has hardly a direction: then that of an edge separates better.
@@ -170,7 +181,7 @@ def _distance_m(
         apart = apart[~far]
     # The scale may differ from that at the nearest points of the plane, so that others are nearer on the earth.
     origin = pairs.origin[:, None, apart]
-    metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin)
+    metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin, *pairs.sides)
     return np.asarray(metres)
 
 
@@ -292,24 +303,25 @@ def edges(mine: Floats, other: Floats, *, convex: bool) -> list[tuple[NDArray[np
     return [(k[i : i + size], m[i : i + size]) for i in range(0, len(k), size)]
 
 
-def _nearest_points(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def _nearest_points(a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> tuple[Floats, Floats]:
     """Return the nearest points of disjoint polygons, (2, n) each."""
-    on_b, foot_b, from_a = _vertex_to_edge(a, b)
-    on_a, foot_a, from_b = _vertex_to_edge(b, a)
+    on_b, foot_b, from_a = _vertex_to_side(a, b, sides_b)
+    on_a, foot_a, from_b = _vertex_to_side(b, a, sides_a)
     first = on_b <= on_a
     return np.where(first, from_a, foot_a), np.where(first, foot_b, from_b)
 
 
-def _vertex_to_edge(points: Floats, polygon: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return (squared distance, foot on the polygon's edges, vertex) of the vertex nearest to the edges, (..., n)."""
-    edge = np.roll(polygon, -1, axis=1) - polygon
+def _vertex_to_side(points: Floats, polygon: Floats, sides: Sides) -> tuple[Floats, Floats, Floats]:
+    """Return (squared distance, foot on the polygon's sides, vertex) of the vertex nearest to the sides, (..., n)."""
+    start = polygon[:, sides[0]]
+    edge = polygon[:, sides[1]] - start
     square = edge[0] ** 2 + edge[1] ** 2
-    way = points[:, :, None, :] - polygon[:, None, :, :]
+    way = points[:, :, None, :] - start[:, None]
     along = (way[0] * edge[0] + way[1] * edge[1]) / np.where(square > 0.0, square, 1.0)
     off = way - np.clip(along, 0.0, 1.0) * edge[:, None, :, :]
     distance = (off[0] ** 2 + off[1] ** 2).reshape(-1, points.shape[2])
     best = distance.argmin(axis=0)
     rows = np.arange(points.shape[2])
-    p, e = np.divmod(best, polygon.shape[1])
+    p, e = np.divmod(best, len(sides[0]))
     vertex = points[:, p, rows]
     return distance[best, rows], vertex - off[:, p, e, rows], vertex

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces
-from conflictdb.geodesy import Floats
+from conflictdb.geodesy import Floats, Sides
 from conflictdb.model import SINCE_EVER_US, Kind, Scene
-from conflictdb.motion import Plane
+from conflictdb.motion import Plane, sides_of
 from conflictdb.planes import plane_of
 from conflictdb.proofs import BRACKET_S, SHORTEST_INTERVAL_S, Leaf, not_clear
 from conflictdb.separation import TOUCH_M, Encounters, alike, gap_along, nearest, short_m
@@ -34,10 +34,12 @@ MAX_LEVELS: Final = 48
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 # How often the search for the first contact moves to an earlier one.
 MAX_ROUNDS: Final = 16
-# Steps of a golden section along an edge: they shrink 1,000 km to less than a micrometre.
-EDGE_STEPS: Final = 60
-# The least distance on the earth is understated by less than this share (see `motion.Plane.distance_m`).
-UNDERSTATED: Final = 1e-8
+# The nearest place on an edge is looked for about the nearest of so many, and steps of a golden section from there: they
+# shrink 1,000 km to less than a micrometre.
+EDGE_PLACES: Final = 9
+EDGE_STEPS: Final = 56
+# Where it is known to this it is found, plane metres.
+PLACE_M: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ class Approaches:
         where none is within what was asked
     at_us : (n,) int64, the same in microseconds since 1970; SINCE_EVER_US for areas that are always there
     distance_m : (n,) metres on the earth, 0 where they touch; infinite where they are not within what was asked
-    error_m : (n,) bound on how much less than distance_m the least distance may be, metres
+    error_m : (n,) bound on how far distance_m is from the least distance, either way, metres
     a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points; NaN where there are none
     """
 
@@ -120,7 +122,8 @@ class _Search:
             row, start, middle, end = row[~done], start[~done], middle[~done], end[~done]
             row = np.concatenate([row, row])
             start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
-        near = np.flatnonzero((self.least_m <= self.limit_m + APPROACH_M) & (best > 0.0))
+        known = self.least_m - self.floor_m <= TIE_M
+        near = np.flatnonzero((self.least_m <= self.limit_m + APPROACH_M) & (best > 0.0) & ~known)
         if near.size:
             low, high = np.maximum(self.at_s - best, 0.0)[near], np.minimum(self.at_s + best, self.span_s)[near]
             self._polish(near, low, high)
@@ -239,12 +242,14 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
         np.zeros(len(least)),
         np.full(len(least), SINCE_EVER_US),
         least,
-        np.where(np.isfinite(least), np.maximum(least - floor, 0.0) + UNDERSTATED * least, 0.0),
+        np.zeros(len(least)),
         np.full((len(least), 2), np.nan),
         np.full((len(least), 2), np.nan),
     )
     found.pair[owner], found.at_s[owner], found.at_us[owner] = pair[chosen], at_s[chosen], at_us[chosen]
-    found.error_m[least == 0.0] = 0.0
+    apart = np.flatnonzero(np.isfinite(least) & (least > 0.0))
+    understated = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
+    found.error_m[apart] = np.maximum(least - floor, 0.0)[apart] + TOUCH_M + understated
     some = pairs.take(found.pair[owner])
     for rows in alike(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
@@ -269,17 +274,14 @@ def _bounds(pairs: Encounters, start: Floats, middle: Floats, end: Floats) -> tu
 
     gap = np.minimum(gap_along(axis, *polygons[0]), gap_along(axis, *polygons[2])) - bend * h**2 / 8.0
     gap = np.maximum(gap - TOUCH_M * largest, 0.0)
-    # A distance takes up the more of the plane per metre the longer it is: this one is not overstated.
-    metres = gap / largest
-    apart = gap > 0.0
-    by_gap = metres * np.where(apart, gap / np.where(apart, plane.span_m(metres, largest), 1.0), 0.0)
+    by_gap = plane.least_m(gap, largest)
 
     # While they are no further apart than in the middle, their nearest points are at most `reach` apart in the plane,
     # and at least the gap along the axis: so the way between them is no more than an angle off the axis. On the earth
-    # it turns, but by no more than what one metre of drift a second comes to.
+    # it turns, and how fast that may be is the plane's slant.
     reach = plane.span_m(distance, largest)
     sine = np.sqrt(np.maximum(1.0 - (gap / np.where(reach > 0.0, reach, 1.0)) ** 2, 0.0))
-    sine = np.where(apart & (reach > 0.0), sine + plane.drift(distance, largest, np.ones(len(h))), 1.0)
+    sine = np.where((gap > 0.0) & (reach > 0.0), sine + plane.slant(distance, largest), 1.0)
     a, b = pairs.a.velocities(middle), pairs.b.velocities(middle)
     ahead = _fastest(axis[0] * a[0] + axis[1] * a[1], axis[0] * b[0] + axis[1] * b[1])
     across = _fastest(axis[0] * a[1] - axis[1] * a[0], axis[0] * b[1] - axis[1] * b[0])
@@ -305,50 +307,66 @@ def _nearest_points(pairs: Encounters, t: Floats) -> tuple[Floats, Floats]:
     # The nearest points of the plane may not be those of the earth.
     far = np.flatnonzero(found.excess_m > short_m(pairs.plane))
     if far.size:
-        from_a, on_b, a_distance = _vertex_and_edge(pairs.plane, a[:, :, far], b[:, :, far])
-        from_b, on_a, b_distance = _vertex_and_edge(pairs.plane, b[:, :, far], a[:, :, far])
+        sides_a, sides_b = pairs.sides
+        from_a, on_b, a_distance = _vertex_and_side(pairs.plane, a[:, :, far], b[:, :, far], sides_b)
+        from_b, on_a, b_distance = _vertex_and_side(pairs.plane, b[:, :, far], a[:, :, far], sides_a)
         of_a = a_distance <= b_distance
         one[:, far], other[:, far] = np.where(of_a, from_a, on_a), np.where(of_a, on_b, from_b)
     return one, other
 
 
-def _vertex_and_edge(plane: Plane, points: Floats, polygon: Floats) -> tuple[Floats, Floats, Floats]:
+def _vertex_and_side(plane: Plane, points: Floats, polygon: Floats, sides: Sides) -> tuple[Floats, Floats, Floats]:
     """Return the vertex nearest to another polygon, its nearest point there, (2, n) plane metres, and their distance.
 
     points, polygon : (2, v, n) and (2, w, n) plane metres
     """
-    n, count = points.shape[2], polygon.shape[1]
-    ends = np.stack([polygon, np.roll(polygon, -1, axis=1)], axis=1)
-    vertex, edge, least = points[:, 0].copy(), ends[:, :, 0].copy(), np.full(n, np.inf)
+    n = points.shape[2]
+    vertex, start, end, least = points[:, 0].copy(), polygon[:, 0].copy(), polygon[:, 0].copy(), np.full(n, np.inf)
     for k in range(points.shape[1]):
-        for m in range(count):
-            distance = plane.distance_m(points[:, k : k + 1], ends[:, :, m])
+        for first, last in zip(*sides, strict=True):
+            distance = _apart(plane, points[:, [k]], polygon[:, [first, last]])
             nearer = distance < least
             least = np.where(nearer, distance, least)
             vertex = np.where(nearer, points[:, k], vertex)
-            edge = np.where(nearer, ends[:, :, m], edge)
+            start, end = np.where(nearer, polygon[:, first], start), np.where(nearer, polygon[:, last], end)
 
     def place(part: Floats) -> Floats:
-        return np.asarray(edge[:, 0] + part * (edge[:, 1] - edge[:, 0]))
+        return np.asarray(start + part * (end - start))
 
     def distance_at(part: Floats) -> Floats:
-        return plane.distance_m(vertex[:, None], place(part)[:, None])
+        return _apart(plane, vertex[:, None], place(part)[:, None])
 
-    # Golden section along the edge, then its ends.
-    low, high = np.zeros(n), np.ones(n)
-    left, right = high - GOLDEN, low + GOLDEN
+    # Golden section about the nearest of some places along the side.
+    sampled = np.linspace(0.0, 1.0, EDGE_PLACES)
+    nearest_of = np.stack([distance_at(np.full(n, part)) for part in sampled]).argmin(axis=0)
+    low, high = sampled[np.maximum(nearest_of - 1, 0)], sampled[np.minimum(nearest_of + 1, EDGE_PLACES - 1)]
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = distance_at(left), distance_at(right)
+    length = np.hypot(*(end - start))
     for _ in range(EDGE_STEPS):
+        # Each by itself, as in `_Search._polish`.
+        going = (high - low) * length > PLACE_M
+        if not going.any():
+            break
         before = at_left <= at_right
-        low, high = np.where(before, low, left), np.where(before, right, high)
+        low, high = np.where(going & ~before, left, low), np.where(going & before, right, high)
         new = np.where(before, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
         at_new = distance_at(new)
-        left, right = np.where(before, new, right), np.where(before, left, new)
-        at_left, at_right = np.where(before, at_new, at_right), np.where(before, at_left, at_new)
+        left, right = np.where(going, np.where(before, new, right), left), np.where(
+            going, np.where(before, left, new), right
+        )
+        at_left, at_right = np.where(going, np.where(before, at_new, at_right), at_left), np.where(
+            going, np.where(before, at_left, at_new), at_right
+        )
     part = 0.5 * (low + high)
-    for end in (np.zeros(n), np.ones(n)):
-        part = np.where(distance_at(end) <= distance_at(part), end, part)
+    for end_of in (np.zeros(n), np.ones(n)):
+        part = np.where(distance_at(end_of) <= distance_at(part), end_of, part)
     return vertex, place(part), distance_at(part)
+
+
+def _apart(plane: Plane, one: Floats, other: Floats) -> Floats:
+    """Return the distance on the earth of points or lines, (2, 1 or 2, n) plane metres each."""
+    return plane.distance_m(one, other, *(sides_of(xy.shape[1], convex=True) for xy in (one, other)))
 
 
 def _degrees(plane: Plane, xy: Floats) -> Floats:

@@ -151,7 +151,15 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
         excess = encounters.excess(np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
-        verdict[rows] = np.select([excess > margin, excess >= -margin], [-1, GRAZING], CONFLICT)
+        # The distance may be more than it is found to be, by this.
+        error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
+        doubt_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
+        close = excess + error_m <= margin
+        verdict[rows] = np.select(
+            [excess > margin, excess < -max(margin, doubt_m), close & (excess >= -margin)],
+            [-1, CONFLICT, GRAZING],
+            UNRESOLVED,
+        )
     return verdict
 
 

@@ -76,6 +76,8 @@ class _Search:
     ) -> None:
         self.pairs = pairs
         self.margin_m = max(tolerance_m, TOUCH_M)
+        # Nearer than wanted by this they are so for certain; what distances may be understated by adds to the tolerance.
+        self.deep_m = self.margin_m if pairs.separation_m == 0.0 else max(self.margin_m, pairs.certainty_margin_m)
         self.low = low
         self.high = high
         self.beyond_s = beyond_s
@@ -122,7 +124,7 @@ class _Search:
         # given up earlier is as good if nothing in it is deeper than the margin; else it is unresolved.
         given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S) & mine
         deep = not_clear(self.pairs, leaves.row[given_up], leaves.start[given_up], leaves.end[given_up], -self.margin_m)
-        unresolved = np.isin(rows, deep.row)
+        unresolved = np.isin(rows, deep.row) | ~self._is_close(rows, leaves, mine)
         near = leaves.kind == Leaf.NEAR
         earliest, last = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
         np.minimum.at(earliest, leaves.row[near], leaves.at[near])
@@ -133,6 +135,16 @@ class _Search:
         verdict = np.where(unresolved, UNRESOLVED, GRAZING).astype(np.int8)
         self.found.append(Contacts(rows, low, high, error, verdict, np.full(len(rows), touches)))
 
+    def _is_close(self, rows: NDArray[np.int64], leaves: Leaves, mine: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return whether rows are certain to come within the margin, whatever distances are understated by."""
+        error_m = self.pairs.distance_error_m(self.pairs.separation_m + self.margin_m)
+        if self.pairs.separation_m == 0.0 or not len(rows):
+            return np.ones(len(rows), np.bool_)
+        close = not_clear(
+            self.pairs, leaves.row[mine], leaves.start[mine], leaves.end[mine], self.margin_m - error_m
+        )
+        return np.isin(rows, close.row[close.kind != Leaf.BORDER])
+
     def _contact(
         self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, leaves: Leaves
     ) -> None:
@@ -140,10 +152,10 @@ class _Search:
         pairs = self.pairs.take(rows)
         start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
         start_error, end_error = _doubts(pairs, start, end, first, last)
-        grazes = pairs.excess(np.arange(len(rows)), 0.5 * (start + end)) >= -self.margin_m
+        grazes = pairs.excess(np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
-            deeper = not_clear(pairs, shallow, start[shallow], end[shallow], -self.margin_m)
+            deeper = not_clear(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
             grazes[deeper.row[deeper.kind == Leaf.CONTACT]] = False
         kept = self._belongs(rows, start, end)
         self._leave_to_closeness(rows[~kept], leaves)
@@ -151,7 +163,9 @@ class _Search:
         slot, start, end, error = self._parted(
             pairs.take(parts), start[kept], end[kept], start_error[kept], end_error[kept]
         )
-        verdict = np.where(grazes, GRAZING, CONFLICT).astype(np.int8)[parts[slot]]
+        # Where distances are not known to the tolerance, shallow contact may be none.
+        shallow_verdict = GRAZING if self.deep_m == self.margin_m else UNRESOLVED
+        verdict = np.where(grazes, shallow_verdict, CONFLICT).astype(np.int8)[parts[slot]]
         self.found.append(Contacts(rows[parts[slot]], start, end, error, verdict, np.ones(len(slot), np.bool_)))
 
     def _leave_to_closeness(self, rows: NDArray[np.int64], leaves: Leaves) -> None:
@@ -169,7 +183,7 @@ class _Search:
             excess = self.pairs.excess(row, self.beyond_s[row])
             begins = crossing(self.pairs, row, start[onset], self.beyond_s[row], 0.0)[1]
             early = (excess <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
-            belongs[onset] = early | (excess < _certain_m(self.pairs.take(row), start[onset], self.beyond_s[row]))
+            belongs[onset] = early | (excess < -self.pairs.certainty_margin_m)
         return belongs
 
     def _parted(
@@ -279,14 +293,13 @@ def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *
 def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
     """Return (n,) how far from the start, and from the end, of a contact it is beyond doubt, seconds.
 
-    The plane is rounded by less than TOUCH_M, and distances are understated by a trace: a contact is beyond doubt
-    where it is deeper. If it is nowhere found to
-    be, it is in doubt altogether.
+    The plane is rounded by less than TOUCH_M, and distances are understated by their error: a contact is beyond doubt
+    where it is deeper. If it is nowhere found to be, it is in doubt altogether.
 
     first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
     """
     every = np.arange(len(start))
-    deep_m = _certain_m(pairs, start, end)
+    deep_m = np.full(len(start), -pairs.certainty_margin_m)
     doubts = []
     for outer, witness in ((start, first), (end, last)):
         doubt = end - start
@@ -297,14 +310,6 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
             doubt[sunk] = np.abs(settled - outer[sunk])
         doubts.append(doubt)
     return doubts[0], doubts[1]
-
-
-def _certain_m(pairs: Encounters, start: Floats, end: Floats) -> Floats:
-    """Return (n,) the excess at and below which pairs are in contact beyond doubt from start to end, metres."""
-    if pairs.separation_m == 0.0:
-        return np.full(len(pairs), -TOUCH_M)
-    at = [shape.positions(t) for t in (start, end) for shape in (pairs.a, pairs.b)]
-    return -pairs.doubt_m(pairs.scale(*at)[0])
 
 
 def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:

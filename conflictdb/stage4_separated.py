@@ -61,7 +61,7 @@ class Separated(Block):
             zone_end[active] = end
             closing = self._closes_in(some, limit[active], end, inward[active], largest[active], low)
             gap, within = self._excess_m(some, limit[active]), self._excess_m(some, end)
-            doubt = pairs.doubt_m(largest)[active]
+            doubt = np.full(len(active), pairs.certainty_margin_m)
             good = np.flatnonzero(found & closing & (gap > doubt) & (within < -doubt))
 
             def measure(rows: NDArray[np.int64], t: Floats) -> Floats:
@@ -94,9 +94,10 @@ class Separated(Block):
     ) -> NDArray[np.bool_]:
         """Return whether the distance on the earth changes one way only between a limit and the end of the zone.
 
-        Let p and q be nearest on the earth at some instant of the zone. Their distance in the plane is at most `ratio`
-        times the least one at the end, so that their direction is within acos(1 / ratio) of its axis n, and that in
-        which their distance shrinks within the plane's slant of it: with the sum s of both they close in at
+        Let p and q be nearest on the earth at some instant of the zone. They are no further apart than what is nearest
+        in the plane then, and so in the plane at most `ratio` times the least distance at the end: their direction is
+        within acos(1 / ratio) of its axis n, and that in which their distance shrinks within the plane's slant of it.
+        With the sum s of both they close in at
         |n.V| cos s - |V across| sin s or more, V the velocity that both polygons' vertices depart from by at most K,
         less K for each and less what the scale changes on the way.
         """
@@ -111,10 +112,10 @@ class Separated(Block):
         across = np.abs(axis[0] * velocity[1] - axis[1] * velocity[0])
         speed = np.maximum(*(np.hypot(v[0], v[1]) for v in velocities)) + uneven
         with np.errstate(divide="ignore", invalid="ignore"):
-            span = pairs.plane.span_m(1.0, largest) / smallest
-            ratio = (np.maximum(at_limit, at_end) + 2.0 * uneven * length) / at_end * span
+            furthest_m = (np.maximum(at_limit, at_end) + 2.0 * uneven * length) / smallest
+            ratio = pairs.plane.span_m(furthest_m, largest) / at_end
             turned = np.hypot(velocity[0], velocity[1]) * uneven * length / at_end
-            aside = np.arccos(np.minimum(1.0 / ratio, 1.0)) + pairs.plane.slant(largest)
+            aside = np.arccos(np.minimum(1.0 / ratio, 1.0)) + pairs.plane.slant(furthest_m, largest)
             least = closing * np.cos(aside) - across * np.sin(aside)
-        drift = 2.0 * pairs.plane.drift(pairs.separation_m, largest, speed)
+        drift = 2.0 * pairs.plane.drift(furthest_m, largest, speed)
         return np.asarray((at_end > 0.0) & (aside < 0.5 * np.pi) & (least > uneven + drift + turned))

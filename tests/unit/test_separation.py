@@ -10,7 +10,6 @@ from workloads import HIGH_LATITUDE, PAPER, throw
 
 from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.geodesy import MEAN_RADIUS_M
-from conflictdb.mercator import MAX_TURN
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion import StaticShapes
 from conflictdb.pieces import area_pieces, track_pieces
@@ -141,10 +140,7 @@ def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("distance_m", [1e3, 2e4, 1e5])
 @pytest.mark.parametrize("lat", [0, 45, 60, 78, -80, 87])
 def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float) -> None:
-    """Not more than the least great-circle distance, and at most millimetres less.
-
-    Where the way turns by more than MAX_TURN (100 km at 87 degrees) it is only bounded.
-    """
+    """Not more than the least great-circle distance, and at most micrometres less."""
     rng = np.random.default_rng(7)
     scale = 1 / np.cos(np.radians(lat))
     middle = np.array([0.0, MEAN_RADIUS_M * np.arcsinh(np.tan(np.radians(lat)))])
@@ -159,10 +155,7 @@ def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float
             continue
         found = float(still(a, b).excess(ROW, AT)[0])
         true = least_on_sphere_m(a, b)
-        assert found <= true + 1e-4
-        turn = true * np.tan(np.radians(abs(lat) + 1.0)) / MEAN_RADIUS_M
-        if turn < 0.5 * MAX_TURN:
-            assert found >= true * (1 - 1.1e-8 - 0.03 * turn**4) - 1e-6
+        assert true - float(SPHERE.distance_error_m(true)) - 5e-6 <= found <= true + 1e-6
         assert still(a, b, 500.0).excess(ROW, AT)[0] == pytest.approx(found - 500.0, abs=1e-6)
 
 
