@@ -26,7 +26,7 @@ class Interference:
     time_error_s : bound on the error of every end of every period, seconds
     closest_us : instant of the closest approach, microseconds since 1970; None where the method does not tell, and for
         areas that are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be; None
+    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be; None
         where the method does not tell
     closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
     """

@@ -177,7 +177,9 @@ def _way_m(earth: Earth, lon_apart: Floats, psi1: Floats, psi2: Floats) -> Float
 def _least_between(
     earth: Earth, start: Floats, step: Floats, low: Floats, high: Floats, first: Floats, last: Floats
 ) -> Floats:
-    """Return (m,) what the distance from a vertex is nowhere below on parts of sides, metres; first, last : at the ends.
+    """Return (m,) what the distance from a vertex is nowhere below on parts of sides, metres.
+
+    first, last : (m,) the distances at their ends
 
     A radian of the plane is at most v metres. No surface that curves like the earth lets the distance from a point
     bend upwards by more than v^2 / distance along a straight line of the plane, which itself bends by v tanh psi.

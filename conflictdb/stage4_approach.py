@@ -34,7 +34,7 @@ MAX_LEVELS: Final = 48
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 # How often the search for the first contact moves to an earlier one.
 MAX_ROUNDS: Final = 16
-# The nearest place on an edge is looked for about the nearest of so many, and steps of a golden section from there: they
+# The nearest place on an edge is looked for about the nearest of so many, by so many steps of a golden section: they
 # shrink 1,000 km to less than a micrometre.
 EDGE_PLACES: Final = 9
 EDGE_STEPS: Final = 56
@@ -352,11 +352,13 @@ def _vertex_and_side(plane: Plane, points: Floats, polygon: Floats, sides: Sides
         low, high = np.where(going & ~before, left, low), np.where(going & before, right, high)
         new = np.where(before, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
         at_new = distance_at(new)
-        left, right = np.where(going, np.where(before, new, right), left), np.where(
-            going, np.where(before, left, new), right
+        left, right = (
+            np.where(going, np.where(before, new, right), left),
+            np.where(going, np.where(before, left, new), right),
         )
-        at_left, at_right = np.where(going, np.where(before, at_new, at_right), at_left), np.where(
-            going, np.where(before, at_left, at_new), at_right
+        at_left, at_right = (
+            np.where(going, np.where(before, at_new, at_right), at_left),
+            np.where(going, np.where(before, at_left, at_new), at_right),
         )
     part = 0.5 * (low + high)
     for end_of in (np.zeros(n), np.ones(n)):

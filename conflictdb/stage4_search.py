@@ -76,7 +76,7 @@ class _Search:
     ) -> None:
         self.pairs = pairs
         self.margin_m = max(tolerance_m, TOUCH_M)
-        # Nearer than wanted by this they are so for certain; what distances may be understated by adds to the tolerance.
+        # What is nearer than wanted by this is so for certain, whatever distances are understated by.
         self.deep_m = self.margin_m if pairs.separation_m == 0.0 else max(self.margin_m, pairs.certainty_margin_m)
         self.low = low
         self.high = high
@@ -140,9 +140,7 @@ class _Search:
         error_m = self.pairs.distance_error_m(self.pairs.separation_m + self.margin_m)
         if self.pairs.separation_m == 0.0 or not len(rows):
             return np.ones(len(rows), np.bool_)
-        close = not_clear(
-            self.pairs, leaves.row[mine], leaves.start[mine], leaves.end[mine], self.margin_m - error_m
-        )
+        close = not_clear(self.pairs, leaves.row[mine], leaves.start[mine], leaves.end[mine], self.margin_m - error_m)
         return np.isin(rows, close.row[close.kind != Leaf.BORDER])
 
     def _contact(

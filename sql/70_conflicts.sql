@@ -48,7 +48,7 @@ COMMENT ON COLUMN conflicts.closest_at IS
 COMMENT ON COLUMN conflicts.closest_m IS
 'Closest approach: least distance of the polygons, metres on the earth, 0 if they touch; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_error_m IS
-'Closest approach: how much less than closest_m the least distance may be, metres; null if not computed.';
+'Closest approach: how far from closest_m the least distance may be, metres; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_b_point IS
@@ -80,7 +80,7 @@ COMMENT ON COLUMN approaches.closest_at IS
 'When they are closest, the first time if more than once; null for areas that are always there.';
 COMMENT ON COLUMN approaches.closest_m IS
 'Least distance of the polygons, metres on the earth; 0 if they touch.';
-COMMENT ON COLUMN approaches.closest_error_m IS 'How much less than closest_m the least distance may be, metres.';
+COMMENT ON COLUMN approaches.closest_error_m IS 'How far from closest_m the least distance may be, metres.';
 COMMENT ON COLUMN approaches.a_point IS 'Nearest point of the first object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.verdict IS

@@ -156,7 +156,7 @@ COMMENT ON COLUMN conflict.closest_at IS
 COMMENT ON COLUMN conflict.closest_m IS
 'Closest approach: least distance, metres on the earth, 0 if they touch; null if not computed.';
 COMMENT ON COLUMN conflict.closest_error_m IS
-'Closest approach: how much less than closest_m the least distance may be, metres.';
+'Closest approach: how far from closest_m the least distance may be, metres.';
 COMMENT ON COLUMN conflict.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude.';
 COMMENT ON COLUMN conflict.closest_b_point IS

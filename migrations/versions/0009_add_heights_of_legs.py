@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9c7e550d37599fde5ce8cfd9c22584443d54f7ef365f8442bc77285f21aa4f7d"
+routines_sha256 = "b38b1f5ca034cd633ad6254126dd92d7c4e30f991261afe44417652ad3672bd7"
 
 LEG_HEIGHTS = """
 ALTER TABLE conflictdb.track

@@ -20,7 +20,9 @@ GEODESICS = {
 }
 earths = pytest.mark.parametrize("earth", EarthModel)
 # On the sphere it is the same with one error less.
-mostly_wgs84 = pytest.mark.parametrize("earth", [EarthModel.WGS84, pytest.param(EarthModel.SPHERE, marks=pytest.mark.slow)])
+mostly_wgs84 = pytest.mark.parametrize(
+    "earth", [EarthModel.WGS84, pytest.param(EarthModel.SPHERE, marks=pytest.mark.slow)]
+)
 # Latitude, bearing and metres to the other place.
 WAYS = [
     (85.0, 95.0, 200_409.0),

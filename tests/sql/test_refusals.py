@@ -188,6 +188,9 @@ BAD = {
     "unknown earth": ("create_scene('t', p_earth => 'flat')", "ZC009", "scene_earth_known"),
     "unknown method": ("create_scene('t', p_method => 'guess')", "ZC009", "scene_method_known"),
     "negative tolerance": ("create_scene('t', p_tolerance_m => -1)", "ZC009", "scene_tolerance_finite"),
+    "separation beyond the earth": ("create_scene('t', p_separation_m => 3e7)", "ZC009", "scene_separation_on_earth"),
+    "nearest beyond the earth": ("create_scene('t', p_nearest_m => 1e8)", "ZC009", "scene_nearest_on_earth"),
+    "tolerance beyond the earth": ("create_scene('t', p_tolerance_m => 1e308)", "ZC009", "scene_tolerance_on_earth"),
     "NaN separation": ("create_scene('t', p_separation_m => 'NaN')", "ZC009", "scene_separation_finite"),
     "bad change of a setting": ("create_scene('s', p_tolerance_m => 'infinity')", "ZC009", "scene_tolerance_finite"),
     # queries

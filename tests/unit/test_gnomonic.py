@@ -238,7 +238,10 @@ def test_drift_bounds_how_distances_change() -> None:
         b = a + rng.uniform(-1, 1, (2, 1, 1)) * 10 ** rng.uniform(1, 6)
         v = rng.uniform(-1, 1, (2, 1, 1))
         step = 100.0
-        before, after = distance_m(plane, a - v * step, b - v * step)[0], distance_m(plane, a + v * step, b + v * step)[0]
+        before, after = (
+            distance_m(plane, a - v * step, b - v * step)[0],
+            distance_m(plane, a + v * step, b + v * step)[0],
+        )
         points = np.concatenate([a, b], axis=1)
         scale = plane.largest_scale(points).max()
         drift = plane.drift(np.array([max(before, after)]), np.array([scale * 1.0001]), np.array([np.hypot(*v)[0, 0]]))

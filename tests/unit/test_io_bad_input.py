@@ -271,6 +271,8 @@ def test_an_area_and_a_track_must_not_share_an_id(tmp_path: Path) -> None:
         ({"name": "s", "tolerance_m": True}, "scene 's'", "tolerance_m", "number"),
         ({"name": "s", "separation_m": NAN}, "scene 's'", "separation_m", "finite"),
         ({"name": "s", "separation_m": INFINITY}, "scene 's'", "separation_m", "finite"),
+        ({"name": "s", "separation_m": 20_000_001}, "scene 's'", "separation_m", "half the way around the earth"),
+        ({"name": "s", "nearest_m": 1e9}, "scene 's'", "nearest_m", "half the way around the earth"),
         ([], "scene", "", "must be an object"),
         (None, "scene", "", "must be an object"),
     ],

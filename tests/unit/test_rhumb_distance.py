@@ -50,7 +50,9 @@ def in_plane(plane: Plane, lonlat: np.ndarray) -> np.ndarray:
     return np.stack(plane.to_plane(lonlat[:, 0], lonlat[:, 1]))
 
 
-def around(rng: np.random.Generator, plane: Plane, geod: Geod, place: Draw, middle: np.ndarray, size_m: float) -> np.ndarray:
+def around(
+    rng: np.random.Generator, plane: Plane, geod: Geod, place: Draw, middle: np.ndarray, size_m: float
+) -> np.ndarray:
     """Corners (2, v) in the plane of a convex polygon about a place: a point, a line, a triangle or a rectangle."""
     count = int(rng.integers(1, 5))
     bearing = np.sort(rng.uniform(0, 360, count)) if count < 4 else rng.uniform(0, 90) + np.arange(4) * 90.0
