@@ -232,24 +232,27 @@ BEGIN
                         'scene_tolerance_finite');
     END IF;
     IF NEW.tolerance_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'tolerance_m', format('must be at most 20000000 metres, half the way around the '
-                        'earth; got %s (is it in metres?)', NEW.tolerance_m), 'scene_tolerance_on_earth');
+        PERFORM _refuse('ZC009', v_who, 'tolerance_m',
+                        format('must be at most 20000000 metres, half the way around the earth; got %s '
+                               '(is it in metres?)', NEW.tolerance_m), 'scene_tolerance_on_earth');
     END IF;
     IF (NEW.separation_m >= 0 AND NEW.separation_m < 'infinity') IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'separation_m', 'must be a finite number of metres, 0 or more',
                         'scene_separation_finite');
     END IF;
     IF NEW.separation_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'separation_m', format('must be at most 20000000 metres, half the way around the '
-                        'earth; got %s (is it in metres?)', NEW.separation_m), 'scene_separation_on_earth');
+        PERFORM _refuse('ZC009', v_who, 'separation_m',
+                        format('must be at most 20000000 metres, half the way around the earth; got %s '
+                               '(is it in metres?)', NEW.separation_m), 'scene_separation_on_earth');
     END IF;
     IF (NEW.nearest_m >= 0 AND NEW.nearest_m < 'infinity') IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'nearest_m', 'must be a finite number of metres, 0 or more',
                         'scene_nearest_finite');
     END IF;
     IF NEW.nearest_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'nearest_m', format('must be at most 20000000 metres, half the way around the '
-                        'earth; got %s (is it in metres?)', NEW.nearest_m), 'scene_nearest_on_earth');
+        PERFORM _refuse('ZC009', v_who, 'nearest_m',
+                        format('must be at most 20000000 metres, half the way around the earth; got %s '
+                               '(is it in metres?)', NEW.nearest_m), 'scene_nearest_on_earth');
     END IF;
     RETURN NEW;
 END

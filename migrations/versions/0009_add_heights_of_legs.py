@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b38b1f5ca034cd633ad6254126dd92d7c4e30f991261afe44417652ad3672bd7"
+routines_sha256 = "23fe7878f967dba7ffddfc7cab2e4b54b4acf0ece8797cf28970fdbae47c1a76"
 
 LEG_HEIGHTS = """
 ALTER TABLE conflictdb.track
