@@ -5,19 +5,21 @@ in one transaction, under a lock: it runs the missing revisions and, once at hea
 """
 
 import hashlib
+import logging
 import re
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, LiteralString
 
 import psycopg
 from psycopg import sql
 from psycopg.rows import tuple_row
 
 from conflictdb import store
-from conflictdb.errors import SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
+from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError
+
+_log = logging.getLogger(__name__)
 
 SCHEMA: Final = "conflictdb"
 MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
@@ -25,8 +27,24 @@ MIN_POSTGIS_VERSION: Final = (3, 3)
 
 # Key of the advisory lock that makes upgrades of one database wait for each other: "conflict" in ASCII.
 _UPGRADE_LOCK: Final = int.from_bytes(b"conflict")
+# Anybody who can connect can hold that lock, and readers hold tables: an upgrade waits no longer than this, and says
+# after a while for whom.
+_UPGRADE_WAIT_S: Final = 300.0
+_SAY_AFTER_S: Final = 5.0
+_LOOK_EVERY_S: Final = 0.1
 # Alembic keeps what it does in global variables: one thread at a time. Other programs wait at the database's lock.
 _ALEMBIC: Final = threading.Lock()
+_HOLDERS: Final = """
+SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
+FROM pg_catalog.pg_stat_activity a
+WHERE a.pid <> pg_backend_pid()
+  AND EXISTS (SELECT FROM pg_catalog.pg_locks l LEFT JOIN pg_catalog.pg_class c ON c.oid = l.relation
+              WHERE l.pid = a.pid AND l.granted
+                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
+                AND (c.relnamespace = to_regnamespace('conflictdb')
+                     OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
+ORDER BY a.xact_start, a.pid
+"""
 _PACKAGE: Final = Path(__file__).resolve().parent
 
 
@@ -50,7 +68,7 @@ def head() -> str:
 
 def revision(conn: psycopg.Connection[Any]) -> str | None:
     """Return the revision of the schema in the database, None if there is none."""
-    with _translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
+    with store.translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
         cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL", prepare=False)
         if cursor.fetchone() != (True,):
             return None
@@ -70,7 +88,7 @@ def check(conn: psycopg.Connection[Any]) -> None:
             f"{head()}: run `conflictdb upgrade`"
         )
     # Between releases a routine may change before its revision has a name.
-    with _translated(), conn.transaction():
+    with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
     if applied != routines_sha256():
         raise SchemaOutdated(
@@ -84,8 +102,11 @@ def upgrade(dsn: str) -> str:
 
     Safe to call at the same time from several programs, and quick when there is nothing to do. A schema that was made
     by a newer program is left alone (SchemaTooNew).
+
+    Raises LockTimeout, naming who holds what, if another upgrade does not end, or somebody else's transaction keeps a
+    table, for five minutes.
     """
-    with _translated(), store.connect(dsn) as conn:
+    with store.translated(), store.connect(dsn) as conn:
         found = revision(conn)
         if found is not None:
             _check_known(found, conn.info.dbname)
@@ -102,18 +123,25 @@ def upgrade(dsn: str) -> str:
     engine = sqlalchemy.create_engine(
         "postgresql+psycopg://", creator=lambda: store.connect(dsn), poolclass=sqlalchemy.pool.NullPool
     )
-    with _ALEMBIC, _translated(), engine.connect() as connection:
-        config.attributes["connection"] = connection
-        try:
-            alembic.command.upgrade(config, "head")
-        except sqlalchemy.exc.DBAPIError as error:
-            raise (error.orig or error) from error
-    with _translated(), store.connect(dsn) as conn:
-        # The structure was at head already but the routines were not this program's.
-        if _applied_sha256(conn) != routines_sha256():
-            prepare(conn)
-            apply_routines(conn)
-        return str(revision(conn))
+    try:
+        with _ALEMBIC, store.translated(), engine.connect() as connection:
+            config.attributes["connection"] = connection
+            try:
+                alembic.command.upgrade(config, "head")
+            except sqlalchemy.exc.DBAPIError as error:
+                raise (error.orig or error) from error
+        with store.translated(), store.connect(dsn) as conn:
+            # The structure was at head already but the routines were not this program's.
+            if _applied_sha256(conn) != routines_sha256():
+                prepare(conn)
+                apply_routines(conn)
+            return str(revision(conn))
+    except LockTimeout as error:
+        with store.translated(), store.connect(dsn) as conn:
+            holders = _holders(conn) or "nobody any more"
+        raise LockTimeout(
+            f"upgrading the schema waited {_UPGRADE_WAIT_S:g} s for locks; they are held by: {holders}"
+        ) from error
 
 
 def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
@@ -137,7 +165,7 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     """
     if conn.info.server_version < MIN_SERVER_VERSION:
         raise ServerError(f"PostgreSQL {MIN_SERVER_VERSION // 10000} or newer is needed; this is {_server(conn)}")
-    conn.execute("SELECT pg_advisory_xact_lock(%s)", (_UPGRADE_LOCK,))
+    _lock_out_others(conn)
     for extension in ("postgis", "btree_gist"):
         try:
             conn.execute(sql.SQL("CREATE EXTENSION IF NOT EXISTS {}").format(sql.Identifier(extension)))
@@ -153,6 +181,26 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
         raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
     conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
     _set_search_path(conn)
+
+
+def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
+    start, is_said = time.monotonic(), False
+    while _one(conn, "SELECT pg_try_advisory_xact_lock(%s)", _UPGRADE_LOCK) is not True:
+        waited_s = time.monotonic() - start
+        if waited_s >= _UPGRADE_WAIT_S:
+            raise LockTimeout("another upgrade is at work")
+        if waited_s >= _SAY_AFTER_S and not is_said:
+            is_said = True
+            _log.warning("waiting for another upgrade of the schema: %s", _holders(conn))
+        time.sleep(_LOOK_EVERY_S)
+    conn.execute(f"SET LOCAL lock_timeout = '{_UPGRADE_WAIT_S * 1000:.0f}ms'".encode())
+
+
+def _holders(conn: psycopg.Connection[Any]) -> str:
+    """Return who holds the lock of upgrades, or a table of the schema, for people; empty if nobody does."""
+    with conn.cursor(row_factory=tuple_row) as cursor:
+        cursor.execute(_HOLDERS.format(high=_UPGRADE_LOCK >> 32, low=_UPGRADE_LOCK & 0xFFFFFFFF).encode(), binary=True)
+        return " and ".join(str(store.Holder(*row)) for row in cursor)
 
 
 def apply_routines(conn: psycopg.Connection[Any]) -> None:
@@ -206,15 +254,7 @@ def _server(conn: psycopg.Connection[Any]) -> str:
     return f"PostgreSQL {conn.info.parameter_status('server_version')}"
 
 
-def _one(conn: psycopg.Connection[Any], query: str) -> object:
+def _one(conn: psycopg.Connection[Any], query: LiteralString, *arguments: object) -> object:
     with conn.cursor(row_factory=tuple_row) as cursor:
-        row = cursor.execute(query, prepare=False).fetchone()
+        row = cursor.execute(query, arguments, prepare=False).fetchone()
         return None if row is None else row[0]
-
-
-@contextmanager
-def _translated() -> Iterator[None]:
-    try:
-        yield
-    except psycopg.Error as error:
-        raise StoreError(f"database: {str(error).strip()}") from error

@@ -27,6 +27,8 @@ _LONGEST_PAUSE_S: Final = 60.0
 # who that is. Another worker at work is nothing to speak of, unless somebody waits for `once`.
 _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
+# How often to look for changes where no notification arrives.
+_DEAF_PAUSE_S: Final = 2.0
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
 Report = Callable[[str, "detect.Run | Exception"], None]
@@ -49,7 +51,7 @@ class Worker:
     every_s : looks for changes at least this often, seconds; a scene that failed is left alone this long
     jobs : processes to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
-    say : told who keeps a scene from being detected
+    say : told who keeps a scene from being detected, and if nobody tells of changes
     """
 
     connect: Connect
@@ -60,6 +62,7 @@ class Worker:
     say: store.Say = _log.warning
     _failed_at: dict[str, float] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
+    _deafness_is_said: bool = False
 
     def once(self) -> bool:
         """Detect every scene that has pending changes, or see that others do; return whether all went well."""
@@ -90,17 +93,28 @@ class Worker:
             try:
                 with connection:
                     _check(connection)
-                    store.listen(connection)
+                    every_s = self._listen(connection)
                     pause_s = _PAUSE_S
                     while True:
                         self._round(connection, _SAY_BUSY_AFTER_S)
-                        wait_s = min(self.every_s, _BUSY_PAUSE_S) if self._busy else self.every_s
-                        store.wait_for_change(connection, wait_s)
+                        store.wait_for_change(connection, min(every_s, _BUSY_PAUSE_S) if self._busy else every_s)
             except (SchemaError, ReadOnlyDatabase):
                 raise
             except ConflictDBError as error:
                 _log.warning("lost the database, trying again: %s", error)
             connection, pause_s = self._reconnected(pause_s)
+
+    def _listen(self, connection: "psycopg.Connection[Any]") -> float:
+        """Listen for changes; return how often to look for them without being told, seconds."""
+        if store.listen(connection, self.connect):
+            return self.every_s
+        if not self._deafness_is_said:
+            self._deafness_is_said = True
+            self.say(
+                "notifications do not arrive on this connection, as through a pooler that gives every transaction "
+                f"another session: looking for changes every {min(self.every_s, _DEAF_PAUSE_S):g} s"
+            )
+        return min(self.every_s, _DEAF_PAUSE_S)
 
     def _reconnected(self, pause_s: float) -> tuple["psycopg.Connection[Any]", float]:
         while True:

@@ -23,7 +23,7 @@ from conflictdb.store.detection import (
     replace_pieces,
     write_run,
 )
-from conflictdb.store.locking import SAY_AFTER_S, Say, begin_locked
+from conflictdb.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.store.objects import (
     LoadCounts,
     SceneStatus,
@@ -55,6 +55,7 @@ __all__ = [
     "WORKER_NAME",
     "Approach",
     "Conflict",
+    "Holder",
     "Listing",
     "LoadCounts",
     "RunOutcome",

@@ -91,7 +91,7 @@ def _use_utf8(conn: psycopg.Connection[Any]) -> str | None:
 
 def _set_encoding(conn: psycopg.Connection[Any], name: str) -> None:
     # The name of an encoding is the server's own.
-    conn.execute(f"SET LOCAL client_encoding = '{name}'".encode())
+    conn.execute(f"SET LOCAL client_encoding = '{name}'".encode(), prepare=False)
 
 
 def require_writable(conn: psycopg.Connection[Any]) -> None:
@@ -117,7 +117,7 @@ def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
     require_idle(conn, "a snapshot")
     begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
     with translated():
-        conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ".encode())
+        conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ".encode(), prepare=False)
         _use_utf8(conn)
 
 

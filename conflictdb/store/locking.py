@@ -23,8 +23,8 @@ SAY_AFTER_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Holder:
-    """Whoever holds a lock, as far as the server shows it to us."""
+class Holder:
+    """Whoever holds a lock, as far as the server shows it to us; as a text, for people."""
 
     pid: int
     application: str
@@ -93,4 +93,4 @@ def _begin(conn: psycopg.Connection[Any], scene_id: int, wait_s: float, lock_tim
 def _holder(conn: psycopg.Connection[Any], scene_id: int) -> str:
     """Return who holds the lock of a scene, for people; empty if nobody does."""
     with transaction(conn):
-        return " and ".join(str(_Holder(*row)) for row in call_many(conn, "_scene_holders", scene_id))
+        return " and ".join(str(Holder(*row)) for row in call_many(conn, "_scene_holders", scene_id))

@@ -1,5 +1,7 @@
 """What a worker and `status` need of the server: its versions, its workers, and word of changes."""
 
+import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,6 +12,9 @@ from conflictdb.store.connection import call, translated
 
 # By this name workers are counted; routine _service knows it too.
 WORKER_NAME: Final = "conflictdb worker"
+
+# Notifications arrive in milliseconds; where none does, a worker begins this much later.
+_HEARD_WITHIN_S: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +43,34 @@ def worker_dsn(dsn: str) -> str:
         return make_conninfo(dsn, application_name=WORKER_NAME)
 
 
-def listen(conn: psycopg.Connection[Any]) -> None:
-    """Let this session be told of changes and requests; commits."""
+def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+    """Let this session be told of changes and requests; returns whether it will be. Commits.
+
+    A pooler that gives every transaction another session hands on no notifications. So where the session is not the
+    connection's own, one is sent on another connection, which `connect` opens, and must arrive.
+    """
     with translated():
-        conn.execute("LISTEN conflictdb_request")
+        conn.execute("LISTEN conflictdb_request", prepare=False)
+        row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
         conn.commit()
+        if row != (conn.info.backend_pid,) and not _is_heard(conn, connect):
+            # Maybe it is still the same session: it should not tell whoever has it next.
+            conn.execute("UNLISTEN conflictdb_request", prepare=False)
+            conn.commit()
+            return False
+        # It waits between changes, for as long as there are none.
+        conn.execute("SELECT set_config('idle_session_timeout', '0', false)", prepare=False)
+        conn.commit()
+        return True
+
+
+def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+    """Return whether a notification that another connection sends arrives at an idle connection."""
+    token = f"heard {uuid.uuid4()}"
+    with connect() as other:
+        other.execute("SELECT pg_notify('conflictdb_request', %s)", [token], prepare=False)
+        other.commit()
+        return any(notify.payload == token for notify in conn.notifies(timeout=_HEARD_WITHIN_S))
 
 
 def wait_for_change(conn: psycopg.Connection[Any], timeout_s: float) -> bool:

@@ -264,3 +264,30 @@ def test_a_scene_that_is_current_is_left_alone(dsn: str) -> None:
         db.detect("strait")
         assert detect.detect_pending(db.connection, "strait") is None
         assert len(store.runs(db.connection, "strait", 9)) == 1
+
+
+def test_a_limit_of_idle_sessions_does_not_end_a_worker(dsn: str) -> None:
+    """It is idle until something changes."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(f"ALTER DATABASE {conn.info.dbname} SET idle_session_timeout = '200ms'".encode())
+    attempts: list[int] = []
+    reports: list[tuple[str, object]] = []
+
+    def connection() -> psycopg.Connection[Any]:
+        attempts.append(len(attempts))
+        return store.connect(dsn)
+
+    def report(scene: str, outcome: object) -> None:
+        reports.append((scene, outcome))
+        raise KeyboardInterrupt
+
+    def work() -> None:
+        with suppress(KeyboardInterrupt):
+            Worker(connection, report, every_s=600.0, jobs=1).run()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    time.sleep(1.0)
+    load(dsn, "strait")
+    thread.join(WAIT_S)
+    assert ([scene for scene, _ in reports], attempts) == (["strait"], [0])

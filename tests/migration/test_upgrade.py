@@ -20,7 +20,7 @@ from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
 
 from conflictdb import schema
-from conflictdb.errors import SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
+from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
 ROOT = Path(schema.__file__).resolve().parent.parent
 SNAPSHOT = ROOT / "docs" / "schema.sql"
@@ -268,3 +268,38 @@ def test_user_who_may_not_create_extensions_is_told_what_to_ask_for(server_dsn: 
                 schema.upgrade(dsn)
         finally:
             admin.execute(sql.SQL("DROP ROLE {}").format(user))
+
+
+def test_an_upgrade_waits_for_nobody_without_an_end(
+    empty_dsn: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Who can only connect can hold the lock of upgrades: it is said who that is, and after a while it ends."""
+    monkeypatch.setattr(schema, "_SAY_AFTER_S", 0.2)
+    monkeypatch.setattr(schema, "_UPGRADE_WAIT_S", 0.6)
+    with psycopg.connect(empty_dsn, application_name="the other") as other:
+        other.execute("SELECT pg_advisory_lock(%s)", [int.from_bytes(b"conflict")])
+        with pytest.raises(
+            LockTimeout, match=f"waited 0.6 s for locks; they are held by: process {other.info.backend_pid} "
+        ):
+            schema.upgrade(empty_dsn)
+        assert [record.message for record in caplog.records if "waiting for another upgrade" in record.message] == [
+            record.message for record in caplog.records if "'the other'" in record.message
+        ]
+        other.execute("SELECT pg_advisory_unlock_all()")
+        other.commit()
+        schema.upgrade(empty_dsn)
+
+
+def test_an_upgrade_waits_for_no_reader_without_an_end(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader's open transaction keeps a table from being changed."""
+    monkeypatch.setattr(schema, "_UPGRADE_WAIT_S", 0.5)
+    with psycopg.connect(dsn) as conn:
+        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 older'")
+    with psycopg.connect(dsn) as reader:
+        reader.execute("SELECT FROM conflictdb.conflicts")
+        with pytest.raises(
+            LockTimeout, match=f"waited 0.5 s for locks; .* process {reader.info.backend_pid} of the server"
+        ):
+            schema.upgrade(dsn)
+        reader.rollback()
+        schema.upgrade(dsn)

@@ -1,0 +1,229 @@
+"""Behind PgBouncer, which in transaction mode gives every transaction another session of the server."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import sqlalchemy
+from commands import STRAIT, runner
+from psycopg import conninfo
+
+from conflictdb import connect, detect, store
+from conflictdb.errors import LockTimeout, StoreError
+from conflictdb.model import Scene
+from conflictdb.worker import Worker
+
+WAIT_S = 30.0
+PROGRAM = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
+
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="PgBouncer did not run: not found (Debian package pgbouncer)")
+
+CONFIGURATION = """
+[databases]
+* = {server}
+[pgbouncer]
+pool_mode = {mode}
+default_pool_size = {size}
+auth_type = any
+listen_addr = 127.0.0.1
+listen_port = {port}
+unix_socket_dir =
+logfile = {directory}/log
+pidfile = {directory}/pid
+query_wait_timeout = 20
+"""
+
+
+def owner(dsn: str) -> dict[str, Any]:
+    """Return who may reach the server: PgBouncer refuses to run as root."""
+    if os.geteuid():
+        return {}
+    directory = Path(conninfo.conninfo_to_dict(dsn).get("host") or "/")
+    state = directory.stat() if directory.is_absolute() and directory != Path("/") else None
+    uid, gid = (state.st_uid, state.st_gid) if state and state.st_uid else (65534, 65534)
+    return {"user": uid, "group": gid, "extra_groups": []}
+
+
+@contextmanager
+def bouncer(dsn: str, mode: str, size: int) -> Iterator[str]:
+    """Run PgBouncer before the server of a database; give how to connect to the database through it."""
+    assert PROGRAM is not None
+    given = conninfo.conninfo_to_dict(dsn)
+    wanted = {name: given[name] for name in ("host", "port", "user", "password") if given.get(name)}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    directory = Path(tempfile.mkdtemp(prefix="conflictdb-pgbouncer-"))
+    directory.chmod(0o777)
+    file = directory / "pgbouncer.ini"
+    server = " ".join(f"{name}={value}" for name, value in wanted.items())
+    file.write_text(CONFIGURATION.format(server=server, mode=mode, size=size, port=port, directory=directory))
+    file.chmod(0o644)
+    process = subprocess.Popen([PROGRAM, file], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **owner(dsn))
+    through = conninfo.make_conninfo("", host="127.0.0.1", port=port, user=given.get("user"), dbname=given["dbname"])
+    try:
+        until(lambda: process.poll() is not None or answers(through))
+        assert process.poll() is None, (directory / "log").read_text()
+        yield through
+    finally:
+        process.terminate()
+        process.wait(WAIT_S)
+        shutil.rmtree(directory)
+
+
+def answers(dsn: str) -> bool:
+    with suppress(psycopg.OperationalError), psycopg.connect(dsn, connect_timeout=2):
+        return True
+    return False
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def pooled(dsn: str) -> Iterator[str]:
+    """Return how to connect in transaction mode, to no more than three sessions."""
+    with bouncer(dsn, "transaction", 3) as through:
+        yield through
+
+
+def test_a_detection_leaves_no_lock_in_the_pool(dsn: str, pooled: str) -> None:
+    """Whichever sessions the transactions of some clients get, nobody waits for a lock that nobody holds."""
+    with connect(pooled) as one, connect(pooled) as two, psycopg.connect(pooled) as third:
+        one.load(STRAIT)
+        sessions = set()
+        for turn in range(4):
+            # An open transaction takes a session away, so that the next client gets another one.
+            third.rollback()
+            third.execute("SELECT 1")
+            first, second = (one, two) if turn % 2 else (two, one)
+            assert first.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
+            assert second.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
+            with psycopg.connect(dsn, autocommit=True) as direct:
+                sessions.update(direct.execute("SELECT pid FROM pg_locks WHERE locktype = 'advisory'").fetchall())
+    assert sessions == set()
+
+
+def test_one_detection_at_a_time_and_the_other_learns_of_it(pooled: str) -> None:
+    with store.connect(pooled) as one, store.connect(pooled) as two:
+        scene_id = store.set_scene(one, Scene("s"))
+        store.begin_locked(one, scene_id, "s", 0.0, print)
+        row = one.execute("SELECT pg_backend_pid()").fetchone()
+        assert row is not None
+        with pytest.raises(LockTimeout, match=f"waited 0.2 s: another detection .* process {row[0]} of the server"):
+            detect.detect(two, "s", jobs=1, lock_timeout_s=0.2)
+        one.rollback()
+        assert detect.detect(two, "s", jobs=1, lock_timeout_s=5.0).conflicts == 0
+
+
+def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, template: str) -> None:
+    """From `init` on, and as often as a driver takes to prepare statements, which another session does not know."""
+    with bouncer(empty_dsn, "transaction", 3) as through, psycopg.connect(through) as busy:
+        run = runner(through, capsys)
+        for words in (
+            ["init"],
+            ["load", STRAIT],
+            ["detect", "--scene", "strait", "--jobs", "1"],
+            ["conflicts", "--scene", "strait", "--format", "json"],
+            ["approaches", "--scene", "strait"],
+            ["export", "--scene", "strait", tmp_path / "strait.geojson"],
+            ["worker", "--once"],
+            ["status"],
+        ):
+            done = run(*words)
+            assert (done.code, done.err) == (0, ""), words
+        with connect(through) as db:
+            for turn in range(12):
+                busy.rollback()
+                if turn % 2:
+                    busy.execute("SELECT 1")
+                assert len(db.conflicts("strait")) == 7
+                db.detect("strait", full=turn % 4 == 0)
+
+
+@pytest.mark.parametrize("how", ["connection", "engine"])
+def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> None:
+    """With a driver that prepares statements, for nobody told it of the pooler."""
+    with psycopg.connect(pooled) as busy:
+        engine = sqlalchemy.create_engine("postgresql+psycopg://", creator=lambda: psycopg.connect(pooled))
+        target: Any = engine if how == "engine" else psycopg.connect(pooled)
+        try:
+            with connect(target) as db:
+                db.load(STRAIT)
+                for turn in range(12):
+                    busy.rollback()
+                    if turn % 2:
+                        busy.execute("SELECT 1")
+                    assert db.detect("strait", full=turn % 4 == 0).conflicts == 7
+                    assert len(db.conflicts("strait")) == 7
+        finally:
+            engine.dispose()
+            if how == "connection":
+                target.close()
+
+
+def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
+    dsn: str, pooled: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules["conflictdb.store.service"], "_HEARD_WITHIN_S", 0.5)
+    monkeypatch.setattr("conflictdb.worker._DEAF_PAUSE_S", 0.1)
+    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    said, done = worked(pooled, dsn)
+    assert done == ["first", "second"]
+    assert said == [said[0]], "once, although it had to connect again"
+    assert said[0].startswith("notifications do not arrive on this connection")
+
+
+def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    with bouncer(dsn, "session", 5) as through:
+        assert worked(through, dsn) == ([], ["first", "second"])
+
+
+def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
+    """Have a worker do two scenes, and lose its connection in between; return what it said, and which it did."""
+    said: list[str] = []
+    done: list[str] = []
+    connections: list[psycopg.Connection[Any]] = []
+
+    def opened() -> psycopg.Connection[Any]:
+        connections.append(store.connect(store.worker_dsn(through)))
+        return connections[-1]
+
+    def report(scene: str, outcome: object) -> None:
+        assert isinstance(outcome, detect.Run)
+        done.append(scene)
+        if scene == "second":
+            raise KeyboardInterrupt
+        for connection in connections:
+            connection.close()
+        raise StoreError("lost")
+
+    def work() -> None:
+        with suppress(KeyboardInterrupt):
+            Worker(opened, report, 600.0, jobs=1, say=said.append).run()
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    with connect(dsn) as db:
+        for scene in ("first", "second"):
+            time.sleep(1.5)  # it waits for changes now
+            db.load(STRAIT, scene)
+            until(lambda scene=scene: done[-1:] == [scene])  # type: ignore[misc]
+    thread.join(WAIT_S)
+    return said, done
