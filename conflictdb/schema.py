@@ -149,7 +149,7 @@ def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
 
     The roles use the types of PostGIS; only who owns the schema it lives in may let them.
     """
-    with _translated(), conn.transaction():
+    with store.translated(), conn.transaction():
         where = _one(
             conn,
             "SELECT quote_ident(n.nspname) FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace "

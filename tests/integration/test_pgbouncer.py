@@ -146,7 +146,7 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
             ["status"],
         ):
             done = run(*words)
-            assert (done.code, done.err) == (0, ""), words
+            assert (done.code, done.err) == (0, ""), (words, done.err)
         with connect(through) as db:
             for turn in range(12):
                 busy.rollback()
