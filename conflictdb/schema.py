@@ -193,6 +193,8 @@ def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
             is_said = True
             _log.warning("waiting for another upgrade of the schema: %s", _holders(conn))
         time.sleep(_LOOK_EVERY_S)
+    # A limit of the role's or database's would end what takes long: indexes of full tables.
+    conn.execute("SET LOCAL statement_timeout = 0")
     conn.execute(f"SET LOCAL lock_timeout = '{_UPGRADE_WAIT_S * 1000:.0f}ms'".encode())
 
 
