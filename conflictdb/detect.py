@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from conflictdb import store
 from conflictdb.batches import Pieces
-from conflictdb.errors import ConflictDBError, LockTimeout
+from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Scene
 from conflictdb.pieces import area_pieces, track_pieces
@@ -152,10 +152,15 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
         return _refresh_conflicts(conn, scene_id, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
+        is_removed = False
         with suppress(ConflictDBError, psycopg.Error):
             conn.rollback()
             if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
-                store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
+                is_removed = not store.is_scene(conn, scene_id)
+                if not is_removed:
+                    store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
+        if is_removed:
+            raise StoreError(f"scene {scene!r} was removed while it was detected") from error
         raise
 
 

@@ -270,7 +270,6 @@ CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
 CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
-CONSTRAINT scene_lock_scene_fkey ON scene_lock: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
 CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double precision) OR (outlines IS NULL)));
 CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
@@ -297,6 +296,7 @@ CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABL
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before();
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.method IS DISTINCT FROM new.method)) OR (old.tolerance_m IS DISTINCT FROM new.tolerance_m)) OR (old.separation_m IS DISTINCT FROM new.separation_m)) OR (old.nearest_m IS DISTINCT FROM new.nearest_m)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_change();
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
+CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
@@ -310,6 +310,9 @@ FUNCTION _after_object_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _after_scene_change()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _after_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _approaches(p_scene text)

@@ -85,3 +85,20 @@ $$;
 COMMENT ON FUNCTION _scene_holders(bigint) IS
 'Who holds the lock of a scene, or of the whole table, and since when its transaction lasts. Runs as its owner, who '
 'may see more of other sessions than a worker.';
+
+CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    -- Not by a foreign key: who removes a scene would wait for its detection, and the detection then for the removal.
+    DELETE FROM scene_lock l
+        USING (SELECT x.scene_id FROM scene_lock x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
+        WHERE l.scene_id = free.scene_id;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_scene_removal() IS
+'Trigger: takes the lock of a removed scene away, unless it is held. A row that stays behind does no harm: numbers of '
+'scenes do not come again. Runs as its owner: editors cannot touch locks.';
+
+CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
+    FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

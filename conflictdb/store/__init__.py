@@ -27,6 +27,7 @@ from conflictdb.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.store.objects import (
     LoadCounts,
     SceneStatus,
+    is_scene,
     list_scenes,
     pending_scenes,
     read_scene,
@@ -77,6 +78,7 @@ __all__ = [
     "footprints",
     "intersecting_pairs",
     "is_pending",
+    "is_scene",
     "list_scenes",
     "listen",
     "mark_all",

@@ -111,6 +111,12 @@ def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
         return next((_scene(*row) for row in call_many(conn, "_scene_named", name)), None)
 
 
+def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
+    """Return whether the scene with that id is still there."""
+    with transaction(conn):
+        return bool(call_many(conn, "_scene", scene_id))
+
+
 def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     """Return the settings of the scene with that id, as the transaction sees them."""
     return _scene(*call(conn, "_scene", scene_id))

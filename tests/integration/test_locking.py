@@ -9,11 +9,13 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from commands import runner
 from psycopg.pq import TransactionStatus
 from scenes import T0_US
 from verdicts import Pair, Reported, solved, stored
 
 from conflictdb import detect, settle, store
+from conflictdb.cli.codes import FAILED
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
 from conflictdb.store import connection, locking
@@ -100,6 +102,22 @@ def test_a_detection_waits_no_longer_than_it_is_told(conn: Conn, other: Conn, sc
         detect.detect(conn, SCENE.name, jobs=1, lock_timeout_s=0.3)
     other.rollback()
     assert detect.detect(conn, SCENE.name, jobs=1, lock_timeout_s=0.3).opened == 1
+
+
+def test_commands_say_for_whom_they_wait_and_take_a_limit(
+    dsn: str, other: Conn, scene_id: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(locking, "SAY_AFTER_S", 0.1)
+    begin(other, scene_id)
+    run = runner(dsn, capsys)
+    done = run("detect", "--scene", "s", "--jobs", "1", "--lock-timeout", "500ms")
+    said, failed = done.err.splitlines()
+    assert done.code == FAILED
+    assert said.startswith(f"conflictdb: waiting for another detection of scene 's': process {other.info.backend_pid} ")
+    assert failed.startswith("conflictdb: waited 0.5 s: another detection of scene 's' is at work: process ")
+    done = run("worker", "--once", "--lock-timeout", "500ms")
+    assert done.code == FAILED
+    assert done.err.startswith("conflictdb: s: failed: another detection of scene 's' is at work: process ")
 
 
 def test_who_can_only_connect_cannot_keep_a_scene_from_being_detected(
@@ -302,3 +320,45 @@ def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, sc
     with pytest.raises(StoreError, match="open transaction"):
         store.begin_snapshot(conn)
     conn.execute("SELECT FROM mine")
+
+
+@pytest.mark.parametrize("place", ["begin_locked", "find_candidates", "write_run"])
+def test_a_scene_may_be_removed_while_it_is_detected(
+    conn: Conn, other: Conn, scene_id: int, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once but while the detection writes, which says what has become of the scene."""
+    another = store.set_scene(conn, Scene("another"))
+    whole = getattr(store, place)
+    removals: list[threading.Thread] = []
+
+    def remove() -> None:
+        other.execute("DELETE FROM conflictdb.scene WHERE scene_id = %s", [scene_id])
+        other.commit()
+
+    def meanwhile(*arguments: Any) -> Any:
+        result = whole(*arguments)
+        if not removals:
+            removals.append(threading.Thread(target=remove))
+            removals[0].start()
+            removals[0].join(1.0 if place == "write_run" else WAIT_S)
+            assert removals[0].is_alive() == (place == "write_run")
+        return result
+
+    monkeypatch.setattr(store, place, meanwhile)
+    if place == "write_run":
+        assert detect.detect(conn, SCENE.name, jobs=1).conflicts == 1
+    else:
+        with pytest.raises(StoreError, match="scene 's' was removed while it was detected"):
+            detect.detect(conn, SCENE.name, jobs=1)
+    removals[0].join(WAIT_S)
+    for table in ("scene", "piece", "conflict", "change", "run"):
+        rows = conn.execute(f"SELECT scene_id FROM conflictdb.{table} WHERE scene_id <> %s".encode(), [another])
+        assert rows.fetchall() == [], table
+    conn.commit()
+    begin(conn, another)
+    conn.commit()
+    with conn.transaction():
+        conn.execute("SET LOCAL ROLE conflictdb_editor")
+        conn.execute("DELETE FROM conflictdb.scene")
+    left = conn.execute("SELECT scene_id FROM conflictdb.scene_lock").fetchall()
+    assert left == ([] if place == "write_run" else [(scene_id,)]), "no lock stays but one that was held"

@@ -1,0 +1,19 @@
+"""Let a scene be removed while it is detected: its row of scene_lock goes by a trigger that waits for nobody."""
+
+from alembic import op
+
+revision = "0010"
+down_revision = "0009"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "8a0b5b43edf7424b0761ac2b2e09a3be3b4948c9618f16fe7de00bebbaa8e9d3"
+
+
+def upgrade() -> None:
+    op.execute("ALTER TABLE conflictdb.scene_lock DROP CONSTRAINT IF EXISTS scene_lock_scene_fkey;")
+
+
+def downgrade() -> None:
+    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")
