@@ -1,5 +1,7 @@
 """Signed separation against shapely and brute force, and proofs of clearance against dense sampling."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scenes
@@ -10,7 +12,7 @@ from workloads import HIGH_LATITUDE, PAPER, throw
 
 from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.geodesy import MEAN_RADIUS_M
-from conflictdb.model import EarthModel, Scene
+from conflictdb.model import EarthModel, Motion, Scene
 from conflictdb.motion import StaticShapes
 from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.planes import plane_of
@@ -211,3 +213,46 @@ def test_crossing_of_a_passage() -> None:
     outer, inner = crossing(pair, ROW, np.zeros(1), np.array([begins + 5.0]), 0.0)
     assert outer[0] <= begins + 1e-7 <= inner[0] + 2e-7
     assert inner[0] - outer[0] < 1e-6
+
+
+@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("lat", [0.0, 45.0, 75.0, -80.0])
+def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None:
+    """A vertex on a straight side of a large haven may lie inside of its image: the hull is meant, and measured.
+
+    So it is as far from a small area as the haven of the hull's vertices is.
+    """
+    scene = Scene("s", motion=motion, earth=EarthModel.SPHERE, centre=(0.0, lat) if motion == "great_circle" else None)
+    size, dented = 200e3, 0
+    corners = [(size, size), (size, -size), (-size, -size), (-size, size)]
+    ring = [
+        (x, y)
+        for (x, y), (u, v) in zip(corners, corners[1:] + corners[:1], strict=True)
+        for x, y in ((x, y), ((x + u) / 2, (y + v) / 2))
+    ]
+    for bearing in (0.0, 30.0, 90.0):
+        course = [(0.0, lat), (np.sin(np.radians(bearing)), lat + 0.3 * np.cos(np.radians(bearing)))]
+        for lon_apart, lat_apart in ((4.2, 0.1), (-4.1, 0.0), (0.3, 2.5), (-0.2, -2.4)):
+            turn = lon_apart / np.cos(np.radians(lat))
+            place = shapely.box(turn - 0.01, lat + lat_apart - 0.01, turn + 0.01, lat + lat_apart + 0.01)
+            haven = replace(scenes.track("T", course, [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=np.array(ring))
+            pieces = Pieces.concatenate(
+                [
+                    area_pieces(scene, AreaBatch.of([scenes.area("A", place)])),
+                    track_pieces(scene, TrackBatch.of([haven])),
+                ]
+            )
+            pair, _ = encounters(scene, pieces, 0, len(pieces) - 1)
+            one, other = (shape.positions(AT) for shape in (pair.a, pair.b))
+            vertices = other[:, :, 0].T
+            hull = shapely.get_coordinates(shapely.MultiPoint(vertices).convex_hull)[:-1]
+            if len(hull) < 4 or shapely.Polygon(hull).intersects(shapely.MultiPoint(one[:, :, 0].T).convex_hull):
+                continue
+            dented += len(hull) < len(np.unique(vertices, axis=0))
+            as_hull = Encounters(pair.plane, pair.a, StaticShapes(columns(hull)), pair.origin, 0.0)
+            assert pair.excess(ROW, AT)[0] == pytest.approx(as_hull.excess(ROW, AT)[0], abs=1e-6)
+            found = nearest(pair, one, other)
+            assert np.hypot(*(found.point_b - found.point_a)[0]) == pytest.approx(found.gap[0], abs=1e-6)
+            assert found.gap[0] == pytest.approx(nearest(as_hull, one, columns(hull)).gap[0], abs=1e-6)
+    # On a great circle the sides that run along it are straight.
+    assert dented or lat == 0.0 or motion is Motion.GREAT_CIRCLE
