@@ -63,7 +63,8 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
     and not as a prepared statement, which a pooler may not find again.
     """
     places = ", ".join(["%s"] * len(arguments))
-    with translated(), conn.cursor(row_factory=tuple_row) as cursor:
+    # Not the cursors of a caller's connection: those that bind at the client know no binary results.
+    with translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
         # Names of routines come from this package only, values are always parameters.
         query = f"SELECT * FROM conflictdb.{routine}({places})".encode()  # noqa: S608
         cursor.execute(query, arguments, prepare=False, binary=True)
