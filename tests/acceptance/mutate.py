@@ -21,19 +21,28 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
+import traceback
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Final
 
+# What tests load besides the product is loaded here, once for all forks.
+import mpmath  # noqa: F401
+import numpy  # noqa: F401, ICN001
+import psycopg  # noqa: F401
+import pyproj  # noqa: F401
 import pytest
+import scipy.optimize  # noqa: F401
+import shapely  # noqa: F401
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
@@ -47,15 +56,7 @@ MODULES: Final = (
 TESTS: Final = ("tests/unit", "tests/acceptance")
 # Hypothesis' own profile for servers: the same examples each time, and no deadline.
 PYTEST: Final = (
-    "-q",
-    "-x",
-    "-n",
-    "0",
-    "-p",
-    "no:randomly",
-    "-p",
-    "no:cacheprovider",
-    "--tb=no",
+    *("-q", "-x", "--tb=no", "-n", "0", "-p", "no:randomly", "-p", "no:cacheprovider"),
     "--hypothesis-profile=ci",
 )
 # A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
@@ -65,6 +66,8 @@ LONGER_S: Final = 30.0
 ENOUGH_S: Final = 20.0
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
 FEW: Final = 3
+# Tests that are tried before all others.
+FIRST: Final = 8
 
 COMPARED: Final[dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]]] = {
     ast.Lt: (ast.LtE, ast.Gt),
@@ -302,12 +305,46 @@ class Reach:
                     self.by_line[f"{self._files[code.co_filename]}:{line}"].append(item.nodeid)
 
 
-def reached(root: Path, modules: Sequence[str]) -> None:
-    """Run the tests in this process and write reach.json; exits as pytest does."""
+def reached(root: Path, modules: Sequence[str]) -> int:
+    """Run the tests in this process and write reach.json; returns what pytest does."""
     plugin = Reach(root / "conflictdb", modules)
     code = pytest.main([*PYTEST, "-m", "not slow and not db", *TESTS], plugins=[plugin])
     (root / "reach.json").write_text(json.dumps({"seconds": plugin.seconds, "by_line": plugin.by_line}))
-    sys.exit(code)
+    return int(code)
+
+
+def forked(root: Path, work: Callable[[], int], limit_s: float = float("inf")) -> tuple[int, str]:
+    """Return the result of work done in a process of its own, in the copy of the tree, and what it printed.
+
+    A fork has the libraries loaded already, which takes longer than most tests do. It is killed after its time.
+    """
+    output = root / "output.txt"
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            os.setsid()
+            os.chdir(root)
+            file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(file, 1)
+            os.dup2(file, 2)
+            sys.path.insert(0, str(root))
+            code = work()
+        except BaseException:  # a fork must not go on with what its parent does
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+    ends = time.monotonic() + limit_s
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status), output.read_text(errors="replace")
+        if time.monotonic() > ends:
+            os.killpg(child, signal.SIGKILL)
+            ends = float("inf")
+        time.sleep(0.02)
 
 
 class Bench:
@@ -323,23 +360,16 @@ class Bench:
         reach = root / "reach.json"
         if not reach.exists():
             tell("reach: running all tests once")
-            done = self._python("tests/acceptance/mutate.py", "--reach", *modules)
-            if done.returncode:
-                sys.exit(f"the tests fail without any change:\n{done.stdout[-3000:]}")
+            code, output = forked(root, lambda: reached(root, modules))
+            if code:
+                sys.exit(f"the tests fail without any change:\n{output[-3000:]}")
         found = json.loads(reach.read_text())
         self._seconds: dict[str, float] = found["seconds"]
         self._by_line: dict[str, list[str]] = found["by_line"]
-
-    def _python(self, *arguments: str, timeout_s: float | None = None) -> subprocess.CompletedProcess[str]:
-        home = self.root / "home"
-        environment = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "HOME": str(home)}
-        command = [sys.executable, *arguments]
-        return subprocess.run(
-            command, cwd=self.root, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
-        )
+        self._killers: Counter[str] = Counter()
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Return the tests that reach a mutant, the quickest first.
+        """Return the tests that reach a mutant: those that have killed the most so far, then the quickest.
 
         Constants are made on import, and what is kept by a cache is made by whatever test came first: where few tests
         reach a line, all those that reach its module count.
@@ -349,7 +379,7 @@ class Bench:
             lines = (tests for line, tests in self._by_line.items() if line.startswith(f"{mutant.module}:"))
             found |= {test for tests in lines for test in tests}
         chosen, total_s = [], 0.0
-        for test in sorted(found, key=lambda test: (self._seconds[test], test)):
+        for test in sorted(found, key=lambda test: (-self._killers[test], self._seconds[test], test)):
             total_s += self._seconds[test]
             if total_s > ENOUGH_S and chosen:
                 break
@@ -364,19 +394,27 @@ class Bench:
         file = self.root / "conflictdb" / f"{mutant.module}.py"
         source = file.read_bytes()
         assert source[mutant.start : mutant.end].decode() == mutant.old, "the tree has changed since"
-        (self.root / "tests.txt").write_text("".join(f"{test}\n" for test in tests))
+        file.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
         try:
-            file.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
-            limit_s = LONGER_S + TIMES * sum(self._seconds[test] for test in tests)
-            done = self._python("-m", "pytest", *PYTEST, "-x", "-m", "", "@tests.txt", timeout_s=limit_s)
-        except subprocess.TimeoutExpired:
-            return "hangs"
+            # Most die of the first few; to load all test modules takes longer than that.
+            killer = self._failure(file, tests[:FIRST]) or self._failure(file, tests[FIRST:])
+            self._killers[killer] += 1
+            return killer
         finally:
             file.write_bytes(source)
-        if done.returncode == 0:
+
+    def _failure(self, file: Path, tests: list[str]) -> str:
+        """Return which of some tests fails, if any."""
+        if not tests:
             return ""
-        failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        return failed[0] if failed else f"pytest ended with {done.returncode}"
+        for compiled in file.parent.glob(f"__pycache__/{file.stem}.*"):
+            compiled.unlink()  # of two mutants of the same second the first would count
+        limit_s = LONGER_S + TIMES * sum(self._seconds[test] for test in tests)
+        code, output = forked(self.root, lambda: int(pytest.main([*PYTEST, "-m", "", *tests])), limit_s)
+        failed = [line.split()[1] for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        if code in (0, -signal.SIGKILL, -signal.SIGSEGV) or failed:
+            return failed[0] if failed else f"ended by signal {-code}" * bool(code)
+        sys.exit(f"pytest ended with {code}, and no test had failed:\n{output[-3000:]}")
 
 
 def tell(line: str) -> None:
@@ -432,11 +470,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, help="directory of the copy, the reach and the survivors (default: new)")
     parser.add_argument("--again", type=Path, help="the survivors of an earlier run instead of new mutants")
-    parser.add_argument("--reach", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("module", nargs="*", default=MODULES)
     options = parser.parse_args()
-    if options.reach:
-        reached(ROOT, options.module)
     keep = (options.keep or Path(tempfile.mkdtemp(prefix="mutants-"))).resolve()
     keep.mkdir(parents=True, exist_ok=True)
     bench = Bench(keep, MODULES)

@@ -99,9 +99,9 @@ def test_hulls_hold_any_leg(
 
 def test_slices_follow_each_other_without_a_gap() -> None:
     scene, _, tracks = throw(WORKLOADS[0], 32, 0, 10)
-    for track in tracks:
-        pieces = track_pieces(scene, TrackBatch.of([track]))
-        own = np.flatnonzero(pieces.turn == 0)
+    pieces = track_pieces(scene, TrackBatch.of(tracks))
+    for number, track in enumerate(tracks):
+        own = np.flatnonzero((pieces.turn == 0) & (pieces.object_id == number))
         order = own[np.argsort(pieces.start_us[own], kind="stable")]
         assert pieces.start_us[order[0]] == track.times_us[0]
         assert pieces.end_us[order[-1]] == track.times_us[-1]
