@@ -20,8 +20,8 @@ import copy
 import json
 import os
 import random
+import resource
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -61,7 +61,7 @@ PYTEST: Final = (
 )
 # A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
 TIMES: Final = 5.0
-LONGER_S: Final = 30.0
+LONGER_S: Final = 20
 # Tests on lines that nearly all of them reach: the quickest so many seconds of them.
 ENOUGH_S: Final = 20.0
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
@@ -313,17 +313,19 @@ def reached(root: Path, modules: Sequence[str]) -> int:
     return int(code)
 
 
-def forked(root: Path, work: Callable[[], int], limit_s: float = float("inf")) -> tuple[int, str]:
+def forked(root: Path, work: Callable[[], int], limit_s: int | None = None) -> tuple[int, str]:
     """Return the result of work done in a process of its own, in the copy of the tree, and what it printed.
 
-    A fork has the libraries loaded already, which takes longer than most tests do. It is killed after its time.
+    A fork has the libraries loaded already, which takes longer than most tests do. It is ended when it has
+    used so much processor time: others may need the machine.
     """
     output = root / "output.txt"
     child = os.fork()
     if child == 0:
         code = 1
         try:
-            os.setsid()
+            if limit_s is not None:
+                resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
             os.chdir(root)
             file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(file, 1)
@@ -336,15 +338,8 @@ def forked(root: Path, work: Callable[[], int], limit_s: float = float("inf")) -
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code)
-    ends = time.monotonic() + limit_s
-    while True:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return os.waitstatus_to_exitcode(status), output.read_text(errors="replace")
-        if time.monotonic() > ends:
-            os.killpg(child, signal.SIGKILL)
-            ends = float("inf")
-        time.sleep(0.02)
+    status = os.waitpid(child, 0)[1]
+    return os.waitstatus_to_exitcode(status), output.read_text(errors="replace")
 
 
 class Bench:
@@ -409,10 +404,10 @@ class Bench:
             return ""
         for compiled in file.parent.glob(f"__pycache__/{file.stem}.*"):
             compiled.unlink()  # of two mutants of the same second the first would count
-        limit_s = LONGER_S + TIMES * sum(self._seconds[test] for test in tests)
+        limit_s = LONGER_S + int(TIMES * sum(self._seconds[test] for test in tests))
         code, output = forked(self.root, lambda: int(pytest.main([*PYTEST, "-m", "", *tests])), limit_s)
         failed = [line.split()[1] for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        if code in (0, -signal.SIGKILL, -signal.SIGSEGV) or failed:
+        if code <= 0 or failed:
             return failed[0] if failed else f"ended by signal {-code}" * bool(code)
         sys.exit(f"pytest ended with {code}, and no test had failed:\n{output[-3000:]}")
 
@@ -444,13 +439,17 @@ def again(root: Path, file: Path) -> list[Mutant]:
 
 def run(bench: Bench, mutants: Sequence[Mutant]) -> list[Mutant]:
     """Return those that no test notices and nobody has explained; prints all."""
-    reasons, survivors = known(), []
+    reasons, survivors, record = known(), [], bench.root / "killed.json"
+    dead: dict[str, str] = json.loads(record.read_text()) if record.exists() else {}
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for k, mutant in enumerate(mutants, 1):
         started = time.perf_counter()
-        killer = "" if mutant.name in reasons else bench.fate(mutant)
+        killer = "" if mutant.name in reasons else dead.get(mutant.name) or bench.fate(mutant)
         kind = "killed" if killer else "equivalent" if mutant.name in reasons else "survived"
         counts[mutant.module][kind] += 1
+        if killer:
+            dead[mutant.name] = killer
+            record.write_text(json.dumps(dead, indent=1))
         if kind == "survived":
             survivors.append(mutant)
             killer = f"{len(bench.tests_of(mutant))} tests reach it"

@@ -111,6 +111,55 @@ def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, shar
     assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
 
 
+SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
+
+
+@pytest.mark.parametrize(
+    ("start", "way", "sizes", "mps", "limits"),
+    [
+        ((20, 40), (5, 0), SMALL, 0.0, (1.06, 1.37, 1.35)),
+        ((20, 40), (0, 5), LARGE, 0.0, (1.11, 1.33, 1.32)),
+        ((40, 60), (5, 5), LARGE, 0.0, (1.09, 1.46, 1.14)),
+        ((-10, 10), (10, 5), SMALL, 0.0, (1.19, 1.85, 1.37)),
+        ((60, 20), (5, -5), LARGE, 0.0, (1.04, 1.74, 1.13)),
+        ((20, 40), (5, 3), LARGE, 1.0, (1.15, 2.84, 1.06)),
+        ((60, 20), (5, -5), LARGE, 1.0, (1.04, 6.12, 1.12)),
+        ((0, 75), (90, 5), SMALL, 1.0, (1.68, 7.41, 2.02)),
+        ((-10, 10), (10, 5), (0.0, 0.0, 0.0, 0.0), 1.0, (1.18, 8.01, 1.34)),
+        ((20, 40), (0, 0), SMALL, 3.0, (1.74, 5.30, 1.02)),
+        ((60, 20), (0, 0), LARGE, 3.0, (1.06, 2.17, 1.02)),
+    ],
+)
+def test_bounds_are_near_what_they_bound(
+    start: tuple[float, float],
+    way: tuple[float, float],
+    sizes: Sizes,
+    mps: float,
+    limits: tuple[float, float, float],
+) -> None:
+    """`bend`, `departure` and `uneven` as so many times what they bound on a whole leg, as measured and a hundredth.
+
+    A bound that grows costs time and widens what is reported, and nothing else tells.
+    """
+    end = (start[0] + way[0], start[1] + way[1])
+    track = replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
+    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
+    ends = np.zeros(1), np.full(1, LASTS_S)
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    at, velocity, reference = shapes.positions(seconds), shapes.velocities(seconds), shapes.reference(seconds)
+    second = np.hypot(*np.gradient(velocity, seconds[1], axis=2))[:, 2:-2].max()
+    offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
+    gone = moved / moved[-1] if moved[-1] > 1.0 else seconds / LASTS_S
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
+    uneven = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    for bound, true, limit in zip((one.bend, one.departure, one.uneven), (second, left, uneven), limits, strict=True):
+        assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
+    up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
+    assert up.min(axis=1) == pytest.approx(one.least_up(*ends)[:, 0], abs=1e-14 if mps == 0.0 else 4e-5)
+
+
 @settings(max_examples=200, deadline=None)
 @given(tracks)
 def test_havens_known_to_be_convex_are(track: Track) -> None:

@@ -319,6 +319,16 @@ def test_a_tolerance_that_reports_what_does_not_meet_is_remarked() -> None:
     )
 
 
+def test_a_tolerance_that_is_as_good_is_not_remarked() -> None:
+    text = recommendation(
+        [estimate(method, m, 1.0, 100, 8) for method in Method for m in (1.0, 10.0)],
+        Method.EXACT,
+        EarthModel.WGS84,
+        10.0,
+    )
+    assert "Of the pairs" not in text
+
+
 def test_nothing_on_a_sample_is_not_told_as_nothing() -> None:
     """Neither of what a method would report, nor of what a tolerance would."""
     text = recommendation(

@@ -120,6 +120,55 @@ def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track,
     assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
 
 
+SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize(
+    ("start", "way", "sizes", "mps", "limits"),
+    [
+        ((0, 10), (0, 3), SMALL, 0.0, (1.06, 1.24, 1.15)),
+        ((0, 10), (3, 3), LARGE, 0.0, (1.13, 1.60, 1.37)),
+        ((0, 60), (5, 3), LARGE, 0.0, (1.13, 3.67, 1.37)),
+        ((0, 60), (5, 3), LARGE, 1.0, (1.34, 4.62, 1.67)),
+        ((0, 75), (10, 2), LARGE, 1.0, (1.55, 5.26, 1.89)),
+        ((0, 60), (5, 0), SMALL, 1.0, (2.40, 3.05, 1.08)),
+        ((0, -60), (5, -3), LARGE, 1.0, (1.36, 4.39, 1.70)),
+        ((0, 60), (5, -3), SMALL, 1.0, (1.27, 5.32, 1.80)),
+        ((0, 10), (0, 3), (0.0, 0.0, 0.0, 0.0), 1.0, (1.07, 3.19, 1.09)),
+    ],
+)
+def test_bounds_are_near_what_they_bound(
+    earth: EarthModel,
+    start: tuple[float, float],
+    way: tuple[float, float],
+    sizes: tuple[float, float, float, float],
+    mps: float,
+    limits: tuple[float, float, float],
+) -> None:
+    """`bend`, `departure` and `uneven` as so many times what they bound on a whole leg, as measured and a hundredth.
+
+    A bound that grows costs time and widens what is reported, and nothing else tells.
+    """
+    end = (start[0] + way[0], start[1] + way[1])
+    _, one = leg_shapes(
+        Scene("s", earth=earth), replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
+    )
+    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
+    ends = np.zeros(1), np.full(1, LASTS_S)
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    at, velocity, reference = shapes.positions(seconds), shapes.velocities(seconds), shapes.reference(seconds)
+    second = np.hypot(*np.gradient(velocity, seconds[1], axis=2))[:, 2:-2].max()
+    offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
+    gone = moved / moved[-1]
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
+    uneven = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    for bound, true, limit in zip((one.bend, one.departure, one.uneven), (second, left, uneven), limits, strict=True):
+        assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
+    highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
+    assert highest == pytest.approx(np.abs(at[1]).max() / earth_of(earth).radius_m, abs=1e-12)
+
+
 def test_no_growth_is_no_change_in_any_company() -> None:
     """What is computed of a rigid haven is the same to the bit beside one that grows."""
     scene = Scene("s")
