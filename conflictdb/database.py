@@ -235,12 +235,13 @@ class Database:
         merge: bool = False,
         max_speed_kn: float | None = None,
         skip_invalid: bool = False,
+        max_file_mb: float | None = None,
     ) -> list[Loaded]:
         """Load some files as `load` does, files of one scene as if they were one; return what it did to each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction.
         """
-        gathered = gather(paths, scene, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid)
+        gathered = gather(paths, scene, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid, max_file_mb=max_file_mb)
         plans = [self._with_settings(plan, skip_invalid) for plan in gathered]
         return [self._loaded(plan, settings, merge) for plan, settings in plans]
 

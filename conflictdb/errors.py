@@ -20,8 +20,12 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Final
 
+from conflictdb.printable import printable
+
 # Of many mistakes so many are told, a screen full; the rest is counted.
 MOST_TOLD: Final = 20
+# Characters of each part of a message: more than any honest key or path has, and little enough to read.
+_LONGEST_PART: Final = 4_000
 
 
 class ConflictDBError(Exception):
@@ -51,7 +55,7 @@ class InvalidInput(ConflictDBError, ValueError):
         self.rule = rule
         self.source = source
         self.also = tuple(also)
-        lines = [": ".join(part for part in (source, key, field, rule) if part)]
+        lines = [": ".join(_shown(part) for part in (source, key, field, rule) if part)]
         lines += [str(other) for other in self.also[: MOST_TOLD - 1]]
         if len(self.also) >= MOST_TOLD:
             lines.append(f"and {len(self.also) - MOST_TOLD + 1:,} more")
@@ -129,3 +133,8 @@ class NotCurrent(StoreError):
 
 class IncompleteWarning(UserWarning):
     """An answer may lack conflicts: changes of its scene wait for detection."""
+
+
+def _shown(text: str) -> str:
+    shown = printable(text[:_LONGEST_PART])
+    return shown if len(text) <= _LONGEST_PART else f"{shown}…"

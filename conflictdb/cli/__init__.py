@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_UNFIT, TERMINATED
-from conflictdb.cli.output import remark
+from conflictdb.cli.output import Formatter, remark
 from conflictdb.cli.parser import build
 from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
 
@@ -28,7 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     args = build().parse_args(arguments)
     if args.debug:
-        logging.basicConfig(level=logging.DEBUG, format="%(asctime)s %(name)s: %(message)s")
+        handler = logging.StreamHandler()
+        handler.setFormatter(Formatter("%(asctime)s %(name)s: %(message)s"))
+        logging.basicConfig(level=logging.DEBUG, handlers=[handler])
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
         with _termination_as_interrupt():

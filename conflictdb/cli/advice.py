@@ -1,16 +1,16 @@
 """`advise`: what each setting would cost for a scene, and how wrong it would be."""
 
 import argparse
-import json
 import math
 from dataclasses import asdict
 from typing import Any
 
 from conflictdb.advise import Advice, Estimate
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import out, progress, table
+from conflictdb.cli.output import data, out, progress, table
 from conflictdb.cli.session import database
 from conflictdb.estimates import Count, Share, duration, percent
+from conflictdb.io.json_text import dumped
 
 _STAGES = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
 
@@ -21,7 +21,7 @@ def advise(args: argparse.Namespace) -> int:
         advice = db.advise(args.scene, sample=args.sample, seed=args.seed, progress=_show)
     progress("")
     if args.format == "json":
-        out(json.dumps(_members(advice), indent=2, ensure_ascii=False, allow_nan=False))
+        data([dumped(_members(advice), indent=2), "\n"], is_json=True)
     else:
         out(advice_text(advice))
     return DONE

@@ -22,6 +22,7 @@ def detect(args: argparse.Namespace) -> int:
             (args.merge and not args.files, "--merge is for files"),
             (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
             (args.skip_invalid and not args.files, "--skip-invalid is for files"),
+            (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
         ],
     )
     with database(args) as db:

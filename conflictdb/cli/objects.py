@@ -1,10 +1,9 @@
 """`load` and `export`."""
 
 import argparse
-import sys
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
-from conflictdb.cli.output import out
+from conflictdb.cli.output import data, out
 from conflictdb.cli.report import loaded_text, remark_loaded
 from conflictdb.cli.session import database, load_files
 
@@ -23,7 +22,7 @@ def export(args: argparse.Namespace) -> int:
     """Write a scene file."""
     with database(args) as db:
         if args.file == "-":
-            sys.stdout.write(db.scene_text(args.scene))
+            data([db.scene_text(args.scene)], is_json=True)
         else:
             db.export(args.scene, args.file)
     return DONE

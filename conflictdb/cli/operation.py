@@ -1,18 +1,18 @@
 """`worker`, `status`, `init` and `upgrade`."""
 
 import argparse
-import json
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from conflictdb import schema
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.cli.output import as_called, note, out, remark, table
+from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text, run_text
 from conflictdb.cli.session import database, worker_connections
 from conflictdb.database import Status, connect
 from conflictdb.io.instants import format_moment
+from conflictdb.io.json_text import dumped
 from conflictdb.store import SceneStatus
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def status(args: argparse.Namespace) -> int:
     with database(args) as db:
         state = db.status()
     if args.format == "json":
-        out(json.dumps(_members(state), indent=2, ensure_ascii=False))
+        data([dumped(_members(state), indent=2), "\n"], is_json=True)
         return DONE
     out(f"database  {state.database}")
     out(f"server    {state.server}")

@@ -1,17 +1,32 @@
-"""What the command line prints: results on stdout; progress and remarks on stderr, progress on a terminal only."""
+"""What the command line prints: results on stdout; progress and remarks on stderr, progress on a terminal only.
 
+Keys, names and messages are shown harmlessly (`printable`); only `data` goes out as it is, for programs to read.
+"""
+
+import logging
 import os
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from conflictdb.printable import printable
+
 _CLEAR_LINE: Final = "\r\033[K"
+_BREAK: Final = "\n"
+
+
+class Formatter(logging.Formatter):
+    """Log records as lines that are harmless on a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return a record as text; a traceback keeps its lines."""
+        return printable(super().format(record), keep=_BREAK)
 
 
 def out(text: str = "", *, flush: bool = False) -> None:
     """Print one line of a result; `flush` for what somebody waits for."""
-    sys.stdout.write(f"{text}\n")
+    sys.stdout.write(f"{printable(text, keep=_BREAK)}\n")
     if flush:
         sys.stdout.flush()
 
@@ -26,10 +41,16 @@ def as_called(text: str) -> str:
     return text.replace("`conflictdb ", f"`{program()} ")
 
 
+def data(lines: Iterable[str], *, is_json: bool) -> None:
+    """Print what programs read, unchanged; a format that cannot escape is made harmless where a terminal shows it."""
+    shows = not is_json and sys.stdout.isatty()
+    sys.stdout.writelines(printable(line, keep=_BREAK) if shows else line for line in lines)
+
+
 def remark(text: str) -> None:
     """Say something about the work, which is no part of its result."""
     _end_progress()
-    sys.stderr.write(f"conflictdb: {as_called(text)}\n")
+    sys.stderr.write(f"conflictdb: {printable(as_called(text), keep=_BREAK)}\n")
 
 
 def note(text: str) -> None:
@@ -41,7 +62,7 @@ def note(text: str) -> None:
 def progress(text: str) -> None:
     """Show how far the work is, on one line of a terminal; nothing in a pipe. An empty text takes it away."""
     if sys.stderr.isatty():
-        sys.stderr.write(f"{_CLEAR_LINE}{text}")
+        sys.stderr.write(f"{_CLEAR_LINE}{printable(text)}")
         sys.stderr.flush()
 
 
@@ -64,4 +85,4 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], right: Sequen
 
 
 def _text(value: object) -> str:
-    return "" if value is None else str(value)
+    return "" if value is None else printable(str(value))

@@ -25,6 +25,7 @@ exit codes:
   5 no usable PostgreSQL with PostGIS   6 objects were left out (--skip-invalid)
   10 conflicts found (detect --fail-on-conflict)   130 interrupted (SIGINT)   143 terminated (SIGTERM)
 """
+_MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 Command = Callable[[argparse.Namespace], int]
@@ -269,6 +270,12 @@ def _add_merge(parser: Parser) -> None:
         metavar="KN",
         help="faster tracks are refused, faster fixes of positions left out (default 2000, 102.2 for AIS)",
     )
+    parser.add_argument(
+        "--max-file-mb",
+        type=megabytes,
+        metavar="MB",
+        help="refuse files that hold, or unpack to, more (default 64)",
+    )
 
 
 def _add_wait(parser: Parser) -> None:
@@ -306,6 +313,14 @@ def speed_kn(text: str) -> float:
     value = _number(text, "a speed in knots, more than 0", least=0.0)
     if value == 0.0:
         raise argparse.ArgumentTypeError("must be a speed in knots, more than 0")
+    return value
+
+
+def megabytes(text: str) -> float:
+    """Return a size in millions of bytes, more than 0."""
+    value = _number(text, "a number of megabytes, more than 0", least=0.0)
+    if not 0.0 < value <= _MOST_MB:
+        raise argparse.ArgumentTypeError(f"must be a number of megabytes, more than 0 and at most {_MOST_MB:g}")
     return value
 
 

@@ -1,13 +1,12 @@
 """How results look on a terminal: conflicts, runs, and what was loaded or left out."""
 
 import shlex
-import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
-from conflictdb.cli.output import out, remark, table
+from conflictdb.cli.output import data, out, remark, table
 from conflictdb.database import Loaded
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
@@ -54,7 +53,7 @@ def _write(
         lines = conflict_text.as_geojson(pairs, states)
     else:
         lines = conflict_text.as_json(pairs)
-    sys.stdout.writelines(lines)
+    data(lines, is_json=form != "csv")
 
 
 def conflict_table(conflicts: Sequence[Conflict]) -> str:

@@ -32,6 +32,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
         merge=args.merge,
         max_speed_kn=args.max_speed_kn,
         skip_invalid=args.skip_invalid,
+        max_file_mb=args.max_file_mb,
     )
 
 

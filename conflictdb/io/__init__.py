@@ -4,6 +4,7 @@
 that names the file and, for every mistake in it, the object, the field and the rule.
 """
 
+import codecs
 import gzip
 import zlib
 from collections.abc import Iterator
@@ -18,6 +19,12 @@ from conflictdb.io.speeds import MAX_SPEED_KN
 
 __all__ = ["Contents", "Remark", "Skipped", "read", "scene_text"]
 
+# What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
+# a scene may be many files.
+MAX_FILE_MB: Final = 64.0
+TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
+
+_UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
 
@@ -27,6 +34,7 @@ def read(
     *,
     max_speed_kn: float | None = None,
     skip_invalid: bool = False,
+    max_file_mb: float | None = None,
 ) -> Contents:
     """Return everything that a file holds.
 
@@ -42,6 +50,8 @@ def read(
         see `conflictdb.io.positions`.
     skip_invalid : bool
         Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
+    max_file_mb : float, optional
+        Refuse a file that holds, or unpacks to, more millions of bytes; default MAX_FILE_MB.
 
     Raises
     ------
@@ -49,7 +59,7 @@ def read(
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
-    contents = _read(path, max_speed_kn, skip_invalid)
+    contents = _read(path, max_speed_kn, skip_invalid, max_file_mb)
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
 
@@ -60,20 +70,19 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 
-def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool) -> Contents:
+def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool, max_file_mb: float | None) -> Contents:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
     fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
     try:
         if suffix in _JSON:
-            return read_scene(
-                _text(path, is_packed), stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid
-            )
+            text = _text(path, is_packed, max_file_mb)
+            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid)
         if suffix in _ROWS:
             from conflictdb.io.positions import read_positions
 
-            return read_positions(_text(path, is_packed), str(path), max_speed_kn=max_speed_kn)
+            return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
         if not path.exists():
             raise InvalidInput("file", "", "does not exist")
         from conflictdb.io.ogr import read_areas
@@ -81,6 +90,10 @@ def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool) -> Content
         return read_areas(path, skip_invalid=skip_invalid)
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__
+    except RecursionError:  # also while a message was made of what is wrong
+        raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
+    except MemoryError:
+        raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
 
 
 def stem(path: Path) -> str:
@@ -92,15 +105,21 @@ def stem(path: Path) -> str:
     return name if name != path.name else path.stem
 
 
-def _text(path: Path, is_packed: bool) -> str:
+def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
+    most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+    limit = int(most_mb * 1e6)
     try:
-        data = path.read_bytes()
-        if is_packed:
-            data = gzip.decompress(data)
+        # No more than the limit is ever unpacked: a small archive can hold gigabytes, a device has no end.
+        with gzip.open(path) if is_packed else path.open("rb") as stream:
+            data = stream.read(limit + 1)
     except FileNotFoundError:
         raise InvalidInput("file", "", "does not exist") from None
     except (OSError, EOFError, zlib.error) as error:
         raise InvalidInput("file", "", f"cannot be read: {error}") from error
+    if len(data) > limit:
+        raise InvalidInput("file", "", f"holds more than {most_mb:g} MB{TOO_LARGE}")
+    if data.startswith(_UTF_16):
+        raise InvalidInput("file", "byte 0", "must be UTF-8 text; this is UTF-16, or UTF-32")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

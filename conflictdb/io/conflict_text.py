@@ -8,10 +8,18 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from io import StringIO
-from typing import Any
+from typing import Any, Final
 
 from conflictdb.io.instants import format_moment
+from conflictdb.io.json_text import dumped
 from conflictdb.store import Approach, Conflict, SceneState
+
+# What ends a line decides which cells are quoted: a key may hold a line break of either kind.
+_LINE_END: Final = "\r\n"
+# Columns that hold what users gave.
+_GIVEN: Final = ("scene", "a_key", "b_key")
+# What makes a spreadsheet calculate a cell (also in full width), and the apostrophe that says it shall not.
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")  # noqa: RUF001
 
 Period = tuple[datetime | None, datetime | None]
 
@@ -21,7 +29,7 @@ def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
     yield "["
     separator = "\n"
     for conflict in conflicts:
-        yield f"{separator}  {json.dumps(members(conflict), ensure_ascii=False, allow_nan=False)}"
+        yield f"{separator}  {dumped(members(conflict))}"
         separator = ",\n"
     yield "]\n" if separator == "\n" else "\n]\n"
 
@@ -30,11 +38,18 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
     """Yield the lines of a CSV file with a header: COLUMNS of conflicts, APPROACH_COLUMNS of closest approaches.
 
     Periods are ISO 8601 intervals, start/end, separated by spaces; an unbounded end is two dots. Geometries are
-    GeoJSON.
+    GeoJSON. Names and keys that a spreadsheet could take for a formula begin with an apostrophe: see `cell`.
     """
     buffer = StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
+    writer = csv.writer(buffer, lineterminator=_LINE_END)
+
+    def written(row: Sequence[object]) -> str:
+        buffer.seek(0)
+        buffer.truncate()
+        writer.writerow(row)
+        return buffer.getvalue().removesuffix(_LINE_END) + "\n"
+
+    yield written(columns)
     for conflict in conflicts:
         row = members(conflict)
         if isinstance(conflict, Conflict):
@@ -43,11 +58,17 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
             row[name] = json.dumps(row[name], separators=(",", ":"))
         for name in ("is_current", "scene_is_current"):
             row[name] = str(row[name]).lower()
-        writer.writerow([row[column] for column in columns])
-        yield buffer.getvalue()
-        buffer.seek(0)
-        buffer.truncate()
-    yield buffer.getvalue()
+        row.update({name: cell(row[name]) for name in _GIVEN})
+        yield written([row[column] for column in columns])
+
+
+def cell(text: str) -> str:
+    """Return a text that users gave as a cell that no spreadsheet takes for a formula.
+
+    One that begins with a character of `_FORMULA`, or with an apostrophe, gets an apostrophe in front: to have the text
+    again, take the first character of each such cell away if it is an apostrophe.
+    """
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneState]) -> Iterator[str]:
@@ -67,7 +88,7 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneS
         }
         for state in states
     ]
-    yield f'{{ "type": "FeatureCollection",\n  "scenes": {json.dumps(scenes, ensure_ascii=False)},\n  "features": ['
+    yield f'{{ "type": "FeatureCollection",\n  "scenes": {dumped(scenes)},\n  "features": ['
     separator = "\n"
     for conflict in conflicts:
         properties = members(conflict)
@@ -80,7 +101,7 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneS
             if geometry is None and conflict.closest_a_deg and conflict.closest_b_deg:
                 geometry = _between(conflict.closest_a_deg, conflict.closest_b_deg)
         feature = {"type": "Feature", "geometry": geometry, "properties": properties}
-        yield f"{separator}    {json.dumps(feature, ensure_ascii=False, allow_nan=False)}"
+        yield f"{separator}    {dumped(feature)}"
         separator = ",\n"
     yield " ] }\n"
 

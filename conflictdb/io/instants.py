@@ -9,6 +9,8 @@ MICROSECOND: Final = timedelta(microseconds=1)
 # Digits beyond the sixth, which datetime would cut off: they are rounded instead.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
 
+_LONGEST: Final = 60  # characters of what is no instant, in a message
+
 OFFSET_RULE: Final = "needs an offset from UTC, such as 2026-03-01T06:00:00Z or 2026-03-01T07:00:00+01:00"
 
 
@@ -25,10 +27,12 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
     try:
         moment = datetime.fromisoformat(text.upper())
     except ValueError:
-        raise ValueError(f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {text!r}") from None
+        raise ValueError(
+            f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {text[:_LONGEST]!r}"
+        ) from None
     if moment.tzinfo is None:
         if not naive_is_utc:
-            raise ValueError(f"{OFFSET_RULE}; got {text!r}")
+            raise ValueError(f"{OFFSET_RULE}; got {text[:_LONGEST]!r}")
         moment = moment.replace(tzinfo=UTC)
     return (moment - EPOCH) // MICROSECOND + carry
 

@@ -2,11 +2,18 @@
 
 import json
 import math
+import re
+import sys
+from collections import Counter
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 
 MAX_DEPTH: Final = 100  # levels of nesting; far beyond any scene file, and within Python's own limit
+_LONGEST_NAME: Final = 100  # characters of a member's name in a message
+# What JSON need not escape, and a terminal may obey: DEL and C1 controls, marks that turn the direction of reading over
+# or take no room, and the line separators of Unicode.
+_OBEYED: Final = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
 
 def parse(text: str) -> Any:
@@ -25,12 +32,21 @@ def parse(text: str) -> Any:
         raise
     except RecursionError:
         raise InvalidInput("JSON", "", "is nested too deeply") from None
-    except ValueError as error:  # an integer of more digits than Python converts
-        raise InvalidInput("JSON", "", f"holds a number that is out of range: {error}") from None
+    except ValueError:  # more digits than Python converts
+        raise InvalidInput("JSON", "", "holds a whole number of thousands of digits, out of range") from None
+
+
+def dumped(value: Any, indent: int | None = None) -> str:
+    """Return a value as JSON that is harmless on a terminal, and reads back as the same value."""
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent)
+    return text if text.isascii() and "\x7f" not in text else _OBEYED.sub(lambda c: f"\\u{ord(c[0]):04x}", text)
 
 
 def check_storable(who: str, where: str, value: Any, depth: int = 0) -> None:
-    """Refuse a JSON value that a database cannot hold: NaN, infinities, NUL and lone surrogates in text."""
+    """Refuse a JSON value that a database cannot hold, or other programs cannot read.
+
+    That is NaN, infinities and numbers beyond a double's range, NUL and lone surrogates in text, and deep nesting.
+    """
     if depth > MAX_DEPTH:
         raise InvalidInput(who, where.split(".")[0], f"is nested more than {MAX_DEPTH} deep")
     if isinstance(value, str):
@@ -38,10 +54,14 @@ def check_storable(who: str, where: str, value: Any, depth: int = 0) -> None:
     elif isinstance(value, float):
         if not math.isfinite(value):
             raise InvalidInput(who, where, f"must be a finite number; got {value}")
+    elif isinstance(value, int):
+        if abs(value) > sys.float_info.max:
+            raise InvalidInput(who, where, "is too large a number")
     elif isinstance(value, dict):
         for name, member in value.items():
             check_text(who, where, name)
-            check_storable(who, f"{where}.{name}" if where else name, member, depth + 1)
+            place = name[:_LONGEST_NAME]
+            check_storable(who, f"{where}.{place}" if where else place, member, depth + 1)
     elif isinstance(value, list):
         for i, member in enumerate(value):
             check_storable(who, f"{where}[{i}]", member, depth + 1)
@@ -61,7 +81,6 @@ def check_text(who: str, where: str, text: str) -> None:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members = dict(pairs)
     if len(members) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidInput("JSON", twice, "appears twice in one object")
+        twice = next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
+        raise InvalidInput("JSON", twice[:_LONGEST_NAME], "appears twice in one object")
     return members

@@ -3,7 +3,6 @@
 OGC Moving Features JSON is read by the same walk: a feature with a `temporalGeometry` is a moving point.
 """
 
-import json
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields as members_of
@@ -18,7 +17,7 @@ from conflictdb.io.contents import Contents, left_out
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
-from conflictdb.io.json_text import parse
+from conflictdb.io.json_text import dumped, parse
 from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
 
@@ -127,21 +126,17 @@ def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> 
     """Yield the lines of the scene file that `read_scene` reads back as exactly these objects, one line per feature."""
     settings = {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
     yield '{ "type": "FeatureCollection",\n'
-    yield f'  "scene": {_dumped(settings)},\n'
+    yield f'  "scene": {dumped(settings)},\n'
     items: list[Area | Track] = [*areas, *tracks]
     foreign = sorted({name for item in items for name in objects.suspect_properties(item)})
     if foreign:  # put there by SQL; else they would be taken for members that are misspelt
-        yield f'  "foreign": {_dumped(foreign)},\n'
+        yield f'  "foreign": {dumped(foreign)},\n'
     yield '  "features": ['
     separator = "\n"
     for item in items:
-        yield f"{separator}    {_dumped(_feature(item))}"
+        yield f"{separator}    {dumped(_feature(item))}"
         separator = ",\n"
     yield " ] }\n"
-
-
-def _dumped(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _feature(item: Area | Track) -> dict[str, Any]:
