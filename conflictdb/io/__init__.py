@@ -87,7 +87,8 @@ def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool, max_file_m
             raise InvalidInput("file", "", "does not exist")
         from conflictdb.io.ogr import read_areas
 
-        return read_areas(path, skip_invalid=skip_invalid)
+        most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+        return read_areas(path, most_mb, skip_invalid=skip_invalid)
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__
     except RecursionError:  # also while a message was made of what is wrong

@@ -1,4 +1,4 @@
-"""Areas from anything that the OGR library opens (GeoPackage, Shapefile, KML, …), through pyogrio.
+"""Areas from files that the OGR library opens (GeoPackage, Shapefile, KML, …), through pyogrio.
 
 Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer becomes an area; the columns
 ``id``, ``name``, ``start`` (or ``begin``), ``end``, ``floor_m`` and ``ceiling_m``, in upper or lower case, are read as
@@ -7,7 +7,7 @@ name of its layer if there are several. Other reference systems are transformed 
 latitude; edges are then straight in the scene's plane.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,62 +20,54 @@ from conflictdb.io.fields import Fields
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.names import RENAME_COLUMN
 from conflictdb.io.objects import area_members
+from conflictdb.io.ogr_process import EXTRA, Layer, read_layers
 from conflictdb.model import Area
 
 COLUMNS: Final = ("id", "name", "start", "end", "floor_m", "ceiling_m")
 ALIASES: Final = {"begin": "start"}  # of KML
 LONGITUDE_LATITUDE: Final = frozenset({"EPSG:4326", "EPSG:4979", "OGC:CRS84"})
-EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
 _POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
 
 
-def read_areas(path: Path, *, skip_invalid: bool = False) -> Contents:
+def read_areas(path: Path, max_file_mb: float, *, skip_invalid: bool = False) -> Contents:
     """Return the areas of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed.
 
+    max_file_mb : see `conflictdb.io.read`
     skip_invalid : leave out areas that are refused
     """
-    try:
-        import pyogrio
-    except ImportError:
-        raise InvalidInput("file", "", f"is of a format that {EXTRA}") from None
     contents = Contents(None, [], [], [])
     refusals = Refusals()
     seen: dict[str, str] = {}
-    try:
-        layers = [str(name) for name, geometry_type in pyogrio.list_layers(path) if geometry_type is not None]
-        if not layers:
-            raise InvalidInput("file", "", "holds no layer with geometries")
-        for layer in layers:
-            read = pyogrio.raw.read(path, layer=layer, force_2d=True, return_fids=True, datetime_as_string=True)
-            prefix = f"{layer}." if len(layers) > 1 else ""
-            for where, area in _areas(layer, prefix, refusals, *read):
-                first = seen.setdefault(area.key, where)
-                with refusals:
-                    if first != where:
-                        rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
-                        raise InvalidInput(f"area {area.key!r}", "id", rule)
-                    contents.areas.append(area)
-    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
-        raise InvalidInput("file", "", f"cannot be read by OGR: {error}") from error
+    layers = read_layers(path, max_file_mb)
+    if not layers:
+        raise InvalidInput("file", "", "holds no layer with geometries")
+    for layer in layers:
+        prefix = f"{layer.name}." if len(layers) > 1 else ""
+        for where, area in _areas(layer, prefix, refusals):
+            first = seen.setdefault(area.key, where)
+            with refusals:
+                if first != where:
+                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
+                    raise InvalidInput(f"area {area.key!r}", "id", rule)
+                contents.areas.append(area)
     if not skip_invalid:
         refusals.settle()
     contents.skipped.extend(left_out(str(path), refusals))
     return contents
 
 
-def _areas(
-    layer: str, prefix: str, refusals: Refusals, meta: Mapping[str, Any], numbers: Any, wkb: Any, columns: Any
-) -> Iterator[tuple[str, Area]]:
+def _areas(layer: Layer, prefix: str, refusals: Refusals) -> Iterator[tuple[str, Area]]:
     """Yield where each area is in the file, and the area; what is refused is among the refusals."""
+    who = f"layer {layer.name!r}"
     try:
-        shapes = shapely.from_wkb(wkb)
+        shapes = shapely.from_wkb(layer.shapes)
     except shapely.errors.GEOSException as error:
-        raise InvalidInput(f"layer {layer!r}", "geometry", f"holds what is no simple geometry: {error}") from error
-    shapes = _to_longitude_latitude(layer, shapes, meta["crs"])
-    names = [_column(str(name)) for name in meta["fields"]]
-    for i, number in enumerate(numbers):
-        where = f"feature {number} of layer {layer!r}"
-        values = {name: _plain(column[i]) for name, column in zip(names, columns, strict=True)}
+        raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
+    shapes = _to_longitude_latitude(who, shapes, layer.crs)
+    names = [_column(name) for name in layer.fields]
+    for i, number in enumerate(layer.numbers):
+        where = f"feature {number} of {who}"
+        values = {name: column[i] for name, column in zip(names, layer.columns, strict=True)}
         with refusals:
             yield where, _area(where, f"{prefix}{number}", values, shapes[i])
 
@@ -104,8 +96,7 @@ def _column(name: str) -> str:
     return lower if lower in COLUMNS else name
 
 
-def _to_longitude_latitude(layer: str, shapes: Any, crs: str | None) -> Any:
-    who = f"layer {layer!r}"
+def _to_longitude_latitude(who: str, shapes: Any, crs: str | None) -> Any:
     if crs is None:
         rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
         raise InvalidInput(who, "reference system", rule)
@@ -120,14 +111,3 @@ def _to_longitude_latitude(layer: str, shapes: Any, crs: str | None) -> Any:
     except pyproj.exceptions.ProjError as error:
         raise InvalidInput(who, "reference system", f"is not known to PROJ: {crs:.60}") from error
     return shapely.transform(shapes, lambda xy: np.column_stack(transformer.transform(xy[:, 0], xy[:, 1])))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value of a column as JSON can hold it; NaN is how missing numbers come."""
-    if isinstance(value, np.ndarray):
-        return [_plain(member) for member in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, bytes):
-        return value.hex()
-    return None if isinstance(value, float) and np.isnan(value) else value

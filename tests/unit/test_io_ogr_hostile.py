@@ -1,0 +1,222 @@
+"""Files for OGR as attackers write them: no other file, no address, no gigabytes; bounded time, one message."""
+
+import socket
+import sqlite3
+import threading
+import time
+import zipfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from conflictdb import io
+from conflictdb.errors import InvalidInput
+from conflictdb.io import ogr_process
+
+pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
+
+LONGEST_S = 60.0
+SECRET = "stolen from another file"  # noqa: S105
+
+
+def refusal(path: Path) -> str:
+    began = time.monotonic()
+    with pytest.raises(InvalidInput) as caught:
+        io.read(path)
+    assert time.monotonic() - began < LONGEST_S
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert len(message) < 2_000
+    return message
+
+
+@pytest.fixture
+def little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give the process that reads two seconds and half a gigabyte, so that tests need not wait for more."""
+    monkeypatch.setattr(ogr_process, "_LEAST_SECONDS", 2.0)
+    monkeypatch.setattr(ogr_process, "_SECONDS_PER_MB", 0.01)
+    monkeypatch.setattr(ogr_process, "_LEAST_MEMORY", 1 << 29)
+    monkeypatch.setattr(ogr_process, "_MEMORY_PER_MB", 1)
+    ogr_process._others()
+
+
+def geopackage(path: Path, name: str = "one") -> Path:
+    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
+    values = [np.array([name], dtype=object)]
+    pyogrio.raw.write(
+        path, geometry=shape, field_data=values, fields=np.array(["name"]), geometry_type="Polygon", crs="EPSG:4326"
+    )
+    return path
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    (tmp_path / "private").mkdir()
+    return geopackage(tmp_path / "private" / "secret.gpkg", SECRET)
+
+
+@pytest.fixture
+def listener() -> Iterator[tuple[str, list[bytes]]]:
+    """A web server on this machine, and what was asked of it."""
+    asked: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            while True:
+                try:
+                    caller, _ = server.accept()
+                except OSError:
+                    return
+                with caller:
+                    asked.append(caller.recv(1000))
+                    caller.sendall(b"HTTP/1.0 404 Not Found\r\n\r\n")
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}", asked
+        server.shutdown(socket.SHUT_RDWR)
+    thread.join(5.0)
+
+
+VRT = '<OGRVRTDataSource><OGRVRTLayer name="secret"><SrcDataSource>{}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>'
+GDALG = '{{"type": "gdal_streamed_alg", "command_line": "gdal vector read {} --output-format=stream"}}'
+KML = '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>'
+LINK = "<NetworkLink><Link><href>{0}</href></Link></NetworkLink><Style><IconStyle><href>{0}</href></IconStyle></Style>"
+GML = (
+    '<?xml version="1.0"?><ogr:FeatureCollection xmlns:ogr="http://ogr.maptools.org/" '
+    'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xmlns:gml="http://www.opengis.net/gml" '
+    'xmlns:xlink="http://www.w3.org/1999/xlink" xsi:schemaLocation="http://ogr.maptools.org/ {0}">'
+    '<gml:featureMember><ogr:a fid="1"><ogr:geometryProperty xlink:href="{0}#x"/></ogr:a></gml:featureMember>'
+    "</ogr:FeatureCollection>"
+)
+ENTITY = '<?xml version="1.0"?><!DOCTYPE kml [<!ENTITY x SYSTEM "{}">]><kml><Document><name>&x;</name></Document></kml>'
+
+
+@pytest.mark.parametrize("name", ["areas.vrt", "areas.kml"])
+@pytest.mark.parametrize("text", [VRT, GDALG, GML, ENTITY, KML.format(LINK)])
+def test_no_other_file_is_read(tmp_path: Path, secret: Path, name: str, text: str) -> None:
+    """Whatever the name says; and nothing is written beside the file."""
+    path = tmp_path / name
+    path.write_text(text.format(secret))
+    try:
+        contents = io.read(path)
+    except InvalidInput as refused:
+        assert SECRET not in str(refused)  # noqa: PT017
+    else:
+        assert not contents.areas
+    assert sorted(one.name for one in tmp_path.iterdir()) == sorted([name, "private"])
+
+
+@pytest.mark.parametrize("text", [VRT, GML, ENTITY, KML.format(LINK), '{{"type": "x", "href": "{}"}}', "WFS:{}"])
+def test_no_address_is_fetched(tmp_path: Path, listener: tuple[str, list[bytes]], text: str) -> None:
+    address, asked = listener
+    path = tmp_path / "areas.kml"
+    path.write_text(text.format(f"{address}/areas.kml"))
+    with suppress(InvalidInput):
+        assert not io.read(path).areas
+    assert not asked
+
+
+@pytest.mark.parametrize(
+    "path", ["/vsicurl/http://127.0.0.1:9/a.gpkg", "/vsistdin/", "PG:dbname=postgres", "WFS:http://127.0.0.1:9"]
+)
+def test_what_is_no_file_does_not_exist(path: str) -> None:
+    with pytest.raises(InvalidInput, match="does not exist"):
+        io.read(path)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE VIRTUAL TABLE stolen USING VirtualOGR('{}')",
+        "CREATE VIEW stolen AS SELECT ogr_layer_Extent('{}') AS geom, 1 AS fid",
+        "CREATE VIEW stolen AS SELECT load_extension('{}') AS geom, 1 AS fid",
+        "CREATE VIEW stolen AS SELECT readfile('{}') AS geom, 1 AS fid",
+    ],
+)
+def test_a_geopackage_reaches_no_other_file(tmp_path: Path, secret: Path, statement: str) -> None:
+    path = geopackage(tmp_path / "areas.gpkg")
+    register(path, statement.format(secret) if "VIRTUAL" not in statement else "", "stolen")
+    if "VIRTUAL" in statement:
+        with sqlite3.connect(path) as database:
+            database.execute("PRAGMA writable_schema = ON")
+            row = ("table", "stolen", "stolen", 0, statement.format(secret))
+            database.execute("INSERT INTO sqlite_master VALUES (?, ?, ?, ?, ?)", row)
+        database.close()
+    try:
+        names = [area.name for area in io.read(path).areas]
+    except InvalidInput as refused:
+        assert SECRET not in str(refused)  # noqa: PT017
+    else:
+        assert SECRET not in names
+
+
+def register(path: Path, statement: str, table: str) -> None:
+    database = sqlite3.connect(path)
+    database.create_function("ST_IsEmpty", 1, lambda shape: 0)
+    for name in ("ST_MinX", "ST_MaxX", "ST_MinY", "ST_MaxY"):
+        database.create_function(name, 1, lambda shape: 0.0)
+    with database:
+        if statement:
+            database.execute(statement)
+        database.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES (?, 'features', ?, 4326)",
+            (table, table),
+        )
+        database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POLYGON', 4326, 0, 0)", (table,))
+    database.close()
+
+
+def test_a_geopackage_that_never_ends_is_ended(tmp_path: Path, little: None) -> None:
+    """A view that counts for ever."""
+    path = geopackage(tmp_path / "areas.gpkg")
+    count = "WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c) SELECT n AS fid, NULL AS geom FROM c"
+    register(path, f"CREATE VIEW endless AS {count}", "endless")
+    assert "takes too much to read" in refusal(path)
+
+
+def test_a_small_archive_of_gigabytes_is_refused(tmp_path: Path, little: None) -> None:
+    path = tmp_path / "areas.kmz"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("doc.kml", "w") as one,
+    ):
+        one.write(KML.format("<name>").split("</Document>")[0].encode())
+        for _ in range(600):
+            one.write(b"x" * 1_000_000)
+    assert path.stat().st_size < 10_000_000
+    assert "takes too much to read" in refusal(path) or "cannot be read" in refusal(path)
+
+
+def test_more_than_the_limit_is_refused(tmp_path: Path) -> None:
+    path = geopackage(tmp_path / "areas.gpkg", "n" * 20_000)
+    with pytest.raises(InvalidInput, match=r"holds more than 0\.01 MB"):
+        io.read(path, max_file_mb=0.01)
+    assert len(io.read(path, max_file_mb=1.0).areas) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        KML.format("<Folder>" * 100_000),
+        KML.format("<Folder>" * 20_000 + "</Folder>" * 20_000),
+        '<?xml version="1.0"?><!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa">'
+        + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefghij", "bcdefghijk", strict=True))
+        + "]><kml><Document><name>&k;</name></Document></kml>",
+    ],
+)
+def test_nested_xml_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "areas.kml"
+    path.write_text(text)
+    assert refusal(path)
+
+
+def test_settings_of_the_caller_do_not_reach_ogr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GDAL_SKIP", "GPKG")
+    monkeypatch.setenv("OGR_SKIP", "GPKG")
+    assert len(io.read(geopackage(tmp_path / "areas.gpkg")).areas) == 1
