@@ -25,18 +25,6 @@ _MEMORY_PER_MB: Final = 64 << 20
 # What Python and OGR need to be there at all.
 _LEAST_SECONDS: Final = 30.0
 _LEAST_MEMORY: Final = 2 << 30
-# Of the environment only what finds programs, libraries and their data: no credentials, and no settings of GDAL's.
-_KEPT: Final = (
-    "PATH",
-    "LD_LIBRARY_PATH",
-    "PYTHONPATH",
-    "PYTHONHOME",
-    "LANG",
-    "LC_ALL",
-    "TMPDIR",
-    "PROJ_DATA",
-    "GDAL_DATA",
-)
 # Nothing answers here: an address in a file leads nowhere.
 _NOWHERE: Final = "http://127.0.0.1:9"
 _SETTINGS: Final = {
@@ -49,6 +37,7 @@ _SETTINGS: Final = {
     "OGR_SQLITE_LOAD_EXTENSIONS": "",
     "PROJ_NETWORK": "OFF",
     "PROJ_CURL_ENABLED": "NO",
+    "LC_ALL": "C.UTF-8",
     "OPENBLAS_NUM_THREADS": "1",  # each takes address space
     "http_proxy": _NOWHERE,
     "https_proxy": _NOWHERE,
@@ -116,11 +105,11 @@ def _others() -> tuple[str, ...]:
 
 
 def _run(arguments: list[str], timeout_s: float, settings: Mapping[str, str]) -> "subprocess.CompletedProcess[bytes]":
-    kept = {name: os.environ[name] for name in _KEPT if name in os.environ}
     return subprocess.run(
         # -P: what lies in the current directory is not imported
         [sys.executable, "-P", "-W", "ignore", str(_CHILD), *arguments],
-        env={**kept, **_SETTINGS, **settings},
+        # Nothing of the caller's: no credentials, and no settings of GDAL's.
+        env={"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **_SETTINGS, **settings},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         timeout=timeout_s,
