@@ -275,25 +275,25 @@ def test_limits_of_time_do_not_end_a_detection(
     conn: Conn, dsn: str, scene_id: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It solves while its transaction is idle, and its statements take what they take."""
-    limits = {"idle_in_transaction_session_timeout": "50ms", "statement_timeout": "100ms", "lock_timeout": "10ms"}
+    limits = {"idle_in_transaction_session_timeout": "700ms", "statement_timeout": "900ms", "lock_timeout": "500ms"}
     whole = settle.settle
 
     def slowly(*arguments: Any, **named: Any) -> Any:
-        slow.execute("SELECT pg_sleep(0.3)")
-        threading.Event().wait(0.3)
+        slow.execute("SELECT pg_sleep(1.2)")
+        threading.Event().wait(1.0)
         return whole(*arguments, **named)
 
     monkeypatch.setattr(detect, "settle", slowly)
     if conn.info.server_version >= 170000:
-        limits["transaction_timeout"] = "200ms"
+        limits["transaction_timeout"] = "1500ms"
     for name, value in limits.items():
         conn.execute(f"ALTER DATABASE {conn.info.dbname} SET {name} = '{value}'".encode())
     conn.commit()
     with store.connect(dsn) as slow:
-        assert slow.execute("SHOW statement_timeout").fetchone() == ("100ms",)
+        assert slow.execute("SHOW statement_timeout").fetchone() == ("900ms",)
         slow.rollback()
         assert detect.detect(slow, SCENE.name, jobs=1).conflicts == 1
-        assert slow.execute("SHOW statement_timeout").fetchone() == ("100ms",), "for its transactions only"
+        assert slow.execute("SHOW statement_timeout").fetchone() == ("900ms",), "for its transactions only"
 
 
 def test_an_interrupted_detection_leaves_the_connection_without_its_lock(
