@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8a0b5b43edf7424b0761ac2b2e09a3be3b4948c9618f16fe7de00bebbaa8e9d3"
+routines_sha256 = "3eb85445f019b0f885a3a2980c8907e4be8898641cde065c4e7d31194ec77776"
 
 
 def upgrade() -> None:
