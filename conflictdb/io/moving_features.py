@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.inputs import all_certain
 from conflictdb.io import objects, reference
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line
@@ -49,7 +50,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
         positions, times_us = _course(fields, feature["temporalGeometry"], setting)
     members = objects.track_members(fields, setting.foreign)
     fields.settle()
-    return Track(key, positions, times_us, **members)
+    return Track(key, positions, all_certain(times_us), **members)
 
 
 def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb import geodesy
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.inputs import all_certain, certain
 from conflictdb.io.discs import disc
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
@@ -101,8 +102,8 @@ def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RE
     """Return what an area has beside its key and footprint; what is wrong with it is among the fields' refusals."""
     members = {
         "name": fields.text("name"),
-        "start_us": fields.instant("start"),
-        "end_us": fields.instant("end"),
+        "start_us": certain(fields.instant("start")),
+        "end_us": certain(fields.instant("end")),
         "floor_m": fields.number("floor_m"),
         "ceiling_m": fields.number("ceiling_m"),
         "properties": fields.rest(),
@@ -164,7 +165,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
     members = track_members(fields, setting.foreign)
     fields.settle()
     if by_times:
-        return Track(key, positions, times_us, **members)
+        return Track(key, positions, all_certain(times_us), **members)
     assert start_us is not None  # noqa: S101
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
 
@@ -323,7 +324,7 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
         else:
             rule = f"{where} are less than a microsecond apart, the resolution of times"
         raise track.refusal(track.speed, rule)
-    return Track(track.key, positions, times_us, **track.members)
+    return Track(track.key, positions, all_certain(times_us), **track.members)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
