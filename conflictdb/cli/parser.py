@@ -253,6 +253,12 @@ def _add_merge(parser: Parser) -> None:
         "--merge", action="store_true", help="add and update; otherwise the files replace what the scene held"
     )
     parser.add_argument(
+        "--layer",
+        action="append",
+        metavar="NAME",
+        help="of files that OGR opens (GeoPackage, KML, S-57): a layer to read; may be repeated (default: all)",
+    )
+    parser.add_argument(
         "--skip-invalid",
         action="store_true",
         help="load the rest where objects are refused; exits with 6 if any is left out",

@@ -48,7 +48,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
                 raise fields.refusal(name, "must not be given together with temporalGeometry, which has the times")
     with fields.refusals:
         positions, times_us = _course(fields, feature["temporalGeometry"], setting)
-    members = objects.track_members(fields, setting.foreign)
+    members = objects.track_members(fields, setting)
     fields.settle()
     return Track(key, positions, all_certain(times_us), **members)
 

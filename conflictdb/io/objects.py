@@ -65,18 +65,20 @@ class Setting:
     scene : its settings, or those by default
     foreign : names of members that mean nothing here
     to_degrees : how coordinates become longitude and latitude
+    remedy : what to do about a name that looks like a known one
     """
 
     scene: Scene
     foreign: Collection[str] = ()
     to_degrees: ToDegrees = None
+    remedy: str = RENAME_MEMBER
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
     """Return the area of a feature; raises InvalidInput with all that is wrong with it."""
     with fields.refusals:
         footprint = _footprint(geometry, fields, setting)
-    members = area_members(fields, setting.foreign)
+    members = area_members(fields, setting)
     fields.settle()
     return Area(key, footprint, **members)
 
@@ -98,7 +100,7 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> sh
     return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene)
 
 
-def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     """Return what an area has beside its key and footprint; what is wrong with it is among the fields' refusals."""
     members = {
         "name": fields.text("name"),
@@ -109,7 +111,8 @@ def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RE
         "properties": fields.rest(),
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # where it is the radius of a circle
-    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, foreign, remedy)
+    rest = setting.foreign, setting.remedy
+    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest)
     return members
 
 
@@ -162,7 +165,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
                 raise fields.refusal("start", "is missing: a track with a speed needs its start")
             start_us = fields.instant("start")
             speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
-    members = track_members(fields, setting.foreign)
+    members = track_members(fields, setting)
     fields.settle()
     if by_times:
         return Track(key, positions, all_certain(times_us), **members)
@@ -203,7 +206,7 @@ def _highest_latitude_deg(scene: Scene) -> float:
     return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
 
 
-def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     """Return what a track has beside its key, positions and times: haven, name, heights, properties.
 
     What is wrong with it is among the fields' refusals.
@@ -218,7 +221,8 @@ def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = R
         "grow_mps": fields.number("grow_mps") or 0.0,
         "properties": fields.rest(),
     }
-    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, foreign, remedy)
+    rest = setting.foreign, setting.remedy
+    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest)
     return members
 
 
