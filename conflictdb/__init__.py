@@ -29,8 +29,6 @@ from conflictdb.errors import (
 )
 
 if TYPE_CHECKING:
-    __version__: str
-
     from conflictdb.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.detect import Run
@@ -72,7 +70,6 @@ __all__ = [
     "StoreError",
     "Track",
     "Verdict",
-    "__version__",
     "connect",
     "read",
     "rectangle_outline_m",
@@ -96,23 +93,11 @@ _HOME: Final = {
 
 
 def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        value: Any = _version()
-    elif name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
-    else:
+    if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version(__name__)
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return "unknown"
 
 
 def __dir__() -> list[str]:

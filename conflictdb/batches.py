@@ -36,6 +36,10 @@ class AreaBatch:
     def __len__(self) -> int:
         return len(self.area_id)
 
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the areas of some rows."""
+        return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))
+
     @classmethod
     def of(cls, areas: Sequence[Area]) -> "AreaBatch":
         """Return the batch of some areas, numbered from 0."""
@@ -83,6 +87,27 @@ class TrackBatch:
 
     def __len__(self) -> int:
         return len(self.track_id)
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the tracks of some rows."""
+        legs = ragged_rows(self.waypoint_offset - np.arange(len(self) + 1), rows)[1]
+        positions_deg, waypoint_offset = _taken(self.waypoint_offset, self.positions_deg, rows)
+        outline_m, outline_offset = _taken(self.outline_offset, self.outline_m, rows)
+        outlines_m, outlines_offset = _taken(self.outlines_offset, self.outlines_m, rows)
+        return type(self)(
+            self.track_id[rows],
+            self.version[rows],
+            waypoint_offset,
+            positions_deg,
+            self.times_us[ragged_rows(self.waypoint_offset, rows)[1]],
+            outline_offset,
+            outline_m,
+            self.floor_m[legs],
+            self.ceiling_m[legs],
+            self.grow_mps[rows],
+            outlines_offset,
+            outlines_m,
+        )
 
     @classmethod
     def of(cls, tracks: Sequence[Track]) -> "TrackBatch":

@@ -52,7 +52,10 @@ def _split(polygon: shapely.Polygon, hull: shapely.Geometry) -> list[shapely.Geo
     S. Hertel, K. Mehlhorn, "Fast triangulation of the plane with respect to simple polygons", Information and
     Control 64 (1985), doi:10.1016/S0019-9958(85)80044-9: at most four times the least number of parts.
     """
-    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    try:
+        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    except shapely.errors.GEOSException:  # a ring that crosses itself in the plane, by rounding
+        return [hull]
     missing = abs(float(shapely.area(triangles).sum()) - polygon.area)
     if is_thread(polygon) or missing > TRIANGULATION_AREA_SHARE * polygon.area:
         # Never a miss: what cannot be cut reliably (narrower than the plane's rounding) counts as its hull.

@@ -24,11 +24,10 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb import store
-from conflictdb.batches import Pieces
+from conflictdb.covers import pieces_of
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Scene
-from conflictdb.pieces import area_pieces, track_pieces
 from conflictdb.settle import Progress, settle
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
@@ -172,7 +171,7 @@ def _refresh_pieces(
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
-    pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
+    pieces = pieces_of(settings, areas, tracks)
     store.replace_pieces(conn, scene_id, pieces)
     took_s = (record.pieces_s or 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)

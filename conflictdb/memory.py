@@ -1,22 +1,20 @@
 """The stages on objects in memory: no database, the same answer."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.covers import pieces_of
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
-from conflictdb.pieces import area_pieces, check_plane, track_pieces
+from conflictdb.pieces import check_plane
 from conflictdb.planes import centred
 from conflictdb.settle import settle
-
-Object = TypeVar("Object", Area, Track)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +47,13 @@ class Interference:
     closest_b_deg: tuple[float, float] | None = None
 
 
-def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = None) -> list[Interference]:
+def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
     With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
-    that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
+    that the scene's plane cannot hold, and for keys that occur twice.
     """
-    tracks, areas = _each("tracks", tracks, Track), _each("areas", areas, Area)
-    if not isinstance(scene, Scene | None):
-        raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     seen: set[str] = set()
     for key in [area.key for area in areas] + [track.key for track in tracks]:
@@ -71,7 +66,7 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     batch = AreaBatch.of(areas)
-    pieces = Pieces.concatenate([area_pieces(scene, batch), track_pieces(scene, TrackBatch.of(tracks))])
+    pieces = pieces_of(scene, batch, TrackBatch.of(tracks))
     found, _ = settle(
         scene,
         pieces,
@@ -109,19 +104,6 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
-
-
-def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
-    """Return objects of one kind; raises InvalidInput for others."""
-    what = f"must be {name}, in a list or the like"
-    if isinstance(given, Area | Track) or not isinstance(given, Iterable):
-        raise InvalidInput("solve", name, f"{what}; got {type(given).__name__}")
-    found = list(given)
-    for i, one in enumerate(found):
-        if not isinstance(one, kind):
-            swapped = ": solve(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
-            raise InvalidInput("solve", f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
-    return found
 
 
 def _number(value: float) -> float | None:

@@ -29,6 +29,8 @@ MAX_SLICES: Final = 16
 # that only havens of hundreds of kilometres close to a pole come near.
 MAX_BEND_SHARE: Final = 0.25
 MAX_BENT_SLICES: Final = 4096
+# Pieces of one object beyond which it is not cut: memory for a gigabyte, where honest tracks have some thousands.
+MAX_PIECES: Final = 1_000_000
 
 
 def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
@@ -129,6 +131,8 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     legs = _legs(plane, tracks)
     count = _slice_counts(legs)
     while True:
+        if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
+            raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
         pieces, leg = _slices(tracks, legs, count)
         bend, reach = _swept_bend(plane, pieces)
         # Near the poles a wide haven bends a lot within a slice: shorter slices, until the padding is tight.

@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, Conflicts, Pieces, TrackBatch
+from conflictdb.covers import pieces_of
 from conflictdb.estimates import Count, Sampling, object_error, whole
 from conflictdb.memory import candidates, hulls_of
 from conflictdb.model import Area, Kind, Scene, Track
-from conflictdb.pieces import area_pieces, track_pieces
 
 # Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
 PROBE: Final = 400
@@ -49,7 +49,7 @@ class Objects:
         moving = numbers[numbers >= len(self.areas)] - len(self.areas)
         areas = replace(AreaBatch.of([self.areas[i] for i in still.tolist()]), area_id=still)
         tracks = replace(TrackBatch.of([self.tracks[i] for i in moving.tolist()]), track_id=moving)
-        return Pieces.concatenate([area_pieces(scene, areas), track_pieces(scene, tracks)])
+        return pieces_of(scene, areas, tracks)
 
     def pair_keys(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return one number for the pair of objects of each pair of pieces."""

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import shapely
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
+from conflictdb.covers import is_covered
 from conflictdb.geodesy import Floats
+from conflictdb.isolation import isolated
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Scene, Verdict
 from conflictdb.motion import Plane, shapes_of
@@ -20,7 +22,7 @@ from conflictdb.planes import plane_of
 from conflictdb.processes import computed
 from conflictdb.separation import TOUCH_M
 from conflictdb.stage3_projection import shared_span, windows
-from conflictdb.stage4_approach import approaches
+from conflictdb.stage4_approach import Approaches, approaches
 from conflictdb.stage4_contacts import (
     CONFLICT,
     GRAZING,
@@ -75,14 +77,17 @@ def settle(
     """
     funnel = Funnel()
     started = time.perf_counter()
+    covered = is_covered(pieces, pairs)
     still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
-    rows = np.flatnonzero(still)
+    rows = np.flatnonzero(still & ~covered)
     verdict = still_pairs(scene, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
     found = [_whole_spans(pieces, pairs, rows[meets], verdict[meets])]
-    funnel.window_pairs = len(meets)
+    unknown = np.flatnonzero(covered)
+    found.append(_whole_spans(pieces, pairs, unknown, np.full(len(unknown), UNRESOLVED, np.int8)))
+    funnel.window_pairs = len(meets) + len(unknown)
 
-    moving = np.flatnonzero(~still)
+    moving = np.flatnonzero(~still & ~covered)
     if METHODS[scene.method].last_stage < 3:
         found.append(_whole_spans(pieces, pairs, moving, np.full(len(moving), UNRESOLVED, np.int8)))
     elif moving.size:
@@ -116,7 +121,19 @@ def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tupl
     """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
     if METHODS[scene.method].projects_regions:
         funnel.projected_pairs = len(pairs)
-        return windows(scene, pieces, pairs)
+        first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
+        for rows, (low, high) in isolated(
+            np.arange(len(pairs)),
+            lambda rows: windows(scene, pieces, pairs.take(rows)),
+            lambda rows: _spans_s(pieces, pairs.take(rows)),
+            "pair of pieces",
+        ):
+            first[rows], last[rows] = low, high
+        return first, last
+    return _spans_s(pieces, pairs)
+
+
+def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     start, end = shared_span(pieces, pairs)
     return np.zeros(len(pairs)), (end - start) / 1e6
 
@@ -160,7 +177,8 @@ def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict:
     start, end = shared_span(pieces, pairs.take(rows))
     unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
-    error = np.where(verdict == UNRESOLVED, width, 0.0)
+    # Of areas it is where that is not known: if they meet, they do so while both are there.
+    error = np.where((verdict == UNRESOLVED) & np.isfinite(width), width, 0.0)
     return Contacts(rows, np.zeros(len(rows)), width, error, verdict, np.ones(len(rows), np.bool_))
 
 
@@ -201,15 +219,22 @@ def _by_object(scene: Scene, pieces: Pieces, pairs: Pairs, found: Contacts, foot
 
     bounds = np.searchsorted(group, np.arange(n + 1))
     first = bounds[:-1]
-    shallow = np.flatnonzero(~has_conflict & ~has_open).tolist()
-    contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow]
+    shallow = np.flatnonzero(~has_conflict & ~has_open)
+    contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow.tolist()]
     contacts_of = [rows[found.touches[rows]] for rows in contacts_of]
-    has_conflict[shallow] = _deep(scene, pieces, pairs, found, contacts_of, footprints)
+    for k, (deep, is_unknown) in isolated(
+        np.arange(len(shallow)),
+        lambda k: (np.array(_deep(scene, pieces, pairs, found, [contacts_of[i] for i in k], footprints)), False),
+        lambda k: (np.zeros(len(k), np.bool_), True),
+        "pair of objects",
+    ):
+        has_conflict[shallow[k]], has_open[shallow[k]] = deep, is_unknown
 
     points = np.full((n, 2), np.nan)
     if METHODS[scene.method].solver is not None:
         at = np.where(np.isfinite(found.start_s), found.start_s, 0.0)[order][first]
-        points = meeting_points(scene, pieces, pairs.take(found.pair[order][first]), at)
+        seen = np.flatnonzero(~is_covered(pieces, pairs.take(found.pair[order][first])))
+        points[seen] = meeting_points(scene, pieces, pairs.take(found.pair[order][first][seen]), at[seen])
     member_a, member_b = a[order][first], b[order][first]
     return Conflicts(
         a_kind=pieces.kind[member_a],
@@ -272,6 +297,7 @@ def _is_swapped(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> N
 
 def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
+    pairs = pairs.take(np.flatnonzero(~is_covered(pieces, pairs)))
     # Objects that meet are closest when they first do.
     meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
     swap = _is_swapped(pieces, pairs.a, pairs.b)
@@ -296,7 +322,7 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
     rows = np.flatnonzero(wanted[number] >= 0.0)
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
-    found = approaches(scene, pieces, candidates, group, wanted[asked])
+    found = _approaches(scene, pieces, candidates, group, wanted[asked])
     of_b = swap[rows[found.pair]] if len(asked) else np.zeros(0, np.bool_)
     touch = np.flatnonzero(found.distance_m == 0.0)
     where = meeting_points(scene, pieces, candidates.take(found.pair[touch]), found.at_s[touch])
@@ -317,10 +343,16 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
 
     is_known = np.zeros(unique.shape[1], np.bool_)
     is_known[known_number] = True
-    near = np.flatnonzero(~is_known[asked] & np.isfinite(found.distance_m))
-    pair = rows[found.pair[near]]
+    # Infinite: further apart than asked. NaN: not to be found, so that they may come as near as anything.
+    more = np.flatnonzero(~is_known[asked] & ~np.isinf(found.distance_m))
+    lost = np.isnan(found.distance_m[more])
+    pair = rows[np.unique(group, return_index=True)[1][more]]
     member_a, member_b = a[pair], b[pair]
-    n = len(near)
+    start, end = shared_span(pieces, candidates)
+    first_us, last_us = np.full(len(asked), FOR_EVER_US), np.full(len(asked), SINCE_EVER_US)
+    np.minimum.at(first_us, group, start)
+    np.maximum.at(last_us, group, end)
+    periods = np.stack([first_us[more], last_us[more]], axis=1)[lost]
     return Conflicts(
         a_kind=np.concatenate([conflicts.a_kind, pieces.kind[member_a]]),
         a_id=np.concatenate([conflicts.a_id, pieces.object_id[member_a]]),
@@ -328,17 +360,38 @@ def with_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Confl
         b_kind=np.concatenate([conflicts.b_kind, pieces.kind[member_b]]),
         b_id=np.concatenate([conflicts.b_id, pieces.object_id[member_b]]),
         b_version=np.concatenate([conflicts.b_version, pieces.version[member_b]]),
-        period_us=conflicts.period_us,
-        period_offset=np.concatenate([conflicts.period_offset, np.full(n, len(conflicts.period_us), np.int64)]),
-        verdict=np.concatenate([conflicts.verdict, np.full(n, Verdict.NEAR.code, np.int8)]),
-        first_contact_deg=np.concatenate([conflicts.first_contact_deg, np.full((n, 2), np.nan)]),
-        time_error_s=np.concatenate([conflicts.time_error_s, np.zeros(n)]),
-        closest_us=np.concatenate([closest_us, found.at_us[near]]),
-        closest_m=np.concatenate([closest_m, found.distance_m[near]]),
-        closest_error_m=np.concatenate([error_m, found.error_m[near]]),
-        closest_a_deg=np.concatenate([a_deg, found_a[near]]),
-        closest_b_deg=np.concatenate([b_deg, found_b[near]]),
+        period_us=np.concatenate([conflicts.period_us, periods]),
+        period_offset=np.concatenate([conflicts.period_offset, len(conflicts.period_us) + np.cumsum(lost)]),
+        verdict=np.concatenate([conflicts.verdict, np.where(lost, UNRESOLVED, Verdict.NEAR.code).astype(np.int8)]),
+        first_contact_deg=np.concatenate([conflicts.first_contact_deg, np.full((len(more), 2), np.nan)]),
+        time_error_s=np.concatenate([conflicts.time_error_s, np.zeros(len(more))]),
+        closest_us=np.concatenate([closest_us, found.at_us[more]]),
+        closest_m=np.concatenate([closest_m, found.distance_m[more]]),
+        closest_error_m=np.concatenate([error_m, found.error_m[more]]),
+        closest_a_deg=np.concatenate([a_deg, found_a[more]]),
+        closest_b_deg=np.concatenate([b_deg, found_b[more]]),
     )
+
+
+def _approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
+    """Return the closest approach of pairs of objects, as `approaches` does; NaN where it cannot be found."""
+    n = len(wanted_m)
+    nowhere = np.full(n, np.nan)
+    places = np.full((n, 2), np.nan)
+    every = Approaches(
+        np.zeros(n, np.int64), nowhere.copy(), np.full(n, SINCE_EVER_US), nowhere.copy(), nowhere, places, places.copy()
+    )
+
+    def search(groups: NDArray[np.int64]) -> Approaches | None:
+        rows = np.flatnonzero(np.isin(group, groups))
+        found = approaches(scene, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
+        return replace(found, pair=np.where(found.pair < 0, found.pair, rows[found.pair]))
+
+    for groups, found in isolated(np.arange(n), search, lambda groups: None, "pair of objects"):
+        if found is not None:
+            for column in fields(Approaches):
+                getattr(every, column.name)[groups] = getattr(found, column.name)
+    return every
 
 
 def _deep(

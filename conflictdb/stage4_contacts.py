@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import Contacts, Pairs, Pieces
 from conflictdb.geodesy import Floats
+from conflictdb.isolation import isolated
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.planes import plane_of
@@ -59,7 +60,8 @@ def contacts(
     plane = plane_of(scene)
     effort = Effort()
     found = [nothing()]
-    for rows in alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
+
+    def solve(rows: NDArray[np.int64]) -> Contacts:
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
@@ -67,9 +69,17 @@ def contacts(
         low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
         belongs = _end_belongs(pieces, pairs, rows, end)
         beyond = np.where(belongs, np.inf, span)
-        found.append(_settled(scene, encounters, low, high, beyond, effort).of_pairs(rows))
+        return _settled(scene, encounters, low, high, beyond, effort)
+
+    def leave(rows: NDArray[np.int64]) -> Contacts:
+        width, verdict = last_s[rows] - first_s[rows], np.full(len(rows), UNRESOLVED, np.int8)
+        touches = np.ones(len(rows), np.bool_)
+        return Contacts(np.arange(len(rows)), first_s[rows], last_s[rows], width, verdict, touches)
+
+    for group in alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
+        found += [one.of_pairs(rows) for rows, one in isolated(group, solve, leave, "pair of pieces")]
         if progress:
-            progress(len(rows))
+            progress(len(group))
     return Contacts.concatenate(found), effort
 
 
@@ -147,7 +157,8 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
     plane = plane_of(scene)
     verdict = np.full(len(pairs), -1, np.int8)
-    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
+
+    def judge(rows: NDArray[np.int64]) -> NDArray[np.int8]:
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
         excess = encounters.excess(np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
@@ -155,11 +166,19 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
         error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
         doubt_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
         close = excess + error_m <= margin
-        verdict[rows] = np.select(
+        verdicts = np.select(
             [excess > margin, excess < -max(margin, doubt_m), close & (excess >= -margin)],
             [-1, CONFLICT, GRAZING],
             UNRESOLVED,
         )
+        return np.where(np.isnan(excess), UNRESOLVED, verdicts).astype(np.int8)
+
+    def leave(rows: NDArray[np.int64]) -> NDArray[np.int8]:
+        return np.full(len(rows), UNRESOLVED, np.int8)
+
+    for group in alike(plane, pieces, pairs, np.arange(len(pairs))):
+        for rows, found in isolated(group, judge, leave, "pair of parts of areas"):
+            verdict[rows] = found
     return verdict
 
 
@@ -170,7 +189,8 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
     """
     plane = plane_of(scene)
     places = np.full((len(pairs), 2), np.nan)
-    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
+
+    def meet(rows: NDArray[np.int64]) -> Floats:
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
         found = encounters.nearest(np.arange(len(rows)), at_s[rows])
@@ -184,7 +204,14 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
             middle = shapely.get_coordinates(shapely.centroid(common[held]))
             point[overlap[held]] = middle + inside.origin[:, held].T
         lon, lat = plane.from_plane(point[:, 0], point[:, 1])
-        places[rows] = np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)
+        return np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)
+
+    def nowhere(rows: NDArray[np.int64]) -> Floats:
+        return np.full((len(rows), 2), np.nan)
+
+    for group in alike(plane, pieces, pairs, np.arange(len(pairs))):
+        for rows, place in isolated(group, meet, nowhere, "pair of pieces"):
+            places[rows] = place
     return places
 
 

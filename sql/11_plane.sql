@@ -146,7 +146,7 @@ BEGIN
             FROM quarter q
             CROSS JOIN LATERAL ST_Dump(ST_CollectionExtract(ST_Intersection(ST_SetSRID(p_geometry, 0), q.wedge), 3)) d
         )
-        SELECT ST_SetSRID(ST_UnaryUnion(ST_Collect(_off_the_pole(p.part)), 1e-11), 4326) FROM part p
+        SELECT ST_SetSRID(ST_UnaryUnion(ST_Collect(ST_MakeValid(_off_the_pole(p.part))), 1e-11), 4326) FROM part p
     );
 END
 $$;

@@ -16,6 +16,18 @@ END;
 COMMENT ON FUNCTION _half_open(tstzrange) IS
 'The same instants as [start, end); an infinite end becomes no end.';
 
+CREATE OR REPLACE FUNCTION _is_plain(p_properties jsonb) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- jsonb holds more than other programs read: numbers beyond a double's range, and thousands of levels.
+    SELECT jsonb_typeof(p_properties) = 'object'
+           AND (p_properties = '{}' OR NOT jsonb_path_exists(p_properties, 'strict $.**{101 to last}')
+                AND NOT jsonb_path_exists(p_properties, 'strict $.** ? (@.type() == "number"
+                    && (@ > 1.7976931348623157e308 || @ < -1.7976931348623157e308))'));
+END;
+COMMENT ON FUNCTION _is_plain(jsonb) IS
+'Whether properties are a JSON object of at most 100 levels whose numbers are those of a double.';
+
 CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
                                          p_ceiling_m double precision, p_properties jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -35,6 +47,10 @@ BEGIN
     END IF;
     IF jsonb_typeof(p_properties) IS DISTINCT FROM 'object' THEN
         PERFORM _refuse('ZC012', p_who, 'properties', 'must be a JSON object', 'properties_object');
+    END IF;
+    IF NOT _is_plain(p_properties) THEN
+        PERFORM _refuse('ZC012', p_who, 'properties', 'must be nested at most 100 deep, with numbers up to 1.8e308',
+                        'properties_plain');
     END IF;
 END
 $$;

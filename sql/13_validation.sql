@@ -33,19 +33,23 @@ BEGIN
         NEW.version := OLD.version;
         IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m)
            IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m)
-           AND jsonb_typeof(NEW.properties) = 'object' THEN
+           AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
     END IF;
     -- One test for the good row; only a bad one pays for finding out why.
-    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND jsonb_typeof(NEW.properties) = 'object'
+    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
         PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
     END IF;
-    IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) THEN
-        PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a non-empty MultiPolygon', 'footprint_not_empty');
+    -- A ring without a point is not empty to PostGIS, but not dumped either.
+    IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
+       OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
+          < ST_NumGeometries(NEW.footprint) THEN
+        PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
+                        'footprint_not_empty');
     END IF;
     v_reason := ST_IsValidReason(NEW.footprint);
     IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(NEW.footprint) <= 89 AND ST_YMin(NEW.footprint) >= -89
@@ -72,15 +76,13 @@ BEGIN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must hold at least one instant: end must be later than start',
                         'span_not_empty');
     END IF;
-    IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
+    -- Of an end that is there both sides count: without the other end, one may begin after all time, or end before it.
+    IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
+       OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
                         'Leave an end out where there is none.');
     END IF;
     NEW.version := nextval('version_seq');
-    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
-        -- A restore set the sequence back.
-        NEW.version := nextval('version_seq');
-    END IF;
     RETURN NEW;
 END
 $$;
@@ -122,11 +124,11 @@ BEGIN
             NEW.ceilings_m)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
                                  OLD.floors_m, OLD.ceilings_m)
-           AND jsonb_typeof(NEW.properties) = 'object' THEN
+           AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
     END IF;
-    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND jsonb_typeof(NEW.properties) = 'object'
+    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
@@ -157,6 +159,13 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outline',
                         'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
     END IF;
+    v_widest := coalesce(NEW.outlines, NEW.outline);
+    IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508
+       OR greatest(ST_XMax(NEW.outline), -ST_XMin(NEW.outline), ST_YMax(NEW.outline), -ST_YMin(NEW.outline)) > 20037508
+    THEN
+        PERFORM _refuse('ZC006', v_who, 'outline', 'must lie within 20037508 m of the reference point: half round the '
+                        'earth', 'outline_on_earth');
+    END IF;
     IF abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > 1e-12 * ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
@@ -180,10 +189,6 @@ BEGIN
         PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
     END IF;
     NEW.version := nextval('version_seq');
-    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
-        -- A restore set the sequence back.
-        NEW.version := nextval('version_seq');
-    END IF;
     RETURN NEW;
 END
 $$;
@@ -303,10 +308,6 @@ CREATE OR REPLACE TRIGGER area_before BEFORE INSERT OR UPDATE ON area
     FOR EACH ROW EXECUTE FUNCTION _area_before();
 CREATE OR REPLACE TRIGGER track_before BEFORE INSERT OR UPDATE ON track
     FOR EACH ROW EXECUTE FUNCTION _track_before();
--- Also for what arrives as a replica: a row that a detection cannot work on is better refused there.
-ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_before;
-ALTER TABLE area ENABLE ALWAYS TRIGGER area_before;
-ALTER TABLE track ENABLE ALWAYS TRIGGER track_before;
 
 -- At the end of the transaction, or of _load and create_scene: objects may change together with the settings.
 DROP TRIGGER IF EXISTS scene_holds_objects ON scene;

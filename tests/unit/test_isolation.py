@@ -1,0 +1,161 @@
+"""An exception on one object or pair costs that one its answer, and no other."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+import conflictdb
+from conflictdb import covers, settle, stage4_contacts
+from conflictdb.isolation import isolated
+from conflictdb.model import Area, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
+
+T0_US = 1_700_000_000_000_000
+HOUR_US = 3_600_000_000
+
+
+@given(st.integers(0, 40), st.sets(st.integers(0, 39)))
+def test_each_row_has_an_answer_and_the_failing_ones_the_safe_one(count: int, failing: set[int]) -> None:
+    def work(rows: Any) -> list[int]:
+        if failing & set(rows.tolist()):
+            raise ZeroDivisionError
+        return [2 * row for row in rows.tolist()]
+
+    found = isolated(np.arange(count), work, lambda rows: [-1] * len(rows), "row")
+    answers = {row: answer for rows, some in found for row, answer in zip(rows.tolist(), some, strict=True)}
+    assert answers == {row: -1 if row in failing else 2 * row for row in range(count)}
+
+
+def test_a_warning_that_was_made_an_error_is_one() -> None:
+    def work(rows: Any) -> None:
+        raise RuntimeWarning("overflow")
+
+    with pytest.raises(RuntimeWarning):
+        isolated(np.arange(3), work, lambda rows: None, "row")
+
+
+def area(key: str, lon: float, **more: Any) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(lon, 57.0, lon + 0.5, 57.5)]), **more)
+
+
+def track(key: str, lon: float, lat: float = 57.2) -> Track:
+    positions = np.array([(lon, lat), (lon + 1.0, lat)])
+    outline = rectangle_outline_m(100.0, 100.0, 100.0, 100.0)
+    return Track(key, positions, np.array([T0_US, T0_US + HOUR_US]), outline)
+
+
+AREAS = [area("A0", 4.5), area("A1", 4.9), area("A2", 40.0), area("A3", 41.0, start_us=T0_US + 2 * HOUR_US)]
+TRACKS = [track("T0", 4.0), track("T1", 4.4), track("T2", 40.0, 30.0)]
+SCENES = [
+    Scene("s"),
+    Scene("s", separation_m=100.0, nearest_m=1e6),
+    Scene("s", motion=Motion.GREAT_CIRCLE),
+    Scene("s", method=Method.WINDOW),
+    Scene("s", method=Method.SCREEN),
+]
+
+
+def answer(scene: Scene) -> dict[tuple[str, str], conflictdb.Interference]:
+    return {(one.a_key, one.b_key): one for one in conflictdb.solve(TRACKS, AREAS, scene)}
+
+
+def failing_for(function: Callable[..., Any], is_hit: Callable[..., bool]) -> Callable[..., Any]:
+    def failing(*arguments: Any, **more: Any) -> Any:
+        if is_hit(*arguments):
+            raise FloatingPointError("planted")
+        return function(*arguments, **more)
+
+    return failing
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: f"{scene.motion.value} {scene.method.value}")
+@pytest.mark.parametrize(("which", "number", "key"), [("area_pieces", 1, "A1"), ("track_pieces", 0, "T0")])
+def test_an_object_that_cannot_be_cut_is_unresolved_with_all_it_could_meet(
+    scene: Scene, which: str, number: int, key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With everything that shares its time; every other pair is what it was."""
+    expected = answer(scene)
+    ids = "area_id" if which == "area_pieces" else "track_id"
+    planted = failing_for(getattr(covers, which), lambda scene, batch: number in getattr(batch, ids))
+    monkeypatch.setattr(covers, which, planted)
+    found = answer(scene)
+    with_it = {pair for pair in found if key in pair}
+    assert {pair: one for pair, one in found.items() if key not in pair} == {
+        pair: one for pair, one in expected.items() if key not in pair
+    }
+    assert {found[pair].verdict for pair in with_it} == {Verdict.UNRESOLVED}
+    assert {other for pair in with_it for other in pair} == (
+        {"A0", "A1", "A2", "A3", "T0", "T1", "T2"} if key == "A1" else {"A0", "A1", "A2", "T0", "T1", "T2"}
+    )
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NaN would meet nothing, silently."""
+    cut = covers.track_pieces
+
+    def spoilt(scene: Scene, batch: Any) -> Any:
+        pieces = cut(scene, batch)
+        pieces.hull_xy[np.repeat(pieces.object_id, np.diff(pieces.hull_offset)) == 1, 0] = bad
+        return pieces
+
+    monkeypatch.setattr(covers, "track_pieces", spoilt)
+    found = answer(Scene("s"))
+    assert {found[pair].verdict for pair in found if "T1" in pair} == {Verdict.UNRESOLVED}
+    assert len([pair for pair in found if "T1" in pair]) == 5  # not A3, which is there later
+
+
+def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While their pieces are near each other."""
+    expected = answer(Scene("s"))
+    monkeypatch.setattr(stage4_contacts, "_settled", failing_for(stage4_contacts._settled, lambda *_: True))
+    found = answer(Scene("s"))
+    assert set(expected) <= set(found)
+    for pair, one in found.items():
+        if any(key.startswith("T") for key in pair):
+            assert one.verdict == Verdict.UNRESOLVED
+            ((start, end),) = one.periods_us
+            assert start is not None
+            assert end is not None
+            assert T0_US <= start < end <= T0_US + HOUR_US
+        else:
+            assert one == expected[pair]
+
+
+def test_a_failing_pair_costs_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All pairs fail in company, none alone: the answer is what it was."""
+    expected = answer(Scene("s"))
+    crowd = failing_for(stage4_contacts._settled, lambda scene, pairs, *_: len(pairs) > 1)
+    monkeypatch.setattr(stage4_contacts, "_settled", crowd)
+    assert answer(Scene("s")) == expected
+
+
+def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        stage4_contacts.Encounters, "excess", failing_for(stage4_contacts.Encounters.excess, lambda *_: True)
+    )
+    assert answer(Scene("s"))["A0", "A1"].verdict == Verdict.UNRESOLVED
+
+
+def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A conflict stays one without it; a pair that may come near, and has no other row, is unresolved."""
+    scene = SCENES[1]
+    expected = answer(scene)
+    monkeypatch.setattr(settle, "approaches", failing_for(settle.approaches, lambda *_: True))
+    found = answer(scene)
+    assert set(found) >= set(expected)
+    for pair, one in expected.items():
+        assert found[pair].verdict == (Verdict.UNRESOLVED if one.verdict == Verdict.NEAR else one.verdict)
+        assert found[pair].closest_m is None
+        assert found[pair].periods_us
+
+
+def test_a_depth_that_cannot_be_found_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    areas = [area("A", 4.0), area("B", 4.5)]  # side by side: grazing
+    assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.GRAZING]
+    monkeypatch.setattr(settle, "_core", failing_for(settle._core, lambda *_: True))
+    assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.UNRESOLVED]
