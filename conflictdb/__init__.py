@@ -29,6 +29,8 @@ from conflictdb.errors import (
 )
 
 if TYPE_CHECKING:
+    __version__: str
+
     from conflictdb.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.detect import Run
@@ -70,6 +72,7 @@ __all__ = [
     "StoreError",
     "Track",
     "Verdict",
+    "__version__",
     "connect",
     "read",
     "rectangle_outline_m",
@@ -93,11 +96,23 @@ _HOME: Final = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name == "__version__":
+        value: Any = _version()
+    elif name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(__name__)
+    except PackageNotFoundError:  # run from a source tree that was never installed
+        return "unknown"
 
 
 def __dir__() -> list[str]:

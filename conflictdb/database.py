@@ -55,7 +55,7 @@ class Loaded:
     @property
     def invalid(self) -> tuple[Skipped, ...]:
         """The objects of plans that were left out because they are refused, an entry for each mistake."""
-        return tuple(one for one in self.skipped if not one.lines)
+        return tuple(one for one in self.skipped if one.is_whole and not one.lines)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +195,7 @@ class Database:
         *,
         merge: bool = False,
         max_speed_kn: float | None = None,
+        layers: Sequence[str] = (),
         skip_invalid: bool = False,
     ) -> str:
         """Load one file, all or nothing, and return the name of its scene.
@@ -209,6 +210,8 @@ class Database:
             Add and update objects; otherwise the file replaces what the scene held.
         max_speed_kn : float, optional
             Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
+        layers : sequence of str
+            Of files that OGR opens, the layers to read; by default all.
         skip_invalid : bool
             Load the rest where objects are refused, see `conflictdb.io.read`.
 
@@ -222,7 +225,9 @@ class Database:
         UserWarning
             For each remark: what breaks no rule, but may not be meant; and for each object that was left out.
         """
-        loaded = self.load_files([path], scene, merge=merge, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid)[0]
+        loaded = self.load_files(
+            [path], scene, merge=merge, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid
+        )[0]
         for one in (*loaded.remarks, *loaded.invalid):
             warnings.warn(str(one), UserWarning, stacklevel=2)
         return loaded.scene
@@ -234,6 +239,7 @@ class Database:
         *,
         merge: bool = False,
         max_speed_kn: float | None = None,
+        layers: Sequence[str] = (),
         skip_invalid: bool = False,
         max_file_mb: float | None = None,
     ) -> list[Loaded]:
@@ -241,7 +247,9 @@ class Database:
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction.
         """
-        gathered = gather(paths, scene, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid, max_file_mb=max_file_mb)
+        gathered = gather(
+            paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+        )
         plans = [self._with_settings(plan, skip_invalid) for plan in gathered]
         return [self._loaded(plan, settings, merge) for plan, settings in plans]
 

@@ -1,7 +1,8 @@
 """The stages on objects in memory: no database, the same answer."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -15,6 +16,8 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Trac
 from conflictdb.pieces import check_plane
 from conflictdb.planes import centred
 from conflictdb.settle import settle
+
+Object = TypeVar("Object", Area, Track)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +50,16 @@ class Interference:
     closest_b_deg: tuple[float, float] | None = None
 
 
-def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = None) -> list[Interference]:
+def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = None) -> list[Interference]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
     With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
-    that the scene's plane cannot hold, and for keys that occur twice.
+    that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
     """
+    tracks, areas = _each("tracks", tracks, Track), _each("areas", areas, Area)
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     seen: set[str] = set()
     for key in [area.key for area in areas] + [track.key for track in tracks]:
@@ -104,6 +110,19 @@ def solve(tracks: Sequence[Track], areas: Sequence[Area], scene: Scene | None = 
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
+
+
+def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
+    """Return objects of one kind; raises InvalidInput for others."""
+    what = f"must be {name}, in a list or the like"
+    if isinstance(given, Area | Track) or not isinstance(given, Iterable):
+        raise InvalidInput("solve", name, f"{what}; got {type(given).__name__}")
+    found = list(given)
+    for i, one in enumerate(found):
+        if not isinstance(one, kind):
+            swapped = ": solve(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
+            raise InvalidInput("solve", f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
+    return found
 
 
 def _number(value: float) -> float | None:

@@ -9,12 +9,13 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb import inputs
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.methods import METHODS, Method
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
@@ -129,7 +130,7 @@ class Scene:
                 raise InvalidInput(who, name, f"must be one of {known}; got {getattr(self, name)!r}") from None
         for name in ("tolerance_m", "separation_m", "nearest_m"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
                 raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
             if value > MAX_DISTANCE_M:
                 rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
@@ -165,8 +166,10 @@ class Scene:
 class Area:
     """A polygon that is closed for a time.
 
-    footprint : MultiPolygon of longitude, latitude in degrees; edges are straight in the scene's plane
-    start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded
+    footprint : MultiPolygon of longitude, latitude in degrees; edges are straight in the scene's plane. May be given as
+        a Polygon, or as the vertices of a ring
+    start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded. May be given as aware
+        datetimes or datetime64 (UTC)
     floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
     properties : what the file said beyond these, given back on export
     """
@@ -180,13 +183,32 @@ class Area:
     ceiling_m: float | None = None
     properties: Mapping[str, Any] = field(default_factory=dict)
 
+    if TYPE_CHECKING:  # what may be given; __post_init__ makes of it what is kept
+
+        def __init__(
+            self,
+            key: str,
+            footprint: inputs.Footprint,
+            name: str | None = None,
+            start_us: inputs.Instant | None = None,
+            end_us: inputs.Instant | None = None,
+            floor_m: float | None = None,
+            ceiling_m: float | None = None,
+            properties: Mapping[str, Any] = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         who = _named("area", self.key)
         refusals = Refusals()
         with refusals:
+            _keep(self, footprint=inputs.footprint(who, self.footprint))
             _check_footprint(who, self.footprint)
         with refusals:
-            _check_span(who, self.start_us, self.end_us)
+            start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
+            _keep(self, start_us=start_us, end_us=end_us)
+            _check_span(who, start_us, end_us)
+        _keep_heights(who, self, refusals)
+        refusals.settle()
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
         refusals.settle()
@@ -195,6 +217,9 @@ class Area:
 @dataclass(frozen=True, slots=True)
 class Track:
     """A convex polygon (the haven) carried along waypoints at constant speed on each leg.
+
+    Arrays may be given as lists too, positions as a LineString, outlines as Polygons, and times as aware datetimes or
+    as datetime64 (UTC).
 
     positions_deg : (n, 2) float64, longitude and latitude of the waypoints, n >= 2
     times_us : (n,) int64, strictly increasing, microseconds since 1970
@@ -223,9 +248,42 @@ class Track:
     floors_m: NDArray[np.float64] | None = None
     ceilings_m: NDArray[np.float64] | None = None
 
+    if TYPE_CHECKING:  # what may be given; __post_init__ makes of it what is kept
+
+        def __init__(
+            self,
+            key: str,
+            positions_deg: inputs.Positions,
+            times_us: inputs.Instants,
+            outline_m: inputs.Outline,
+            name: str | None = None,
+            floor_m: float | None = None,
+            ceiling_m: float | None = None,
+            properties: Mapping[str, Any] = ...,
+            grow_mps: float = 0.0,
+            outlines_m: inputs.Outlines | None = None,
+            floors_m: inputs.Heights | None = None,
+            ceilings_m: inputs.Heights | None = None,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         who = _named("track", self.key)
         refusals = Refusals()
+        with refusals:
+            _keep(self, positions_deg=inputs.positions_deg(who, self.positions_deg))
+        with refusals:
+            _keep(self, times_us=inputs.instants_us(who, "times", self.times_us))
+        with refusals:
+            _keep(self, outline_m=inputs.outline_m(who, "outline_m", self.outline_m))
+        if self.outlines_m is not None:
+            with refusals:
+                _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
+        _keep_heights(who, self, refusals)
+        for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
+            if given is not None:
+                with refusals:
+                    _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
+        refusals.settle()
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
         with refusals:
@@ -289,7 +347,7 @@ def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m:
 
 def _named(kind: str, key: object) -> str:
     if not isinstance(key, str) or not key:
-        raise InvalidInput(kind, "id", f"must be a non-empty string; got {key!r}")
+        raise InvalidInput(kind, "id", f"must be a non-empty string; got {key!r:.60}")
     return f"{kind} {key!r}"
 
 
@@ -332,6 +390,18 @@ def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
         raise InvalidInput(who, "geometry", f"must not be wider than 360 degrees; it is {east - west:g} wide")
     if not shapely.is_valid(footprint):
         raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}")
+
+
+def _keep(one: Area | Track, **values: object) -> None:
+    """Replace fields of an object that is being made."""
+    for name, value in values.items():
+        object.__setattr__(one, name, value)
+
+
+def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
+    for name in ("floor_m", "ceiling_m"):
+        with refusals:
+            _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
 
 
 def _check_height(who: str, name: str, value: float | None) -> None:

@@ -90,10 +90,16 @@ def check(conn: psycopg.Connection[Any]) -> None:
     # Between releases a routine may change before its revision has a name.
     with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
+        armed = _triggers_armed(conn)
     if applied != routines_sha256():
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
             "`conflictdb upgrade`"
+        )
+    if not armed:
+        raise SchemaOutdated(
+            f"triggers of schema conflictdb in database {conn.info.dbname!r} are switched off, or a restore has reset "
+            "them, and changes go unnoticed: run `conflictdb upgrade`, then `conflictdb detect --full` for each scene"
         )
 
 
@@ -110,7 +116,7 @@ def upgrade(dsn: str) -> str:
         found = revision(conn)
         if found is not None:
             _check_known(found, conn.info.dbname)
-        if found == head() and _applied_sha256(conn) == routines_sha256():
+        if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
             return found
         store.require_writable(conn)
     # These two take longer to import than everything else; a schema that is up to date does not need them.
@@ -131,8 +137,8 @@ def upgrade(dsn: str) -> str:
             except sqlalchemy.exc.DBAPIError as error:
                 raise (error.orig or error) from error
         with store.translated(), store.connect(dsn) as conn:
-            # The structure was at head already but the routines were not this program's.
-            if _applied_sha256(conn) != routines_sha256():
+            # The structure was at head already but the routines or triggers were not this program's.
+            if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn):
                 prepare(conn)
                 apply_routines(conn)
             return str(revision(conn))
@@ -216,6 +222,24 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
             sql.Literal(f"Revision of the structure. Routines: SHA-256 {routines_sha256()}")
         )
     )
+
+
+def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether all triggers are there and fire when they must: always, for users alone, or for replicas alone.
+
+    Their names say which. `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, makes all alike.
+    """
+    code = "".join(file.read_text() for file in routine_files())
+    made = re.findall(r"^CREATE (?:OR REPLACE|CONSTRAINT) TRIGGER (\w+)", code, re.MULTILINE)
+    armed = _one(
+        conn,
+        """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND NOT t.tgisinternal
+             AND t.tgenabled = CASE WHEN t.tgname ~ '_replicated$' THEN 'R'
+                                    WHEN t.tgname ~ '_(inserted|updated|deleted|removed)$' THEN 'O'
+                                    WHEN t.tgname = 'scene_holds_objects' THEN 'O' ELSE 'A' END""",
+    )
+    return armed == len(made)
 
 
 def _applied_sha256(conn: psycopg.Connection[Any]) -> str:

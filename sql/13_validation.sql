@@ -83,6 +83,10 @@ BEGIN
                         'Leave an end out where there is none.');
     END IF;
     NEW.version := nextval('version_seq');
+    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
+        -- A restore set the sequence back.
+        NEW.version := nextval('version_seq');
+    END IF;
     RETURN NEW;
 END
 $$;
@@ -189,6 +193,10 @@ BEGIN
         PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
     END IF;
     NEW.version := nextval('version_seq');
+    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
+        -- A restore set the sequence back.
+        NEW.version := nextval('version_seq');
+    END IF;
     RETURN NEW;
 END
 $$;
@@ -308,6 +316,10 @@ CREATE OR REPLACE TRIGGER area_before BEFORE INSERT OR UPDATE ON area
     FOR EACH ROW EXECUTE FUNCTION _area_before();
 CREATE OR REPLACE TRIGGER track_before BEFORE INSERT OR UPDATE ON track
     FOR EACH ROW EXECUTE FUNCTION _track_before();
+-- Also for what arrives as a replica: a row that a detection cannot work on is better refused there.
+ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_before;
+ALTER TABLE area ENABLE ALWAYS TRIGGER area_before;
+ALTER TABLE track ENABLE ALWAYS TRIGGER track_before;
 
 -- At the end of the transaction, or of _load and create_scene: objects may change together with the settings.
 DROP TRIGGER IF EXISTS scene_holds_objects ON scene;

@@ -37,8 +37,11 @@ BEGIN
         IF v_claimed < v_wanted THEN
             EXECUTE 'SELECT n.key FROM new_rows n JOIN object_key k ON k.scene_id = n.scene_id AND k.key = n.key '
                     'WHERE k.object_kind <> $1 ORDER BY n.key LIMIT 1' INTO v_taken USING v_kind;
-            PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
-                            'is taken by another object of the scene', 'object_key_unique');
+            -- A key of its own kind is its own, which a restore brought before it.
+            IF v_taken IS NOT NULL THEN
+                PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
+                                'is taken by another object of the scene', 'object_key_unique');
+            END IF;
         END IF;
         EXECUTE format('INSERT INTO change (scene_id, object_kind, object_id, version) '
                        'SELECT n.scene_id, $1, n.%1$I, n.version FROM new_rows n'
@@ -81,6 +84,71 @@ $$;
 COMMENT ON FUNCTION _after_scene_change() IS
 'Trigger: other settings mean other pieces and other conflicts, so every object of the scene is marked.';
 
+-- Changes that arrive as replicas (logical replication, a restore under session_replication_role = replica) fire no
+-- ordinary triggers, and those of logical replication none of statements at all. What follows fires by row, and for
+-- replicas alone. Foreign keys do not act there either: a scene takes along what was made of it.
+
+CREATE OR REPLACE FUNCTION _after_replicated_object() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+DECLARE
+    v_kind smallint := TG_ARGV[0];
+    v_row jsonb := to_jsonb(CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END);
+BEGIN
+    IF TG_OP <> 'INSERT' THEN
+        DELETE FROM object_key k WHERE k.scene_id = OLD.scene_id AND k.key = OLD.key AND k.object_kind = v_kind;
+    END IF;
+    IF TG_OP <> 'DELETE' THEN
+        INSERT INTO object_key (scene_id, key, object_kind) VALUES (NEW.scene_id, NEW.key, v_kind)
+            ON CONFLICT DO NOTHING;
+    END IF;
+    INSERT INTO change (scene_id, object_kind, object_id, version)
+        VALUES ((v_row ->> 'scene_id')::bigint, v_kind, (v_row ->> TG_ARGV[1])::bigint, nextval('version_seq'));
+    PERFORM pg_notify('conflictdb_request', '');
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_replicated_object() IS
+'Trigger, once per row that arrives as a replica: what _after_object_change does for the rows of a statement.';
+
+CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM run r WHERE r.scene_id = OLD.scene_id;
+    DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
+    DELETE FROM change m WHERE m.scene_id = OLD.scene_id;
+    DELETE FROM object_key k WHERE k.scene_id = OLD.scene_id;
+    DELETE FROM scene_lock l WHERE l.scene_id = OLD.scene_id;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_replicated_removal() IS
+'Trigger: removes what was made of a scene whose removal arrives as a replica, as foreign keys do otherwise.';
+
+CREATE OR REPLACE TRIGGER area_replicated AFTER INSERT OR UPDATE OR DELETE ON area
+    FOR EACH ROW EXECUTE FUNCTION _after_replicated_object(0, area_id);
+ALTER TABLE area ENABLE REPLICA TRIGGER area_replicated;
+CREATE OR REPLACE TRIGGER track_replicated AFTER INSERT OR UPDATE OR DELETE ON track
+    FOR EACH ROW EXECUTE FUNCTION _after_replicated_object(1, track_id);
+ALTER TABLE track ENABLE REPLICA TRIGGER track_replicated;
+CREATE OR REPLACE TRIGGER scene_replicated AFTER DELETE ON scene
+    FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal();
+ALTER TABLE scene ENABLE REPLICA TRIGGER scene_replicated;
+
+-- A dump holds the keys that rows bring along when they are restored under these triggers.
+
+CREATE OR REPLACE FUNCTION _keep_restored_key() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN CASE WHEN EXISTS (SELECT FROM object_key k WHERE k.scene_id = NEW.scene_id AND k.key = NEW.key
+                             AND k.object_kind = NEW.object_kind) THEN NULL ELSE NEW END;
+END
+$$;
+COMMENT ON FUNCTION _keep_restored_key() IS 'Trigger: leaves out a key that its object brought along before.';
+CREATE OR REPLACE TRIGGER object_key_restored BEFORE INSERT ON object_key
+    FOR EACH ROW WHEN (pg_trigger_depth() = 0) EXECUTE FUNCTION _keep_restored_key();
+ALTER TABLE object_key ENABLE ALWAYS TRIGGER object_key_restored;
+
 CREATE OR REPLACE TRIGGER scene_changed AFTER UPDATE ON scene
     FOR EACH ROW
     WHEN ((OLD.motion, OLD.earth, OLD.method, OLD.tolerance_m, OLD.separation_m, OLD.nearest_m, OLD.centre_lon,
@@ -88,6 +156,7 @@ CREATE OR REPLACE TRIGGER scene_changed AFTER UPDATE ON scene
           IS DISTINCT FROM (NEW.motion, NEW.earth, NEW.method, NEW.tolerance_m, NEW.separation_m, NEW.nearest_m,
                             NEW.centre_lon, NEW.centre_lat))
     EXECUTE FUNCTION _after_scene_change();
+ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_changed;
 
 CREATE OR REPLACE TRIGGER area_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS new_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change(0, area_id);
@@ -114,3 +183,5 @@ CREATE OR REPLACE TRIGGER area_not_truncated BEFORE TRUNCATE ON area
     FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
 CREATE OR REPLACE TRIGGER track_not_truncated BEFORE TRUNCATE ON track
     FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate();
+ALTER TABLE area ENABLE ALWAYS TRIGGER area_not_truncated;
+ALTER TABLE track ENABLE ALWAYS TRIGGER track_not_truncated;

@@ -131,14 +131,21 @@ BEGIN ATOMIC
         FROM scene s WHERE s.scene_id = p_scene_id
     ), given AS MATERIALIZED (
         SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
+    ), wide AS MATERIALIZED (
+        -- Of rhumb lines, s as in conflictdb/mercator.py (span_m): how far a distance reaches in the plane.
+        SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
+                    * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
+        FROM given g
     ), probed AS MATERIALIZED (
         SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape,
-               1e-6 + 0.505 * p.wanted_m * CASE p.motion
-                   WHEN 'great_circle' THEN
-                       1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), p.shape) / p.turn_m) ^ 2
-                   ELSE cosh(2 * pi() * greatest(abs(ST_YMin(p.shape)), abs(ST_YMax(p.shape))) / p.turn_m)
+               1e-6 + CASE
+                   WHEN p.motion = 'great_circle' THEN
+                       0.505 * p.wanted_m
+                       * (1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), p.shape) / p.turn_m) ^ 2)
+                   WHEN p.s < 1 THEN p.turn_m / (2 * pi()) * (p.s + (pi() / 2 - 1) * p.s ^ 3)
+                   ELSE p.turn_m / (2 * pi()) * (pi() / 2 + (1.5 * pi() - 2) * ln(p.s))
                END AS pad_m
-        FROM given p CROSS JOIN generate_series(-1, 1) turn
+        FROM wide p CROSS JOIN generate_series(-1, 1) turn
         WHERE turn = 0 OR p.motion = 'rhumb'
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g

@@ -66,7 +66,7 @@ COMMENT ON COLUMN object_key.object_kind IS '0 area, 1 track.';
 
 COMMENT ON TABLE change IS
 'Marks: objects that changed (or were removed) since the last detection. Made by triggers, deleted by detection.';
-COMMENT ON COLUMN change.change_id IS 'Number of the mark, in the order they were made.';
+COMMENT ON COLUMN change.change_id IS 'Number of the mark, in the order they were made; after a restore some repeat.';
 COMMENT ON COLUMN change.scene_id IS 'Scene of the object.';
 COMMENT ON COLUMN change.object_kind IS '0 area, 1 track.';
 COMMENT ON COLUMN change.object_id IS 'area_id or track_id.';

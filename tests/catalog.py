@@ -37,7 +37,8 @@ SELECT i.indexdef FROM pg_indexes i WHERE i.schemaname = 'conflictdb'
 ORDER BY i.indexname
 """
 TRIGGERS = """
-SELECT pg_get_triggerdef(t.oid) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
+SELECT pg_get_triggerdef(t.oid) || CASE t.tgenabled WHEN 'A' THEN ' -- always' WHEN 'R' THEN ' -- replicas' ELSE '' END
+FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
 WHERE c.relnamespace = 'conflictdb'::regnamespace AND NOT t.tgisinternal ORDER BY c.relname, t.tgname
 """
 ROUTINES = """

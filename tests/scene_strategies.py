@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 from hypothesis import strategies as st
 
+from conflictdb.inputs import certain
 from conflictdb.io.objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.model import (
     MAX_INSTANT_US,
@@ -50,7 +51,12 @@ def areas(draw: st.DrawFn) -> Area:
     start, end = sorted(draw(st.lists(INSTANT, min_size=2, max_size=2, unique=True)))
     span = draw(st.sampled_from([(None, None), (start, None), (None, end), (start, end)]))
     return Area(
-        draw(KEY), shapely.MultiPolygon(boxes), draw(st.none() | TEXT), *span, *draw(heights()), draw(PROPERTIES)
+        draw(KEY),
+        shapely.MultiPolygon(boxes),
+        draw(st.none() | TEXT),
+        *map(certain, span),
+        *draw(heights()),
+        draw(PROPERTIES),
     )
 
 
@@ -79,8 +85,8 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
             np.array([-np.inf if floor_m is None else floor_m for floor_m, _ in each]),
             np.array([np.inf if ceiling_m is None else ceiling_m for _, ceiling_m in each]),
         )
-    havens = growth, outlines
-    return Track(draw(KEY), np.array(positions), np.array(times), outline, name, *band, properties, *havens, *per_leg)
+    havens, when = (growth, outlines), np.array(times, dtype="datetime64[us]")
+    return Track(draw(KEY), np.array(positions), when, outline, name, *band, properties, *havens, *per_leg)
 
 
 @st.composite

@@ -21,6 +21,7 @@ def detect(args: argparse.Namespace) -> int:
             (not args.files and args.scene is None, "give files, or --scene NAME of a scene that is in the database"),
             (args.merge and not args.files, "--merge is for files"),
             (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
+            (args.layer is not None and not args.files, "--layer is for files"),
             (args.skip_invalid and not args.files, "--skip-invalid is for files"),
             (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
         ],

@@ -5,9 +5,9 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final, NoReturn
 
+import conflictdb
 from conflictdb.cli.output import program
 from conflictdb.methods import Method
 
@@ -61,7 +61,7 @@ def build() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"conflictdb {_version()}")
+    parser.add_argument("--version", action="version", version=f"conflictdb {conflictdb.__version__}")
     parser.add_argument(
         "--dsn",
         help="database to use: a libpq connection string or URI (env CONFLICTDB_DSN; default: the embedded one)",
@@ -73,13 +73,6 @@ def build() -> Parser:
     for add in (_psql, _demo):
         add(commands)
     return parser
-
-
-def _version() -> str:
-    try:
-        return version("conflictdb")
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return "(not installed)"
 
 
 def _command(commands: Any, name: str, target: str, summary: str, more: str = "") -> Parser:
@@ -260,6 +253,12 @@ def _add_merge(parser: Parser) -> None:
         "--merge", action="store_true", help="add and update; otherwise the files replace what the scene held"
     )
     parser.add_argument(
+        "--layer",
+        action="append",
+        metavar="NAME",
+        help="of files that OGR opens (GeoPackage, KML, S-57): a layer to read; may be repeated (default: all)",
+    )
+    parser.add_argument(
         "--skip-invalid",
         action="store_true",
         help="load the rest where objects are refused; exits with 6 if any is left out",
@@ -348,7 +347,8 @@ def duration_s(text: str) -> float:
 
 def instant(text: str) -> datetime:
     """Return an ISO 8601 instant with offset."""
-    from conflictdb.io.instants import EPOCH, MICROSECOND, parse_instant
+    from conflictdb.inputs import EPOCH, MICROSECOND
+    from conflictdb.io.instants import parse_instant
 
     try:
         return EPOCH + parse_instant(text) * MICROSECOND

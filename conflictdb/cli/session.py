@@ -31,6 +31,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
         args.scene,
         merge=args.merge,
         max_speed_kn=args.max_speed_kn,
+        layers=args.layer or (),
         skip_invalid=args.skip_invalid,
         max_file_mb=args.max_file_mb,
     )

@@ -7,7 +7,7 @@ that names the file and, for every mistake in it, the object, the field and the 
 import codecs
 import gzip
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -33,6 +33,7 @@ def read(
     path: str | Path,
     *,
     max_speed_kn: float | None = None,
+    layers: Sequence[str] = (),
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
 ) -> Contents:
@@ -48,6 +49,8 @@ def read(
     max_speed_kn : float, optional
         The speed in knots beyond which a leg is refused, by default 2,000; in files of positions the fix is left out,
         see `conflictdb.io.positions`.
+    layers : sequence of str
+        Files that OGR opens: the layers to read; by default all.
     skip_invalid : bool
         Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
     max_file_mb : float, optional
@@ -59,7 +62,7 @@ def read(
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
-    contents = _read(path, max_speed_kn, skip_invalid, max_file_mb)
+    contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
 
@@ -70,12 +73,16 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 
-def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool, max_file_mb: float | None) -> Contents:
+def _read(
+    path: Path, max_speed_kn: float | None, layers: Sequence[str], skip_invalid: bool, max_file_mb: float | None
+) -> Contents:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
     fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
     try:
+        if layers and suffix in _JSON | _ROWS:
+            raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
         if suffix in _JSON:
             text = _text(path, is_packed, max_file_mb)
             return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid)
@@ -85,10 +92,10 @@ def _read(path: Path, max_speed_kn: float | None, skip_invalid: bool, max_file_m
             return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
         if not path.exists():
             raise InvalidInput("file", "", "does not exist")
-        from conflictdb.io.ogr import read_areas
+        from conflictdb.io.ogr import read_objects
 
         most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
-        return read_areas(path, most_mb, skip_invalid=skip_invalid)
+        return read_objects(path, most_mb, fastest_kn, layers, skip_invalid=skip_invalid)
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__
     except RecursionError:  # also while a message was made of what is wrong

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import geodesy
+from conflictdb.inputs import all_certain
 from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
 
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
@@ -72,7 +73,7 @@ def track_of(
     return Track(
         key,
         positions,
-        times_us,
+        all_certain(times_us),
         _outline(rows.largest, size_columns),
         name=rows.constant.get("name"),
         floor_m=rows.lowest.get("floor_m"),

@@ -46,6 +46,7 @@ def gather(
     scene: str | None = None,
     *,
     max_speed_kn: float | None = None,
+    layers: Sequence[str] = (),
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
 ) -> list[Plan]:
@@ -57,7 +58,7 @@ def gather(
         Files of one scene are taken together, as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the one that each file names, else the name of the file.
-    max_speed_kn, skip_invalid, max_file_mb : optional
+    max_speed_kn, layers, skip_invalid, max_file_mb : optional
         See `conflictdb.io.read`.
 
     Raises
@@ -71,7 +72,9 @@ def gather(
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            contents = read(path, max_speed_kn=max_speed_kn, skip_invalid=skip_invalid, max_file_mb=max_file_mb)
+            contents = read(
+                path, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+            )
             own = contents.scene.name if contents.scene else stem(Path(path))
             name = checked_key("scene", "name", own if scene is None else scene)
             _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)

@@ -1,11 +1,11 @@
 """ISO 8601 instants from and to whole microseconds since 1970-01-01T00:00Z."""
 
 import re
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Final
 
-EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-MICROSECOND: Final = timedelta(microseconds=1)
+from conflictdb.inputs import EPOCH, MICROSECOND
+
 # Digits beyond the sixth, which datetime would cut off: they are rounded instead.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
 

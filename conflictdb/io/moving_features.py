@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.inputs import all_certain
 from conflictdb.io import objects, reference
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import line
@@ -47,9 +48,9 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
                 raise fields.refusal(name, "must not be given together with temporalGeometry, which has the times")
     with fields.refusals:
         positions, times_us = _course(fields, feature["temporalGeometry"], setting)
-    members = objects.track_members(fields, setting.foreign)
+    members = objects.track_members(fields, setting)
     fields.settle()
-    return Track(key, positions, times_us, **members)
+    return Track(key, positions, all_certain(times_us), **members)
 
 
 def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

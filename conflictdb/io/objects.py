@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb import geodesy
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.inputs import all_certain, certain
 from conflictdb.io.discs import disc
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
@@ -64,18 +65,20 @@ class Setting:
     scene : its settings, or those by default
     foreign : names of members that mean nothing here
     to_degrees : how coordinates become longitude and latitude
+    remedy : what to do about a name that looks like a known one
     """
 
     scene: Scene
     foreign: Collection[str] = ()
     to_degrees: ToDegrees = None
+    remedy: str = RENAME_MEMBER
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
     """Return the area of a feature; raises InvalidInput with all that is wrong with it."""
     with fields.refusals:
         footprint = _footprint(geometry, fields, setting)
-    members = area_members(fields, setting.foreign)
+    members = area_members(fields, setting)
     fields.settle()
     return Area(key, footprint, **members)
 
@@ -97,18 +100,19 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> sh
     return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene)
 
 
-def area_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     """Return what an area has beside its key and footprint; what is wrong with it is among the fields' refusals."""
     members = {
         "name": fields.text("name"),
-        "start_us": fields.instant("start"),
-        "end_us": fields.instant("end"),
+        "start_us": certain(fields.instant("start")),
+        "end_us": certain(fields.instant("end")),
         "floor_m": fields.number("floor_m"),
         "ceiling_m": fields.number("ceiling_m"),
         "properties": fields.rest(),
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # where it is the radius of a circle
-    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, foreign, remedy)
+    rest = setting.foreign, setting.remedy
+    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest)
     return members
 
 
@@ -161,10 +165,10 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
                 raise fields.refusal("start", "is missing: a track with a speed needs its start")
             start_us = fields.instant("start")
             speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
-    members = track_members(fields, setting.foreign)
+    members = track_members(fields, setting)
     fields.settle()
     if by_times:
-        return Track(key, positions, times_us, **members)
+        return Track(key, positions, all_certain(times_us), **members)
     assert start_us is not None  # noqa: S101
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
 
@@ -202,7 +206,7 @@ def _highest_latitude_deg(scene: Scene) -> float:
     return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
 
 
-def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = RENAME_MEMBER) -> dict[str, Any]:
+def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     """Return what a track has beside its key, positions and times: haven, name, heights, properties.
 
     What is wrong with it is among the fields' refusals.
@@ -217,7 +221,8 @@ def track_members(fields: Fields, foreign: Collection[str] = (), remedy: str = R
         "grow_mps": fields.number("grow_mps") or 0.0,
         "properties": fields.rest(),
     }
-    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, foreign, remedy)
+    rest = setting.foreign, setting.remedy
+    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest)
     return members
 
 
@@ -323,7 +328,7 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
         else:
             rule = f"{where} are less than a microsecond apart, the resolution of times"
         raise track.refusal(track.speed, rule)
-    return Track(track.key, positions, times_us, **track.members)
+    return Track(track.key, positions, all_certain(times_us), **track.members)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:

@@ -1,113 +1,235 @@
-"""Areas from files that the OGR library opens (GeoPackage, Shapefile, KML, …), through pyogrio.
+"""Areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, GPX, …), through pyogrio.
 
-Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer becomes an area; the columns
-``id``, ``name``, ``start`` (or ``begin``), ``end``, ``floor_m`` and ``ceiling_m``, in upper or lower case, are read as
-in scene files, all others are kept as properties. Without an id column the number of the feature is the id, after the
-name of its layer if there are several. Other reference systems are transformed vertex by vertex to longitude and
-latitude; edges are then straight in the scene's plane.
+Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of those that are asked for,
+becomes an area. A line becomes a track if its layer has a column that says when (times or a speed; an M is lost on the
+way); the track points of GPX become tracks as positions do. All other points and lines are left out, by name. Columns
+that scene files know as members, in upper or lower case, are read as there, lists as JSON; all others are kept as
+properties. Without an id column the number of the feature is the id, after the name of its layer if there are several.
+Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight in the
+scene's plane.
 """
 
-from collections.abc import Iterator
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io.contents import Contents, left_out
-from conflictdb.io.fields import Fields
+from conflictdb.io import objects
+from conflictdb.io.contents import Contents, Remark, Skipped, left_out
+from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
+from conflictdb.io.fixes import Fixes, track_of
+from conflictdb.io.instants import parse_instant
 from conflictdb.io.names import RENAME_COLUMN
-from conflictdb.io.objects import area_members
-from conflictdb.io.ogr_process import EXTRA, Layer, read_layers
-from conflictdb.model import Area
+from conflictdb.io.ogr_process import Layer, read_layers
+from conflictdb.io.reference import of_name
+from conflictdb.io.speeds import within_speed
+from conflictdb.model import Area, Scene, Track
 
-COLUMNS: Final = ("id", "name", "start", "end", "floor_m", "ceiling_m")
 ALIASES: Final = {"begin": "start"}  # of KML
-LONGITUDE_LATITUDE: Final = frozenset({"EPSG:4326", "EPSG:4979", "OGC:CRS84"})
 _POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
+_LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
+_POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
+# Columns of which one makes the lines of a layer tracks.
+_WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
+# Of what is left out by geometry so many are named.
+_MOST_NAMED: Final = 10
+_GPX_POINTS: Final = "track_points"
+_GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points", _GPX_POINTS})
 
 
-def read_areas(path: Path, max_file_mb: float, *, skip_invalid: bool = False) -> Contents:
-    """Return the areas of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed.
+def read_objects(
+    path: Path, max_file_mb: float, max_speed_kn: float, names: Sequence[str] = (), *, skip_invalid: bool = False
+) -> Contents:
+    """Return the areas and tracks of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed.
 
-    max_file_mb : see `conflictdb.io.read`
-    skip_invalid : leave out areas that are refused
+    max_file_mb, max_speed_kn : see `conflictdb.io.read`
+    names : of the layers to read; none: all
+    skip_invalid : leave out objects that are refused
     """
-    contents = Contents(None, [], [], [])
-    refusals = Refusals()
-    seen: dict[str, str] = {}
     layers = read_layers(path, max_file_mb)
     if not layers:
         raise InvalidInput("file", "", "holds no layer with geometries")
-    for layer in layers:
-        prefix = f"{layer.name}." if len(layers) > 1 else ""
-        for where, area in _areas(layer, prefix, refusals):
-            first = seen.setdefault(area.key, where)
-            with refusals:
-                if first != where:
-                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
-                    raise InvalidInput(f"area {area.key!r}", "id", rule)
-                contents.areas.append(area)
+    known = [layer.name for layer in layers]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InvalidInput("file", "layer", f"there is no layer {unknown[0]!r}; the file has {', '.join(known)}")
+    chosen = [layer for layer in layers if not names or layer.name in names]
+    contents = Contents(None, [], [], [])
+    refusals = Refusals()
+    if set(known) == _GPX_LAYERS:
+        _read_gpx(str(path), layers, chosen, max_speed_kn, contents)
+    else:
+        _read_features(str(path), chosen, len(layers) > 1, max_speed_kn, contents, refusals)
     if not skip_invalid:
         refusals.settle()
     contents.skipped.extend(left_out(str(path), refusals))
     return contents
 
 
-def _areas(layer: Layer, prefix: str, refusals: Refusals) -> Iterator[tuple[str, Area]]:
-    """Yield where each area is in the file, and the area; what is refused is among the refusals."""
+def _read_features(
+    source: str, layers: Sequence[Layer], prefixed: bool, max_speed_kn: float, contents: Contents, refusals: Refusals
+) -> None:
+    """Add the areas and tracks of some layers; what is refused is among the refusals."""
+    seen: dict[str, str] = {}
+    at_speed: list[objects.TrackAtSpeed] = []
+    tracks: list[Track] = []
+    scene = Scene("file")
+    for layer in layers:
+        for where, item in _features(source, layer, f"{layer.name}." if prefixed else "", scene, contents, refusals):
+            first = seen.setdefault(item.key, where)
+            with refusals:
+                if first != where:
+                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
+                    raise InvalidInput(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", "id", rule)
+                if isinstance(item, Area):
+                    contents.areas.append(item)
+                elif isinstance(item, Track):
+                    tracks.append(item)
+                else:
+                    at_speed.append(item)
+    timed = objects.timed(at_speed, scene, max_speed_kn, refusals)
+    tracks.extend(track for track in timed if track is not None)
+    contents.tracks.extend(within_speed(tracks, scene.motion, max_speed_kn, refusals))
+
+
+def _features(
+    source: str, layer: Layer, prefix: str, scene: Scene, contents: Contents, refusals: Refusals
+) -> Iterator[tuple[str, Area | Track | objects.TrackAtSpeed]]:
+    """Yield where each object is in the file, and the object."""
     who = f"layer {layer.name!r}"
     try:
         shapes = shapely.from_wkb(layer.shapes)
     except shapely.errors.GEOSException as error:
         raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
-    shapes = _to_longitude_latitude(who, shapes, layer.crs)
-    names = [_column(name) for name in layer.fields]
+    if layer.crs is None:
+        rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
+        raise InvalidInput(who, "reference system", rule)
+    setting = objects.Setting(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
+    has_times = not _WHEN.isdisjoint(name.lower() for name in layer.fields)
+    others: dict[str, list[str]] = defaultdict(list)
     for i, number in enumerate(layer.numbers):
+        shape = shapes[i]
         where = f"feature {number} of {who}"
-        values = {name: column[i] for name, column in zip(names, layer.columns, strict=True)}
+        values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
+        kind = None if shape is None else shapely.get_type_id(shape)
+        is_track = kind in _LINES and has_times
+        if kind in _POINTS | _LINES and not is_track:
+            others[shape.geom_type].append(str(number))
+            continue
         with refusals:
-            yield where, _area(where, f"{prefix}{number}", values, shapes[i])
+            yield where, _object(where, f"{prefix}{number}", values, shape, setting, is_track=is_track)
+    for kind_name, numbers in others.items():
+        named = ", ".join(numbers[:_MOST_NAMED]) + (", …" if len(numbers) > _MOST_NAMED else "")
+        what = "without times: no tracks" if "Line" in kind_name else "no areas or tracks"
+        contents.skipped.append(
+            Skipped(source, who, f"{len(numbers)} features are {kind_name}s, {what} ({named})", (), is_whole=False)
+        )
 
 
-def _area(where: str, number: str, values: dict[str, Any], shape: Any) -> Area:
-    """Return the area of a feature; `number` is its key if it has none."""
-    key = values.pop("id", None)
-    if isinstance(key, float | int) and not isinstance(key, bool):
-        key = str(int(key)) if float(key).is_integer() else repr(key)
-    if key is None or key == "":
-        key = number
-    key = checked_key(where, "id", key)
+def _object(
+    where: str, number: str, values: dict[str, Any], shape: Any, setting: objects.Setting, *, is_track: bool
+) -> Area | Track | objects.TrackAtSpeed:
+    """Return the object of a feature; `number` is its key if it has none."""
+    values = _known_names(values, objects.TRACK_MEMBERS if is_track else objects.AREA_MEMBERS)
+    key = number_as_key(values.pop("id", None))
+    key = checked_key(where, "id", number if key is None or key == "" else key)
+    if is_track:
+        fields = Fields(f"track {key!r}", values)
+        return objects.track(key, _line(fields, shape), fields, setting)
     fields = Fields(f"area {key!r}", values)
     with fields.refusals:
         if shape is None or shape.is_empty:
             raise InvalidInput(where, "geometry", "must be a non-empty Polygon or MultiPolygon; there is none")
         if shapely.get_type_id(shape) not in _POLYGONS:
             raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
-    members = area_members(fields, remedy=RENAME_COLUMN)
+    members = objects.area_members(fields, setting)
     fields.settle()
-    return Area(key, shape if isinstance(shape, shapely.MultiPolygon) else shapely.MultiPolygon([shape]), **members)
+    footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
+    if setting.to_degrees is not None:
+        footprint = shapely.transform(footprint, setting.to_degrees)
+    return Area(key, footprint, **members)
 
 
-def _column(name: str) -> str:
-    lower = ALIASES.get(name.lower(), name.lower())
-    return lower if lower in COLUMNS else name
+def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
+    """Return columns under the names that scene files know; lists, which few formats have, are read from JSON."""
+    known = {}
+    for name, value in values.items():
+        lower = ALIASES.get(name.lower(), name.lower())
+        if lower not in members | {"id"} or lower in known:
+            known[name] = value
+            continue
+        if isinstance(value, str) and value.lstrip().startswith("["):
+            with suppress(ValueError):  # then it is refused as what it is: a text
+                value = json.loads(value)
+        known[lower] = value
+    return known
 
 
-def _to_longitude_latitude(who: str, shapes: Any, crs: str | None) -> Any:
-    if crs is None:
-        rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
-        raise InvalidInput(who, "reference system", rule)
-    if crs in LONGITUDE_LATITUDE:
-        return shapes
-    try:
-        import pyproj
-    except ImportError:
-        raise InvalidInput(who, "reference system", f"is {crs:.60}; to transform it {EXTRA}") from None
-    try:
-        transformer = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise InvalidInput(who, "reference system", f"is not known to PROJ: {crs:.60}") from error
-    return shapely.transform(shapes, lambda xy: np.column_stack(transformer.transform(xy[:, 0], xy[:, 1])))
+def _line(fields: Fields, shape: Any) -> dict[str, Any]:
+    """Return the geometry of a track as GeoJSON has it."""
+    parts = shapely.get_parts(shape)
+    with fields.refusals:
+        if len(parts) != 1:
+            raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
+    return {"type": "LineString", "coordinates": shapely.get_coordinates(shape).tolist()}
+
+
+def _read_gpx(
+    source: str, layers: Sequence[Layer], chosen: Sequence[Layer], max_speed_kn: float, contents: Contents
+) -> None:
+    """Add the tracks of a GPX file: those points of each segment that can be used, as of other observed positions."""
+    by_name = {layer.name: layer for layer in layers}
+    for name, what in (("waypoints", "waypoints"), ("routes", "routes, which have no times")):
+        count = len(by_name[name].numbers)
+        if count and by_name[name] in chosen:
+            reason = f"{count} features are {what}: no tracks"
+            contents.skipped.append(Skipped(source, f"layer {name!r}", reason, (), is_whole=False))
+    if not {"tracks", _GPX_POINTS} & {layer.name for layer in chosen}:
+        return
+    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
+    column = dict(zip(points.fields, points.columns, strict=True))
+    titles = dict(zip(tracks.numbers, dict(zip(tracks.fields, tracks.columns, strict=True))["name"], strict=True))
+    places = shapely.get_coordinates(shapely.from_wkb(points.shapes))
+    segments: dict[tuple[int, int], Fixes] = {}
+    missing: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for i, when in enumerate(column["time"]):
+        segment = column["track_fid"][i], column["track_seg_id"][i]
+        own = segments.setdefault(segment, Fixes())
+        if when is None:
+            missing[_gpx_key(segment, titles, column), "no time"].append(i + 1)
+            continue
+        try:
+            own.times_us.append(parse_instant(when, naive_is_utc=True))
+        except ValueError as error:
+            raise InvalidInput(f"layer {_GPX_POINTS!r}", f"point {i + 1}, time", str(error)) from None
+        own.positions_deg.append((float(places[i, 0]), float(places[i, 1])))
+        own.lines.append(i + 1)
+    for segment, own in segments.items():
+        key = _gpx_key(segment, titles, column)
+        title = titles.get(segment[0])
+        own.constant["name"] = title
+        track = track_of(key, own, (), max_speed_kn, missing)
+        if track is not None:
+            contents.tracks.append(track)
+    kept = {track.key for track in contents.tracks}
+    for (key, reason), numbers in missing.items():
+        contents.skipped.append(Skipped(source, key, reason, tuple(sorted(numbers)), is_whole=key not in kept))
+    if contents.tracks:
+        contents.remarks = [Remark(source, "file", "says nothing of sizes: all tracks are points")]
+
+
+def _gpx_key(segment: tuple[int, int], titles: Mapping[int, Any], column: Mapping[str, Sequence[Any]]) -> str:
+    """Return the key of a segment: the name of its track if no other has it, else its number; and which segment."""
+    number, part = segment
+    title = titles.get(number)
+    is_name = isinstance(title, str) and title and list(titles.values()).count(title) == 1
+    several = any(
+        fid == number and other != part for fid, other in zip(column["track_fid"], column["track_seg_id"], strict=True)
+    )
+    return (str(title) if is_name else str(number + 1)) + (f".{part + 1}" if several else "")

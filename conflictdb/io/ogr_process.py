@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.io.reference import EXTRA
 
-EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
 _CHILD: Final = Path(__file__).with_name("ogr_child.py")
 # What reading may use for each MB that the file may hold: sixty times what a large honest one takes, a minute and 4 GB
 # in all by default.

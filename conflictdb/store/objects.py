@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.batches import AreaBatch, TrackBatch
 from conflictdb.errors import InvalidInput
+from conflictdb.inputs import all_certain, certain
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.store import copy_binary
@@ -133,8 +134,8 @@ def _areas(conn: psycopg.Connection[Any], key: int) -> list[Area]:
             key=strings["key"][i].decode(),
             footprint=footprints[i],
             name=strings["name"][i].decode() if has_name else None,
-            start_us=None if start[i] == SINCE_EVER_US else start[i],
-            end_us=None if end[i] == FOR_EVER_US else end[i],
+            start_us=certain(None if start[i] == SINCE_EVER_US else start[i]),
+            end_us=certain(None if end[i] == FOR_EVER_US else end[i]),
             floor_m=None if math.isinf(floor_m) else floor_m,
             ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
@@ -159,7 +160,7 @@ def _tracks(conn: psycopg.Connection[Any], key: int) -> list[Track]:
         Track(
             key=strings["key"][i].decode(),
             positions_deg=positions[way[i] : way[i + 1]],
-            times_us=times[way[i] : way[i + 1]],
+            times_us=all_certain(times[way[i] : way[i + 1]]),
             outline_m=outline[ring[i] : ring[i + 1]] if given is None else given[0],
             name=strings["name"][i].decode() if has_name else None,
             floor_m=None if math.isinf(floor_m) else floor_m,

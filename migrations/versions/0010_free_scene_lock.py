@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9daa9d3e680c06e4abea5431f35e39453b042b776195e0c2a03874dc85f78e59"
+routines_sha256 = "3eb85445f019b0f885a3a2980c8907e4be8898641cde065c4e7d31194ec77776"
 
 
 def upgrade() -> None:

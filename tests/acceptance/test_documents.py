@@ -81,10 +81,12 @@ def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -
             assert shell("./run psql -v ON_ERROR_STOP=1 -At -f query.sql", folder).strip(), statement
         shell("./run worker --once", folder)
         assert "REGATTA" in shell("./run conflicts --scene strait", folder)
-        (python,) = blocks("README.md", "python")
+        python, in_memory = blocks("README.md", "python")
         (folder / "example.py").write_text(python)
         assert "`./run python example.py` runs this" in (ROOT / "README.md").read_text()
         assert "conflicts in" in shell("./run python example.py", folder)
+        (folder / "example.py").write_text(in_memory)
+        assert shell("./run python example.py", folder).startswith("FIRING FERRY conflict ((17803")
     finally:
         shell("./run server stop", folder)
     assert [line.split()[0] for line in commands(own)] == ["pip", "conflictdb", "conflictdb", "conflictdb"]

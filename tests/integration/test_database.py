@@ -7,6 +7,7 @@ from typing import Any
 
 import psycopg
 import pytest
+import shapely
 import sqlalchemy
 from commands import STRAIT
 from hypothesis import HealthCheck, given, settings
@@ -16,7 +17,7 @@ from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
 from conflictdb.io.scene_file import scene_text
-from conflictdb.store import LoadCounts
+from conflictdb.store import LoadCounts, replace_scene
 
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
@@ -169,3 +170,14 @@ def test_any_scene_comes_back_from_the_database_as_it_was(
     assert scene == content[0]
     for one, other in zip([*content[1], *content[2]], [*areas, *tracks], strict=True):
         assert_same(one, other)
+
+
+def test_objects_of_1970_come_back_from_the_database(dsn: str, tmp_path: Path) -> None:
+    """Their instants are not taken for seconds of our time."""
+    early = datetime(1970, 1, 1, 0, 30, tzinfo=UTC)
+    area = Area("A", shapely.box(9.0, 57.0, 10.0, 58.0), start_us=early)
+    track = Track("T", [[9.0, 57.0], [9.1, 57.0]], [early, early + timedelta(minutes=20)], [[0.0, 0.0]])
+    with conflictdb.connect(dsn) as db:
+        replace_scene(db.connection, Scene("early"), [area], [track], merge=False)
+        db.export("early", tmp_path / "early.geojson")
+        assert "1970-01-01T00:50:00Z" in (tmp_path / "early.geojson").read_text()

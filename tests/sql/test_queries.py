@@ -204,6 +204,18 @@ def test_probe_says_what_an_area_would_meet(
     assert keys(conn_with_conflicts, query, *envelope) == {(key,) for key in expected}
 
 
+@pytest.mark.parametrize(("wanted_m", "expected"), [(500_000.0, set()), (1_120_000.0, {("A",)})])
+def test_probe_reaches_over_the_pole(conn: Conn, wanted_m: float, expected: set[tuple[str]]) -> None:
+    """At 85 N and 170 degrees of longitude apart it is 1,107.6 km over the pole, and half way around in the plane."""
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0, separation_m=wanted_m)
+    load(conn, scene, [box("A", 0.0, 85.0, 0.001, 85.001)], [])
+    detect(conn, "s")
+    assert (
+        keys(conn, "SELECT key FROM conflictdb.probe('s', ST_SetSRID(ST_MakeEnvelope(170, 85, 170.001, 85.001), 4326))")
+        == expected
+    )
+
+
 def test_probe_says_when_and_where_and_writes_nothing(conn_with_conflicts: Conn) -> None:
     conn = conn_with_conflicts
     conn.commit()

@@ -17,7 +17,7 @@ from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
 from conflictdb import detect, schema, store
-from conflictdb.errors import ServerError
+from conflictdb.errors import SchemaOutdated, ServerError
 from conflictdb.model import EarthModel
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
@@ -139,3 +139,47 @@ def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhe
         with psycopg.connect(elsewhere) as conn:
             conn.execute(sql.SQL("DROP OWNED BY {}").format(user))
             conn.execute(sql.SQL("DROP ROLE {}").format(user))
+
+
+@pytest.mark.parametrize("how", ["users", "replica", "without triggers"])
+def test_restore_of_data_alone_into_a_schema_that_is_there(elsewhere: str, restored: str, how: str) -> None:
+    """All that it brings waits for detection, or, without triggers, is as it was in the dump."""
+    scene, areas, tracks = throw(MIXED, 42, 8, 8)
+    with store.connect(elsewhere) as conn:
+        load(conn, scene, areas, tracks)
+        before = use_everything(conn, scene.name)
+        conn.execute("SELECT conflictdb.remove_object(%s, 'A0')", [scene.name])
+        conn.commit()
+        programs, environ = client_programs(Path(tempfile.gettempdir()), conn.info.server_version // 10000)
+    with psycopg.connect(restored) as conn:
+        conn.execute('CREATE SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION postgis SCHEMA "My GIS"')
+        conn.execute('CREATE EXTENSION btree_gist SCHEMA "My GIS"')
+    schema.upgrade(restored)
+    dump = [programs / "pg_dump", "-Fc", "--data-only", "-n", "conflictdb", "-T", "conflictdb.alembic_version"]
+    archive = subprocess.run([*dump, "-d", elsewhere], check=True, env=environ, stdout=subprocess.PIPE).stdout
+    target = restored
+    if how == "replica":
+        target = conninfo.make_conninfo(restored, options="-c session_replication_role=replica")
+    restore = [programs / "pg_restore", "-e", "--data-only", "-d", target]
+    if how == "without triggers":
+        restore.insert(2, "--disable-triggers")
+    subprocess.run(restore, check=True, env=environ, input=archive)
+    if how == "without triggers":
+        with psycopg.connect(restored) as conn, pytest.raises(SchemaOutdated, match="a restore has reset"):
+            schema.check(conn)
+        schema.upgrade(restored)
+    with store.connect(restored) as conn:
+        schema.check(conn)
+        (status,) = store.list_scenes(conn)
+        assert (status.areas, status.tracks, status.is_current) == (7, 8, False)
+        # 15 objects, and the one whose removal waited already.
+        assert status.pending == (1 if how == "without triggers" else 16)
+        detect.detect(conn, scene.name, jobs=1)
+        conn.execute("UPDATE conflictdb.track SET floor_m = NULL, ceiling_m = 1e5 WHERE key = 'T1'")
+        assert store.list_scenes(conn)[0].pending == 1
+        conn.commit()
+        again = use_everything(conn, scene.name)
+    kept = {(c.a_key, c.b_key) for c in before if "A0" not in (c.a_key, c.b_key)}
+    assert kept
+    assert kept <= {(c.a_key, c.b_key) for c in again}

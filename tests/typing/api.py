@@ -1,12 +1,13 @@
 """How programs use the package, as the type checker sees it: never run, checked by test_typing.py."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import assert_type
 
 import numpy as np
 import psycopg
 import shapely
 import sqlalchemy
+from numpy.typing import NDArray
 
 import conflictdb
 
@@ -47,6 +48,13 @@ def in_memory() -> None:
         np.array([0, 3_600_000_000]),
         conflictdb.rectangle_outline_m(fore_m=100.0, aft_m=50.0, port_m=10.0, starboard_m=10.0),
     )
+    start = datetime(2026, 6, 1, 8, tzinfo=UTC)
+    area = conflictdb.Area("B", shapely.box(4.0, 57.0, 5.0, 58.0), start_us=start, end_us=np.datetime64("2026-06-02"))
+    assert_type(area.start_us, int | None)
+    track = conflictdb.Track("U", [(3.0, 57.5), (6.0, 57.5)], [start, start.replace(hour=9)], [[0, 0]])
+    track = conflictdb.Track("V", shapely.LineString(), np.array([], "datetime64[us]"), shapely.box(0, 0, 1, 1))
+    assert_type(track.times_us, NDArray[np.int64])
+    assert_type(conflictdb.__version__, str)
     scene = conflictdb.Scene("s", earth=conflictdb.EarthModel.SPHERE, method=conflictdb.Method.NLP)
     assert_type(conflictdb.solve([track], [area], scene), list[conflictdb.Interference])
 

@@ -71,7 +71,13 @@ def test_numeric_ids_become_strings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("shape", "columns", "key", "field", "rule"),
     [
-        (shapely.Point(4, 57), {}, "feature 1 of layer 'areas'", "geometry", "got a Point"),
+        (
+            shapely.GeometryCollection([SQUARE]),
+            {},
+            "feature 1 of layer 'areas'",
+            "geometry",
+            "got a GeometryCollection",
+        ),
         (None, {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
         (shapely.Polygon(), {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
         (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {}, "area '1'", "geometry", "valid"),

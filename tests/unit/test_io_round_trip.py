@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from scene_strategies import INSTANT, assert_same, scenes
 
 from conflictdb import geodesy, io
@@ -23,6 +23,7 @@ from conflictdb.model import (
 )
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine takes its time
 @given(scenes())
 def test_export_reads_back_as_the_same_objects(content: tuple[Scene, list[Area], list[Track]]) -> None:
     scene, some_areas, some_tracks = content

@@ -1,0 +1,186 @@
+"""What programs hand in, as what the model keeps: instants, positions, outlines and footprints of the usual types.
+
+An instant is an aware datetime (a Timestamp of pandas is one), a datetime64, which is UTC, or a whole number of
+microseconds since 1970. Positions, outlines and footprints are arrays, lists of pairs, or geometries of shapely; a
+third number of a position, a height, is left aside.
+"""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final, Protocol, TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+
+EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+MICROSECOND: Final = timedelta(microseconds=1)
+
+
+class Arrayed(Protocol):
+    """What knows how to become an array, such as a Series or an index of pandas."""
+
+    def __array__(self) -> NDArray[Any]:
+        """Return the array."""
+
+
+Instant: TypeAlias = datetime | np.datetime64 | int
+Instants: TypeAlias = Sequence[Instant] | NDArray[np.datetime64] | NDArray[np.integer[Any]] | Arrayed
+Pairs: TypeAlias = Sequence[Sequence[float]] | NDArray[np.floating[Any]] | NDArray[np.integer[Any]] | Arrayed
+Positions: TypeAlias = Pairs | shapely.LineString
+Outline: TypeAlias = Pairs | shapely.Polygon
+Outlines: TypeAlias = Sequence[Outline] | NDArray[np.floating[Any]]
+Heights: TypeAlias = Sequence[float] | NDArray[np.floating[Any]] | NDArray[np.integer[Any]] | Arrayed
+Footprint: TypeAlias = Pairs | shapely.Polygon | shapely.MultiPolygon
+
+INSTANT_RULE: Final = "must be an aware datetime, a datetime64 (UTC), or a whole number of microseconds since 1970"
+
+# Whole numbers in these ranges are of the years 2001 to 2128 if they are seconds or milliseconds, but of the first
+# weeks of 1970 if they are microseconds.
+_LOW, _HIGH = 10**9, 5 * 10**9
+_MISTAKEN_UNITS: Final = {"seconds": 1, "milliseconds": 1_000}
+
+
+def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
+    """Return (n,) int64 microseconds since 1970, finer fractions cut off; raises InvalidInput."""
+    values: Any = given
+    if not isinstance(values, np.ndarray):
+        # A Series of pandas knows how to become an array: of datetime64, or of Timestamps.
+        values = np.asarray(values) if hasattr(values, "__array__") else _listed(who, field, values)
+    if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind == "M":
+        if np.isnat(values).any():
+            raise InvalidInput(who, f"{field}[{int(np.isnat(values).argmax())}]", f"{INSTANT_RULE}; got NaT")
+        return np.asarray(values.astype("datetime64[us]").astype(np.int64))
+    if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind in "iu":
+        whole = np.asarray(values, dtype=np.int64)
+    else:
+        each = [_instant_us(who, f"{field}[{i}]", value) for i, value in enumerate(values)]
+        whole = np.array(each, dtype=np.int64)
+        if not all(_is_whole(value) for value in values):
+            return whole
+    if whole.size:
+        _check_unit(who, field, int(whole.min()), int(whole.max()))
+    return whole
+
+
+def span_us(who: str, start: Instant | None, end: Instant | None) -> tuple[int | None, int | None]:
+    """Return the ends of a span in microseconds since 1970, None where it is unbounded; raises InvalidInput."""
+    given = {name: value for name, value in (("start", start), ("end", end)) if value is not None}
+    found = {name: _instant_us(who, name, value) for name, value in given.items()}
+    if found and all(_is_whole(value) for value in given.values()):
+        _check_unit(who, next(iter(found)), min(found.values()), max(found.values()))
+    return found.get("start"), found.get("end")
+
+
+def certain(instant_us: int | None) -> np.datetime64 | None:
+    """Return microseconds since 1970 as an instant that is not taken for another unit, None for None."""
+    return None if instant_us is None else np.datetime64(instant_us, "us")
+
+
+def all_certain(instants_us: NDArray[np.int64]) -> NDArray[np.datetime64]:
+    """Return microseconds since 1970 as instants that are not taken for another unit."""
+    return instants_us.view("datetime64[us]")
+
+
+def positions_deg(who: str, given: Positions) -> NDArray[np.float64]:
+    """Return (n, 2) float64 longitude and latitude of waypoints; raises InvalidInput."""
+    if isinstance(given, shapely.LineString):
+        return np.asarray(shapely.get_coordinates(given))
+    return _pairs(who, "geometry", given, "pairs of longitude and latitude, or a LineString")
+
+
+def outline_m(who: str, field: str, given: Outline) -> NDArray[np.float64]:
+    """Return an outline as (m, 2) float64, not closed; raises InvalidInput."""
+    if isinstance(given, shapely.Polygon):
+        if given.interiors:
+            raise InvalidInput(who, field, "must have no holes")
+        return np.asarray(shapely.get_coordinates(given)[:-1])
+    return _pairs(who, field, given, "a ring of [starboard, forward] metres")
+
+
+def outlines_m(who: str, given: Outlines) -> NDArray[np.float64]:
+    """Return outlines as (n, m, 2) float64; raises InvalidInput."""
+    if isinstance(given, np.ndarray):
+        return np.asarray(given, dtype=np.float64)
+    rings = [outline_m(who, f"outlines_m[{k}]", ring) for k, ring in enumerate(_listed(who, "outlines_m", given))]
+    if len({len(ring) for ring in rings}) != 1:
+        raise InvalidInput(who, "outlines_m", "must be rings of [starboard, forward] metres with equal vertex counts")
+    return np.stack(rings)
+
+
+def footprint(who: str, given: Footprint) -> Any:
+    """Return a MultiPolygon, made of a Polygon or of the vertices of a ring; what is neither stays as it is."""
+    if isinstance(given, shapely.Polygon):
+        return shapely.MultiPolygon([given])
+    if isinstance(given, shapely.Geometry):
+        return given
+    rule = "a Polygon, a MultiPolygon, or the vertices of a ring"
+    ring = _pairs(who, "geometry", given, rule)
+    if len(ring) < 3:
+        raise InvalidInput(who, "geometry", f"must be {rule}, three at least; got {len(ring)}")
+    return shapely.MultiPolygon([shapely.Polygon(ring)])
+
+
+def metres(who: str, field: str, given: float | None) -> float | None:
+    """Return a finite number of metres, or None; raises InvalidInput."""
+    if given is None:
+        return None
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or not np.isfinite(given):
+        raise InvalidInput(who, field, f"must be a finite number of metres, or absent; got {given!r:.60}")
+    return float(given)
+
+
+def heights_m(who: str, field: str, given: Heights) -> NDArray[np.float64]:
+    """Return heights of legs as (n,) float64; raises InvalidInput."""
+    array = np.asarray(given if hasattr(given, "__array__") else _listed(who, field, given))
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise InvalidInput(who, field, f"must be one number of metres, or one per leg; got {given!r:.60}")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _instant_us(who: str, field: str, given: Any) -> int:
+    if isinstance(given, datetime):
+        if given.utcoffset() is None:
+            rule = "needs an offset from UTC, such as datetime(2026, 6, 1, 8, tzinfo=UTC)"
+            raise InvalidInput(who, field, f"{rule}; got {given.isoformat()}")
+        return int((given - EPOCH) // MICROSECOND)
+    if isinstance(given, np.datetime64) and not np.isnat(given):
+        return int(given.astype("datetime64[us]").astype(np.int64))
+    if not _is_whole(given):
+        raise InvalidInput(who, field, f"{INSTANT_RULE}; got {given!r:.60}")
+    return int(given)
+
+
+def _is_whole(given: Any) -> bool:
+    return isinstance(given, int | np.integer) and not isinstance(given, bool)
+
+
+def _check_unit(who: str, field: str, first: int, last: int) -> None:
+    """Refuse whole numbers that are too small by a factor of a thousand or a million to be of our time."""
+    for unit, factor in _MISTAKEN_UNITS.items():
+        if _LOW * factor <= first and last < _HIGH * factor:
+            would_be = (EPOCH + first * MICROSECOND).isoformat(timespec="seconds")
+            rule = f"whole numbers are microseconds since 1970: {first} would be {would_be}"
+            remedy = f"if these are {unit}, multiply by {1_000_000 // factor:,}; if not, give datetimes"
+            raise InvalidInput(who, field, f"{rule}; {remedy}")
+
+
+def _listed(who: str, field: str, given: Any) -> list[Any]:
+    if isinstance(given, str | bytes) or not hasattr(given, "__iter__"):
+        raise InvalidInput(who, field, f"must be a list or an array; got {given!r:.60}")
+    return list(given)
+
+
+def _pairs(who: str, field: str, given: Any, what: str) -> NDArray[np.float64]:
+    if isinstance(given, np.ndarray) and given.dtype == np.float64 and given.ndim == 2 and given.shape[1] == 2:
+        return given
+    try:
+        array = np.asarray(given if hasattr(given, "__array__") else list(given))
+    except (TypeError, ValueError):  # not iterable, or of unequal lengths
+        array = np.array(None)
+    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise InvalidInput(who, field, f"must be {what}; got {given!r:.60}")
+    return np.asarray(array[:, :2], dtype=np.float64)
