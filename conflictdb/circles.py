@@ -296,12 +296,13 @@ class GreatCircleShapes:
         return np.minimum(*(np.cos(theta) * self.centre[0] + np.sin(theta) * self.centre[1] for theta in thetas))
 
     def _phi(self, t0: Floats, t1: Floats) -> tuple[Floats, Floats]:
-        """Return (n,) the angles at t0 and t1 from the leg's point nearest to the centre."""
+        """Return (n,) the angles at t0 and t1 from the leg's point nearest to the centre.
+
+        Within a quarter turn: their cosines are those of the reference point's angle from the centre, of which legs
+        keep within 60 degrees, over a positive one, and the leg begins at an angle of 0 and is less than half a turn.
+        """
         at_nearest = np.arctan2(self.centre[1], self.centre[0])
-        phi0, phi1 = (self.gone + self.rate * t - at_nearest for t in (t0, t1))
-        # One of the legs' turns: phi lies within a quarter turn, as the legs lie within 60 degrees of the centre.
-        whole = 2.0 * np.pi * np.round(phi0 / (2.0 * np.pi))
-        return phi0 - whole, phi1 - whole
+        return self.gone + self.rate * t0 - at_nearest, self.gone + self.rate * t1 - at_nearest
 
     def _body(self, t: Floats) -> tuple[Floats, Floats]:
         """Return how far ahead and across the vertices (v, n) are at times t, radians."""

@@ -74,7 +74,7 @@ def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]
 def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDArray[np.object_]:
     """Return footprints in a plane without seam, where what is cut at +-180 degrees or along a pole is whole again."""
     lonlat, owner = shapely.get_coordinates(footprints, return_index=True)
-    cut = owner[(np.abs(np.remainder(lonlat[:, 0], 360.0) - 180.0) == 0.0) | (np.abs(lonlat[:, 1]) == 90.0)]
+    cut = owner[(np.remainder(lonlat[:, 0], 360.0) == 180.0) | (np.abs(lonlat[:, 1]) == 90.0)]
     whole = flat.copy()
     for i in np.unique(cut).tolist():
         parts = shapely.make_valid(shapely.get_parts(flat[i]), method="structure", keep_collapsed=False)

@@ -5,9 +5,10 @@
 
 Works on a copy of the tree. First it runs the tests once and writes down which of them reach which line, and how long
 they take. Then it draws changes by the seed, and runs for each the tests that reach its line, the quickest first, until
-one fails: the mutant is killed. Tests that need a database, slow ones, and what other processes run are left out. It
-prints each mutant, the survivors as they would look, and a table by module; exits 1 if any survived that is not listed
-in mutants.toml, where mutants that change no answer are, each with the reason.
+one fails: the mutant is killed. Each runs in a fork that has everything loaded, where one function has other code.
+Tests that need a database, slow ones, and what other processes run are left out. It prints each mutant, the survivors
+as they would look, and a table by module; exits 1 if any survived that is not listed in mutants.toml, where mutants
+that change no answer are, each with the reason.
 
 A module's mutants are: comparisons (their boundary, their sense), arithmetic swapped, signs and negations dropped,
 constants changed, conditions negated, minimum and maximum (and their like) swapped, the branches of `where` swapped,
@@ -27,36 +28,29 @@ import sys
 import tempfile
 import time
 import tomllib
-import traceback
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import CodeType, FrameType
+from types import CodeType, FrameType, FunctionType
 from typing import Any, Final
 
-# What tests load besides the product is loaded here, once for all forks.
-import mpmath  # noqa: F401
-import numpy  # noqa: F401, ICN001
-import psycopg  # noqa: F401
-import pyproj  # noqa: F401
 import pytest
-import scipy.optimize  # noqa: F401
-import shapely  # noqa: F401
+from _pytest.runner import runtestprotocol
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
-    "geodesy", "rhumb", "circles", "arcs", "mercator", "gnomonic", "motion", "separation", "proofs", "pieces",
-    "convex", "outlines", "batches", "settle", "stage3_projection", "stage4_contacts", "stage4_exact",
-    "stage4_windows", "stage4_touching", "stage4_separated", "stage4_search", "stage4_approach", "stage4_lp",
-    "stage4_nlp", "estimates",
+    "geodesy", "rhumb", "circles", "arcs", "mercator", "gnomonic", "motion", "separation", "proofs", "roots",
+    "rhumb_distance", "pieces", "convex", "outlines", "batches", "settle", "stage3_projection", "stage4_contacts",
+    "stage4_exact", "stage4_windows", "stage4_touching", "stage4_separated", "stage4_search", "stage4_approach",
+    "stage4_lp", "stage4_nlp", "estimates",
 )
 # fmt: on
 TESTS: Final = ("tests/unit", "tests/acceptance")
 # Hypothesis' own profile for servers: the same examples each time, and no deadline.
 PYTEST: Final = (
-    *("-q", "-x", "--tb=no", "-n", "0", "-p", "no:randomly", "-p", "no:cacheprovider"),
+    *("-q", "--tb=no", "-n", "0", "-p", "no:randomly", "-p", "no:cacheprovider"),
     "--hypothesis-profile=ci",
 )
 # A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
@@ -66,8 +60,6 @@ LONGER_S: Final = 20
 ENOUGH_S: Final = 20.0
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
 FEW: Final = 3
-# Tests that are tried before all others.
-FIRST: Final = 8
 
 COMPARED: Final[dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]]] = {
     ast.Lt: (ast.LtE, ast.Gt),
@@ -266,13 +258,11 @@ def sites(root: Path, module: str) -> list[Mutant]:
 
 
 class Reach:
-    """A plugin of pytest that notes which lines of the modules each test reaches, and its seconds."""
+    """Notes which lines of the modules a test reaches, and its seconds."""
 
     def __init__(self, package: Path, modules: Sequence[str]) -> None:
         self._files = {str(package / f"{module}.py"): module for module in modules}
         self._left: dict[CodeType, set[int]] = {}
-        self.by_line: dict[str, list[str]] = defaultdict(list)
-        self.seconds: dict[str, float] = {}
 
     def _enter(self, frame: FrameType, event: str, _: Any) -> Any:
         code = frame.f_code
@@ -289,79 +279,63 @@ class Reach:
             self._left[frame.f_code].discard(frame.f_lineno)
         return self._line
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Run a test with its lines traced."""
+    def of(self, test: pytest.Item) -> dict[str, Any]:
+        """Return the lines that a test reaches and the seconds it takes."""
         self._left.clear()
-        started = time.perf_counter()
+        started = time.process_time()
         sys.settrace(self._enter)
         try:
-            return (yield)
+            failed = fails(test)
         finally:
             sys.settrace(None)
-            self.seconds[item.nodeid] = time.perf_counter() - started
-            for code, left in self._left.items():
-                for line in {line for *_, line in code.co_lines() if line} - left:
-                    self.by_line[f"{self._files[code.co_filename]}:{line}"].append(item.nodeid)
+        if failed:
+            sys.exit(f"{test.nodeid} fails without any change")
+        lines = [
+            f"{self._files[code.co_filename]}:{line}"
+            for code, left in self._left.items()
+            for line in {line for *_, line in code.co_lines() if line} - left
+        ]
+        return {"seconds": time.process_time() - started, "lines": sorted(lines)}
 
 
-def reached(root: Path, modules: Sequence[str]) -> int:
-    """Run the tests in this process and write reach.json; returns what pytest does."""
-    plugin = Reach(root / "conflictdb", modules)
-    code = pytest.main([*PYTEST, "-m", "not slow and not db", *TESTS], plugins=[plugin])
-    (root / "reach.json").write_text(json.dumps({"seconds": plugin.seconds, "by_line": plugin.by_line}))
-    return int(code)
-
-
-def forked(root: Path, work: Callable[[], int], limit_s: int | None = None) -> tuple[int, str]:
-    """Return the result of work done in a process of its own, in the copy of the tree, and what it printed.
-
-    A fork has the libraries loaded already, which takes longer than most tests do. It is ended when it has
-    used so much processor time: others may need the machine.
-    """
-    output = root / "output.txt"
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            if limit_s is not None:
-                resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
-            os.chdir(root)
-            file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-            os.dup2(file, 1)
-            os.dup2(file, 2)
-            sys.path.insert(0, str(root))
-            code = work()
-        except BaseException:  # a fork must not go on with what its parent does
-            traceback.print_exc()
-        finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(code)
-    status = os.waitpid(child, 0)[1]
-    return os.waitstatus_to_exitcode(status), output.read_text(errors="replace")
+def fails(test: pytest.Item) -> bool:
+    """Run a test, and return whether it fails."""
+    return any(report.failed for report in runtestprotocol(test, log=False, nextitem=None))
 
 
 class Bench:
-    """A copy of the tree, and what its tests reach."""
+    """A plugin of pytest that has it collect the tests of a copy of the tree, and then runs them on mutants."""
 
-    def __init__(self, root: Path, modules: Sequence[str]) -> None:
-        self.root = root
-        git = ("git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "--deduplicate")
-        for name in subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0"):
-            if (ROOT / name).is_file():
-                (root / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(ROOT / name, root / name)
-        reach = root / "reach.json"
-        if not reach.exists():
-            tell("reach: running all tests once")
-            code, output = forked(root, lambda: reached(root, modules))
-            if code:
-                sys.exit(f"the tests fail without any change:\n{output[-3000:]}")
-        found = json.loads(reach.read_text())
-        self._seconds: dict[str, float] = found["seconds"]
-        self._by_line: dict[str, list[str]] = found["by_line"]
+    def __init__(self, root: Path, work: Callable[["Bench"], None]) -> None:
+        self.root, self._work = root, work
+        self._tests: dict[str, pytest.Item] = {}
+        self._seconds: dict[str, float] = {}
+        self._by_line: dict[str, list[str]] = defaultdict(list)
         self._killers: Counter[str] = Counter()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Run mutants instead of tests."""
+        self._tests = {test.nodeid: test for test in session.items}
+        self._reach()
+        self._work(self)
+        return True
+
+    def _reach(self) -> None:
+        """Read what each test reaches; run those that are new."""
+        record = self.root / "reach.json"
+        known: dict[str, Any] = json.loads(record.read_text()) if record.exists() else {}
+        new = self._tests.keys() - known.keys()
+        tracer = Reach(self.root / "conflictdb", MODULES)
+        for k, name in enumerate(sorted(new), 1):
+            known[name] = tracer.of(self._tests[name])
+            if k % 50 == 0 or k == len(new):
+                tell(f"reach: {k} of {len(new)} tests")
+                record.write_text(json.dumps(known))
+        for name in self._tests:
+            self._seconds[name] = known[name]["seconds"]
+            for line in known[name]["lines"]:
+                self._by_line[line].append(name)
 
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Return the tests that reach a mutant: those that have killed the most so far, then the quickest.
@@ -370,7 +344,7 @@ class Bench:
         reach a line, all those that reach its module count.
         """
         found = set(self._by_line.get(f"{mutant.module}:{mutant.line}", ()))
-        if mutant.within == "module" or len(found) < FEW:
+        if self._needs_import(mutant):
             lines = (tests for line, tests in self._by_line.items() if line.startswith(f"{mutant.module}:"))
             found |= {test for tests in lines for test in tests}
         chosen, total_s = [], 0.0
@@ -381,35 +355,104 @@ class Bench:
             chosen.append(test)
         return chosen
 
+    def _needs_import(self, mutant: Mutant) -> bool:
+        reached = len(self._by_line.get(f"{mutant.module}:{mutant.line}", ()))
+        return reached < FEW or function_of(mutant) is None
+
     def fate(self, mutant: Mutant) -> str:
-        """Return which test fails (or that it hangs); nothing if none does."""
+        """Return which test fails (or that they do not end); nothing if none does."""
         tests = self.tests_of(mutant)
-        if not tests:
-            return ""
         file = self.root / "conflictdb" / f"{mutant.module}.py"
         source = file.read_bytes()
         assert source[mutant.start : mutant.end].decode() == mutant.old, "the tree has changed since"
-        file.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
-        try:
-            # Most die of the first few; to load all test modules takes longer than that.
-            killer = self._failure(file, tests[:FIRST]) or self._failure(file, tests[FIRST:])
-            self._killers[killer] += 1
-            return killer
-        finally:
-            file.write_bytes(source)
-
-    def _failure(self, file: Path, tests: list[str]) -> str:
-        """Return which of some tests fails, if any."""
-        if not tests:
-            return ""
-        for compiled in file.parent.glob(f"__pycache__/{file.stem}.*"):
-            compiled.unlink()  # of two mutants of the same second the first would count
+        changed = source[: mutant.start] + mutant.new.encode() + source[mutant.end :]
         limit_s = LONGER_S + int(TIMES * sum(self._seconds[test] for test in tests))
-        code, output = forked(self.root, lambda: int(pytest.main([*PYTEST, "-m", "", *tests])), limit_s)
-        failed = [line.split()[1] for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        if code <= 0 or failed:
-            return failed[0] if failed else f"ended by signal {-code}" * bool(code)
-        sys.exit(f"pytest ended with {code}, and no test had failed:\n{output[-3000:]}")
+        if self._needs_import(mutant):
+            file.write_bytes(changed)
+            try:
+                killer = self._imported(tests, limit_s)
+            finally:
+                file.write_bytes(source)
+        else:
+            killer = self._swapped(mutant, changed, tests, limit_s)
+        self._killers[killer] += 1
+        return killer
+
+    def _imported(self, tests: list[str], limit_s: int) -> str:
+        """Run tests in a fresh process, on the modules as they are in the files."""
+        (self.root / "tests.txt").write_text("".join(f"{test}\n" for test in tests))
+        # Of two mutants of the same second what was compiled of the first would count.
+        environment = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", *PYTEST, "-x", "-m", "", "@tests.txt"],
+            cwd=self.root,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1)),
+        )
+        failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        if not failed and done.returncode > 0:
+            sys.exit(f"pytest ended with {done.returncode}, and no test had failed:\n{done.stdout[-3000:]}")
+        return failed[0] if failed else "does not end" * bool(done.returncode)
+
+    def _swapped(self, mutant: Mutant, changed: bytes, tests: list[str], limit_s: int) -> str:
+        """Run tests in a fork, where the function has the code of the mutant: nothing has to be loaded again."""
+        function, code = function_of(mutant), code_of(mutant, changed)
+        child = os.fork()
+        if child == 0:
+            ended = len(tests) + 1
+            try:
+                resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, 1)
+                os.dup2(nowhere, 2)
+                function.__code__ = code
+                ended = next((k for k, test in enumerate(tests) if fails(self._tests[test])), len(tests))
+            finally:
+                (self.root / "ended.txt").write_text(str(ended))
+                os._exit(0)
+        (self.root / "ended.txt").unlink(missing_ok=True)
+        if os.waitpid(child, 0)[1]:
+            return "does not end"
+        ended = int((self.root / "ended.txt").read_text())
+        if ended > len(tests):
+            sys.exit(f"{mutant.name} could not be run")
+        return [*tests, ""][ended]
+
+
+def function_of(mutant: Mutant) -> Any:
+    """Return the function that a mutant is in, as the modules loaded have it; None of what runs on import."""
+    found: Any = sys.modules[f"conflictdb.{mutant.module}"]
+    for name in mutant.within.split("."):
+        found = vars(found).get(name)
+        if not isinstance(found, type):
+            break
+    for wrapper in ("fget", "__func__", "func", "__wrapped__"):
+        found = getattr(found, wrapper, found)
+    return found if isinstance(found, FunctionType) else None
+
+
+def code_of(mutant: Mutant, changed: bytes) -> CodeType:
+    """Return the code of that function in the changed source."""
+    name, file = function_of(mutant).__qualname__, str(sys.modules[f"conflictdb.{mutant.module}"].__file__)
+    left = [compile(changed, file, "exec")]
+    while left:
+        code = left.pop()
+        if code.co_qualname == name:
+            return code
+        left += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    raise LookupError(name)
+
+
+def copied(root: Path) -> None:
+    """Copy the files of the tree, also those that are new."""
+    git = ("git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "--deduplicate")
+    for name in subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0"):
+        if (ROOT / name).is_file():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, root / name)
 
 
 def tell(line: str) -> None:
@@ -473,9 +516,18 @@ def main() -> int:
     options = parser.parse_args()
     keep = (options.keep or Path(tempfile.mkdtemp(prefix="mutants-"))).resolve()
     keep.mkdir(parents=True, exist_ok=True)
-    bench = Bench(keep, MODULES)
-    mutants = again(keep, options.again) if options.again else drawn(keep, options.module, options.count, options.seed)
-    survivors = run(bench, mutants)
+    copied(keep)
+    os.chdir(keep)
+    sys.path.insert(0, str(keep))
+    survivors: list[Mutant] = []
+
+    def work(bench: Bench) -> None:
+        some = again(keep, options.again) if options.again else drawn(keep, options.module, options.count, options.seed)
+        survivors.extend(run(bench, some))
+
+    code = pytest.main([*PYTEST, "-s", "-m", "not slow and not db", *TESTS], plugins=[Bench(keep, work)])
+    if code:
+        return int(code)
     (keep / "survivors.json").write_text(json.dumps([mutant.name for mutant in survivors], indent=1))
     for name in sorted(set(known()) - {mutant.name for module in MODULES for mutant in sites(keep, module)}):
         tell(f"mutants.toml explains what is no longer there: {name}")
