@@ -96,6 +96,14 @@ def test_intervals_of_totals_hold_the_truth(rate: float, n: int, is_count: bool)
         assert np.median([one.high - one.low for one in counts]) < 5.0 * np.std([one.value for one in counts])
 
 
+def test_values_that_differ_widen_the_interval() -> None:
+    """Two of them do already."""
+    alike, apart = (whole(np.array([*values, 0.0, 0.0]), 1e6, LITTLE, 0.0, 1.0) for values in ((5.0, 5.0), (1.0, 9.0)))
+    assert alike.value == apart.value
+    assert apart.high > 1.1 * alike.high
+    assert whole(np.array([5.0]), 1e6, LITTLE, 0.0, 1.0).high == 5e6
+
+
 def test_an_unknown_number_of_pairs_widens_the_interval() -> None:
     """By the error of the objects looked at, in squares."""
     of_pair = np.ones(10_000)

@@ -52,16 +52,27 @@ def in_reach(scene: Scene, track: Track) -> bool:
     return True
 
 
+Sizes = tuple[float, float, float, float]
+
+
+def changing(lat: float, dlat: float, lon: float, dlon: float, sizes: Sizes, later: Sizes | None, mps: float) -> Track:
+    """One leg: to another outline, if one is given, which may grow on one side alone; else its sides move outward."""
+    end = (lon + dlon, float(np.clip(lat + dlat, -84, 84)))
+    track = scenes.track("T", [(lon, lat), end], [0, LASTS_S], *sizes)
+    if later is None:
+        return replace(track, grow_mps=mps)
+    ends = np.array([[(-p, -a), (s, -a), (s, f), (-p, f)] for f, a, p, s in (sizes, later)])
+    return replace(track, outline_m=ends[0], outlines_m=ends)
+
+
 growing_tracks = st.builds(
-    lambda lat, dlat, lon, dlon, sizes, mps: replace(
-        scenes.track("T", [(lon, lat), (lon + dlon, float(np.clip(lat + dlat, -84, 84)))], [0, LASTS_S], *sizes),
-        grow_mps=mps,
-    ),
+    changing,
     st.floats(-84, 84),
     st.sampled_from([0.0, 1e-9, 0.3, -2.0, 15.0, -60.0]),
     st.floats(-170, 170),
     st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
     st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5])] * 4),
+    st.one_of(st.none(), st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 2e5])] * 4)),
     st.sampled_from([1e-6, 0.01, 1.0, 6.0]),
 )
 

@@ -111,6 +111,16 @@ def test_slices_follow_each_other_without_a_gap() -> None:
         assert pieces.part[order].tolist() == list(range(len(order)))
 
 
+def test_a_loiter_before_the_last_leg_has_its_heading() -> None:
+    """Also of a track alone; one that never moves heads north."""
+    waits = scenes.track("T", [(0, 0), (0, 0), (1, 0)], [0, 100, 200], 4e4, 0.0, 0.0, 0.0)
+    stays = scenes.track("U", [(0, 0), (0, 0)], [0, 100], 4e4, 0.0, 0.0, 0.0)
+    east, north = (track_pieces(Scene("s"), TrackBatch.of([track])) for track in (waits, stays))
+    for pieces, (width, height) in ((east, (4e4, 0.0)), (north, (0.0, 4e4))):
+        west, south, right, top = hull(pieces, 0).bounds
+        assert (right - west, top - south) == pytest.approx((width, height), rel=0.01, abs=10.0)
+
+
 def test_a_leg_of_three_microseconds_has_no_empty_slices() -> None:
     track = scenes.track("T", [(0, 0), (9, 9)], [0, 3e-6], 1.0, 1.0, 1.0, 1.0)
     pieces = track_pieces(Scene("s"), TrackBatch.of([track]))
