@@ -12,6 +12,7 @@ from conflictdb.cli.output import program
 from conflictdb.methods import Method
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
+_METHODS: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
 
 EPILOG: Final = """\
 environment:
@@ -100,7 +101,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
     )
-    parser.add_argument("--method", choices=tuple(Method), help="where to stop: the trade between speed and accuracy")
+    parser.add_argument("--method", choices=_METHODS, help="where to stop: the trade between speed and accuracy")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument(
         "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"

@@ -60,6 +60,22 @@ def test_help_can_be_shown(path: str, capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().out.startswith(f"usage: conflictdb {path}".strip())
 
 
+@pytest.mark.parametrize("path", list(ALL))
+def test_choices_are_shown_as_words(path: str) -> None:
+    """As the members of an enum they would read <Method.SCREEN: 'screen'> in the message about a wrong one."""
+    choices = [one for action in ALL[path]._actions for one in action.choices or ()]
+    assert [one for one in choices if type(one) is not str] == []
+
+
+def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        build().parse_args(["detect", "--scene", "s", "--method", "exakt"])
+    told = capsys.readouterr().err
+    assert "'exakt'" in told
+    assert all(method in told for method in Method)
+    assert "<" not in told
+
+
 def test_choices_exit_codes_and_environment_are_documented() -> None:
     text = DOCUMENT.read_text()
     for choice in (*FORMATS, *Method):
