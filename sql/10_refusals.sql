@@ -14,13 +14,17 @@ CREATE OR REPLACE FUNCTION _refuse(
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
+    IF p_hint = '' THEN -- RAISE shows an empty hint, and takes no null.
+        RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
+            USING ERRCODE = p_state, TABLE = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb';
+    END IF;
     RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
-        USING ERRCODE = p_state, DETAIL = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb',
+        USING ERRCODE = p_state, TABLE = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb',
               HINT = p_hint;
 END
 $$;
 COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
-'Raises SQLSTATE p_state: DETAIL says which object, COLUMN which field, CONSTRAINT which rule by name.';
+'Raises SQLSTATE p_state. For programs, TABLE says which object, COLUMN which field, CONSTRAINT which rule by name.';
 
 CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -127,7 +127,7 @@ def _translation(error: psycopg.Error) -> ConflictDBError:
         return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag
-        key, field = diag.message_detail or "", diag.column_name or ""
+        key, field = diag.table_name or "", diag.column_name or ""
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
         return InvalidInput(key, field, f"{rule} ({diag.message_hint})" if diag.message_hint else rule)
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
