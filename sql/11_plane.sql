@@ -8,14 +8,14 @@
 -- All are single expressions, and not STRICT, so that they are inlined: a SQL function that is not inlined is set up
 -- anew at every call, and one that is STRICT is not when it holds a CASE. Null gives null all the same.
 
-CREATE OR REPLACE FUNCTION _exactly(p_number double precision) RETURNS numeric
+CREATE OR REPLACE FUNCTION _exact_numeric(p_number double precision) RETURNS numeric
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- A cast takes 15 digits; what it leaves is another number of 15 digits. Through text, extra_float_digits decides.
     SELECT p_number::numeric + (p_number - p_number::numeric::double precision)::numeric;
 END;
-COMMENT ON FUNCTION _exactly(double precision) IS
-'A number whose digits give the same number back, whatever the session''s extra_float_digits.';
+COMMENT ON FUNCTION _exact_numeric(double precision) IS
+'The number with all its digits: cast back it is the same number, whatever the session''s extra_float_digits.';
 
 CREATE OR REPLACE FUNCTION _plane(
     p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
@@ -25,7 +25,7 @@ BEGIN ATOMIC
     -- Without exponents, which PROJ takes for "east". A scene without objects has no centre yet.
     SELECT CASE p_motion WHEN 'great_circle' THEN
         format('+proj=gnom +lon_0=%s +lat_0=%s +R=6371008.771415 +no_defs',
-               _exactly(coalesce(p_centre_lon, 0)), _exactly(coalesce(p_centre_lat, 0)))
+               _exact_numeric(coalesce(p_centre_lon, 0)), _exact_numeric(coalesce(p_centre_lat, 0)))
     ELSE p_earth END;
 END;
 COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS

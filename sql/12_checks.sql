@@ -28,13 +28,10 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object of at most 100 levels whose numbers are those of a double.';
 
-CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
-                                         p_ceiling_m double precision, p_properties jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
+RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
-    IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
-        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_speakable');
-    END IF;
     IF NOT (p_floor_m > '-infinity' AND p_floor_m < 'infinity') THEN
         PERFORM _refuse('ZC004', p_who, 'floor_m', 'must be a finite number of metres, or absent', 'heights_finite');
     END IF;
@@ -45,6 +42,19 @@ BEGIN
         PERFORM _refuse('ZC004', p_who, 'ceiling_m',
                         format('must be above floor_m (%s); got %s', p_floor_m, p_ceiling_m), 'ceiling_above_floor');
     END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_heights(text, double precision, double precision) IS
+'Refuses heights (metres; null is unbounded) that are not finite, or without room between them.';
+
+CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
+                                         p_ceiling_m double precision, p_properties jsonb) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
+        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_speakable');
+    END IF;
+    PERFORM _check_heights(p_who, p_floor_m, p_ceiling_m);
     IF jsonb_typeof(p_properties) IS DISTINCT FROM 'object' THEN
         PERFORM _refuse('ZC012', p_who, 'properties', 'must be a JSON object', 'properties_object');
     END IF;

@@ -68,21 +68,6 @@ COMMENT ON FUNCTION _scene_state(text) IS
 'What the view scenes says of a scene, and in words what is wrong with it, null if nothing is; refuses (ZC010) a name '
 'that is not known.';
 
-CREATE OR REPLACE FUNCTION _told(p_scene text) RETURNS boolean
-LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
-BEGIN
-    IF NOT _is_current(_scene_id(p_scene)) THEN
-        RAISE NOTICE 'scene %: %: the answer may not be complete', quote_literal(p_scene),
-                     (SELECT s.remark FROM _scene_state(p_scene) s)
-            USING HINT = 'The view scenes says is_current; wait_until_current(scene, timeout) waits for a detection.';
-    END IF;
-    RETURN true;
-END
-$$;
-COMMENT ON FUNCTION _told(text) IS
-'Tells the session (NOTICE) when what is known of a scene is not complete; true. Refuses (ZC010) a name that is not '
-'known.';
-
 CREATE OR REPLACE FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT interval '1 minute')
 RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -95,7 +95,7 @@ CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RET
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND _told(p_scene) AND c.periods @> p_instant;
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND c.periods @> p_instant;
 END;
 COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene that are on at an instant.';
 
@@ -103,7 +103,8 @@ CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF 
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND _told(p_scene) AND p_key IN (c.a_key, c.b_key);
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
+      AND coalesce(p_key, '') IN (c.a_key, c.b_key);
 END;
 COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
 
@@ -111,7 +112,8 @@ CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM approaches c
-    WHERE c.scene = p_scene AND _told(p_scene) AND p_key IN (c.a_key, c.b_key);
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
+      AND coalesce(p_key, '') IN (c.a_key, c.b_key);
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scene comes to others.';
 
@@ -166,20 +168,22 @@ BEGIN ATOMIC
     -- Both members must come near the geometry, which the index tells; only then is a region computed.
     WITH near AS MATERIALIZED (
         SELECT DISTINCT n.object_kind, coalesce(a.key, t.key) AS key
-        FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, NULL, NULL) n
+        FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), NULL, NULL) n
         LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
         LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
     )
     SELECT c.* FROM conflicts c
-    WHERE c.scene = p_scene AND _told(p_scene) AND c.periods && p_span
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
+      AND _check_place(p_scene, p_geometry, p_span, NULL, NULL)
+      AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
       -- As subplans these are looked up in a table of hashes.
       AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
       AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
-                                        FROM scene o WHERE o.name = p_scene));
+                                        FROM scene o WHERE o.scene_id = _scene_id(p_scene)));
 END;
 COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
 'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet '
-'a span.';
+'a span (null is unbounded).';
 
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
@@ -190,13 +194,15 @@ BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
     FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans,
                  ST_Union(_wrapped(_from_plane(x.region, s.plane))) AS region
-          FROM _pieces_near(_scene_id(p_scene), p_geometry, p_span, p_floor_m, p_ceiling_m) x
+          FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
+                            p_ceiling_m) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
-                      WHERE o.name = p_scene OFFSET 0) s
+                      WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           GROUP BY x.object_kind, x.object_id) n
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
-    WHERE coalesce(a.key, t.key) IS NOT NULL AND _told(p_scene);
+    WHERE coalesce(a.key, t.key) IS NOT NULL AND _warn_if_incomplete(p_scene)
+      AND _check_place(p_scene, p_geometry, p_span, p_floor_m, p_ceiling_m);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
@@ -225,7 +231,7 @@ BEGIN ATOMIC
     LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id
     LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id
     WHERE coalesce(aa.key, ta.key) IS NOT NULL AND coalesce(ab.key, tb.key) IS NOT NULL
-      AND _told(p_scene);
+      AND _warn_if_incomplete(p_scene);
 END;
 COMMENT ON FUNCTION candidates(text) IS
 'Pairs of objects of a scene that might interfere: stages 1 and 2 on the pieces of the last detection, a superset of '

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2b87a447d6a3d97e982a9b65437e9b6a7168be91c139982d6eaa7905c4387045"
+routines_sha256 = "005f7fb35f961becfe92755e2e493e286958b77aad3616c2b3c941732cfcd749"
 
 
 def upgrade() -> None:

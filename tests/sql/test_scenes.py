@@ -107,8 +107,8 @@ def test_every_row_says_whether_it_is_part_of_a_complete_list(conn: Conn) -> Non
 
 QUESTIONS = (
     "conflicts_at('s', '2026-03-01')",
-    "conflicts_of('s', 'C')",
-    "approaches_of('s', 'C')",
+    "conflicts_of('s', 'A')",
+    "approaches_of('s', 'A')",
     "conflicts_within('s', ST_MakeEnvelope(0, 50, 1, 51, 4326), '(,)')",
     "probe('s', ST_MakeEnvelope(0, 50, 1, 51, 4326))",
     "candidates('s')",

@@ -1,0 +1,61 @@
+-- What every question checks before it is answered: an empty answer must not hide a mistake in the question.
+--
+-- PostgreSQL runs these once per query, before anything else, because they are conditions that read no column. It runs
+-- nothing where it sees beforehand that no row can match, as in a comparison with null: so nulls are replaced first.
+
+CREATE OR REPLACE FUNCTION _warn_if_incomplete(p_scene text) RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT _is_current(_scene_id(p_scene)) THEN
+        RAISE NOTICE 'scene %: %: the answer may not be complete', quote_literal(p_scene),
+                     (SELECT s.remark FROM _scene_state(p_scene) s)
+            USING HINT = 'The view scenes says is_current; wait_until_current(scene, timeout) waits for a detection.';
+    END IF;
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _warn_if_incomplete(text) IS
+'Tells the session (NOTICE) when what is known of a scene is not complete; true. Refuses (ZC010) a name that is not '
+'known.';
+
+CREATE OR REPLACE FUNCTION _warn_if_no_object(p_scene text, p_key text) RETURNS boolean
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = _scene_id(p_scene) AND k.key = p_key) THEN
+        RAISE NOTICE 'scene %: holds no object %', quote_literal(p_scene), quote_nullable(p_key);
+    END IF;
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
+'Tells the session (NOTICE) that a scene holds no object of that key; true. It may have been removed.';
+
+CREATE OR REPLACE FUNCTION _check_place(
+    p_scene text, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+) RETURNS boolean
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_who text := format('question of scene %L', p_scene);
+BEGIN
+    IF p_geometry IS NULL OR ST_IsEmpty(p_geometry) THEN
+        PERFORM _refuse('ZC001', v_who, 'geometry', 'must not be null or empty', 'geometry_given');
+    END IF;
+    IF ST_SRID(p_geometry) <> 4326 THEN
+        PERFORM _refuse('ZC001', v_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
+                        'geometry_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
+    END IF;
+    PERFORM _check_coordinates(v_who, 'geometry', p_geometry, NULL);
+    IF NOT (ST_IsValidDetail(p_geometry)).valid THEN
+        PERFORM _refuse('ZC001', v_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),
+                        'geometry_valid', 'ST_MakeValid repairs it.');
+    END IF;
+    IF isempty(p_span) THEN
+        PERFORM _refuse('ZC003', v_who, 'span', 'must not be empty', 'span_not_empty');
+    END IF;
+    PERFORM _check_heights(v_who, p_floor_m, p_ceiling_m);
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _check_place(text, geometry, tstzrange, double precision, double precision) IS
+'Refuses a place (longitude and latitude, a span, heights in metres; null spans and heights are unbounded) where '
+'nothing could ever be; true. An empty answer then means that nothing is there.';
