@@ -57,6 +57,9 @@ def contacts(
         a pair must not be unbounded in time together (pairs of areas are `still_pairs`).
     progress : called with the number of pairs settled since the last call
     """
+    solver = METHODS[scene.method].solver
+    if solver is None:
+        raise ValueError(f"method {scene.method} stops before stage 4")
     plane = plane_of(scene)
     effort = Effort()
     found = [nothing()]
@@ -69,7 +72,7 @@ def contacts(
         low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
         belongs = _end_belongs(pieces, pairs, rows, end)
         beyond = np.where(belongs, np.inf, span)
-        return _settled(scene, encounters, low, high, beyond, effort)
+        return _settled(scene, solver, encounters, low, high, beyond, effort)
 
     def leave(rows: NDArray[np.int64]) -> Contacts:
         width, verdict = last_s[rows] - first_s[rows], np.full(len(rows), UNRESOLVED, np.int8)
@@ -83,11 +86,10 @@ def contacts(
     return Contacts.concatenate(found), effort
 
 
-def _settled(scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort) -> Contacts:
-    """Return the contacts of like pairs by the scene's method."""
-    solver = METHODS[scene.method].solver
-    if solver is None:
-        raise ValueError(f"method {scene.method} stops before stage 4")
+def _settled(
+    scene: Scene, solver: Solver, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort
+) -> Contacts:
+    """Return the contacts of like pairs by the solver of the scene's method."""
     if solver is Solver.PROGRAMS:
         effort.searched_pairs += len(pairs)
         return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)

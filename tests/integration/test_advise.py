@@ -19,6 +19,7 @@ from conflictdb.sample import Objects
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
 HOUR_US = 3_600_000_000
+START_US = 1_772_323_200_000_000  # 1 March 2026
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def strangers(count: int) -> list[Track]:
         Track(
             f"T{i}",
             np.array([[5.0, 50.0], [5.1, 50.0]]),
-            np.array([24 * i * HOUR_US, (24 * i + 1) * HOUR_US]),
+            START_US + np.array([24 * i * HOUR_US, (24 * i + 1) * HOUR_US]),
             np.array([[0.0, 0.0]]),
         )
         for i in range(count)

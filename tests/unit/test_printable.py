@@ -76,7 +76,7 @@ def test_messages_tables_and_logs_only_show(attack: str, capsys: pytest.CaptureF
     assert "\n" not in refused
     assert len(conflict_table([conflict(attack)]).split("\n")) == 2
     assert shown(conflict_table([conflict(attack)]))
-    loaded = loaded_text(Loaded(attack, LoadCounts(1, 0, 0, 0), ()))
+    loaded = loaded_text(Loaded(attack, LoadCounts(1, 0, 0, 0), (), ()))
     skipped = skipped_text([Skipped(attack, attack, "no time", (1,), is_whole=True)])
     output.out(loaded)
     output.remark(attack)
