@@ -372,7 +372,7 @@ FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_cen
 FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _check_place(p_scene text, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)

@@ -31,31 +31,31 @@ COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
 'Tells the session (NOTICE) that a scene holds no object of that key; true. It may have been removed.';
 
 CREATE OR REPLACE FUNCTION _check_place(
-    p_scene text, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+    p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_who text := format('question of scene %L', p_scene);
+    c_who CONSTANT text := 'what is asked about';
 BEGIN
     IF p_geometry IS NULL OR ST_IsEmpty(p_geometry) THEN
-        PERFORM _refuse('ZC001', v_who, 'geometry', 'must not be null or empty', 'geometry_given');
+        PERFORM _refuse('ZC001', c_who, 'geometry', 'must not be null or empty', 'geometry_given');
     END IF;
     IF ST_SRID(p_geometry) <> 4326 THEN
-        PERFORM _refuse('ZC001', v_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
+        PERFORM _refuse('ZC001', c_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
                         'geometry_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
     END IF;
-    PERFORM _check_coordinates(v_who, 'geometry', p_geometry, NULL);
+    PERFORM _check_coordinates(c_who, 'geometry', p_geometry, NULL);
     IF NOT (ST_IsValidDetail(p_geometry)).valid THEN
-        PERFORM _refuse('ZC001', v_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),
+        PERFORM _refuse('ZC001', c_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),
                         'geometry_valid', 'ST_MakeValid repairs it.');
     END IF;
     IF isempty(p_span) THEN
-        PERFORM _refuse('ZC003', v_who, 'span', 'must not be empty', 'span_not_empty');
+        PERFORM _refuse('ZC003', c_who, 'span', 'must not be empty', 'span_not_empty');
     END IF;
-    PERFORM _check_heights(v_who, p_floor_m, p_ceiling_m);
+    PERFORM _check_heights(c_who, p_floor_m, p_ceiling_m);
     RETURN true;
 END
 $$;
-COMMENT ON FUNCTION _check_place(text, geometry, tstzrange, double precision, double precision) IS
+COMMENT ON FUNCTION _check_place(geometry, tstzrange, double precision, double precision) IS
 'Refuses a place (longitude and latitude, a span, heights in metres; null spans and heights are unbounded) where '
 'nothing could ever be; true. An empty answer then means that nothing is there.';

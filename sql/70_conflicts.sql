@@ -174,7 +174,7 @@ BEGIN ATOMIC
     )
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
-      AND _check_place(p_scene, p_geometry, p_span, NULL, NULL)
+      AND _check_place(p_geometry, p_span, NULL, NULL)
       AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
       -- As subplans these are looked up in a table of hashes.
       AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
@@ -202,7 +202,7 @@ BEGIN ATOMIC
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
     WHERE coalesce(a.key, t.key) IS NOT NULL AND _warn_if_incomplete(p_scene)
-      AND _check_place(p_scene, p_geometry, p_span, p_floor_m, p_ceiling_m);
+      AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
