@@ -27,6 +27,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb import inputs
 from conflictdb.batches import Conflicts, Pairs, Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.estimates import (
@@ -127,9 +128,8 @@ def advise(
     sample : pairs of objects to draw, 1 or more; fewer where they have very many pieces
     seed : 0 or more; the same objects and seed give the same sample and the same counts, but not the same seconds
     """
-    for name, value, least in (("sample", sample, 1), ("seed", seed, 0)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InvalidInput("advise", name, f"must be a whole number, {least} or more; got {value!r}")
+    inputs.count("advise", "sample", sample, 1)
+    inputs.count("advise", "seed", seed, 0)
     objects = Objects.of(areas, tracks)
     if not len(objects):
         why = "the scene holds no objects: there is nothing to detect."

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import timedelta
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 
 import psycopg
 
-from conflictdb import schema, store
+from conflictdb import inputs, schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
@@ -333,6 +333,10 @@ class Database:
             "separation_m": separation_m,
             "nearest_m": nearest_m,
         }
+        if lock_timeout_s is not None:
+            inputs.seconds("detect", "lock_timeout_s", lock_timeout_s)
+        if jobs is not None:
+            inputs.count("detect", "jobs", jobs, 1)
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
@@ -344,7 +348,7 @@ class Database:
         )
 
     def conflicts(
-        self, scene: str, at: datetime | None = None, *, with_region: bool = False
+        self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False
     ) -> store.Listing[store.Conflict]:
         """Return the conflicts of a scene that are known, with `at` only those at that instant.
 
@@ -352,10 +356,9 @@ class Database:
         it is complete (`is_current`, `state`); while changes of the scene wait for detection it comes with an
         IncompleteWarning.
         """
-        if at is not None and at.tzinfo is None:
-            raise InvalidInput("conflicts", "at", f"needs an offset from UTC; got {at.isoformat()}")
+        instant = None if at is None else inputs.moment("conflicts", "at", at)
         with self._transaction():
-            found = store.conflicts(self.connection, scene, at, with_region=with_region)
+            found = store.conflicts(self.connection, scene, instant, with_region=with_region)
         _warn_if_incomplete(found.state)
         return found
 
@@ -381,8 +384,9 @@ class Database:
         StoreError
             The connection is in a transaction that cannot see others' changes, or has changed the scene itself.
         """
+        timeout = timedelta(seconds=inputs.seconds("wait_until_current", "timeout_s", timeout_s))
         with self._transaction():
-            store.wait_until_current(self.connection, scene, timedelta(seconds=timeout_s))
+            store.wait_until_current(self.connection, scene, timeout)
 
     def advise(
         self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
@@ -420,6 +424,10 @@ class Database:
         try:
             _write(part, "xb", lines)
             part.replace(path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            # Of the name that the caller knows.
+            raise type(error)(error.errno, error.strerror, str(path)) from error
         except BaseException:
             part.unlink(missing_ok=True)
             raise

@@ -37,6 +37,8 @@ Footprint: TypeAlias = Pairs | shapely.Polygon | shapely.MultiPolygon
 
 INSTANT_RULE: Final = "must be an aware datetime, a datetime64 (UTC), or a whole number of microseconds since 1970"
 
+_LONGEST_S: Final = 1e9  # 31 years of waiting, as on the command line: more is a mistake in the unit
+
 # Whole numbers in these ranges are of the years 2001 to 2128 if they are seconds or milliseconds, but of the first
 # weeks of 1970 if they are microseconds.
 _LOW, _HIGH = 10**9, 5 * 10**9
@@ -72,6 +74,17 @@ def span_us(who: str, start: Instant | None, end: Instant | None) -> tuple[int |
     if found and all(_is_whole(value) for value in given.values()):
         _check_unit(who, next(iter(found)), min(found.values()), max(found.values()))
     return found.get("start"), found.get("end")
+
+
+def moment(who: str, field: str, given: Instant) -> datetime:
+    """Return an instant as an aware datetime, finer fractions cut off; raises InvalidInput."""
+    instant_us = _instant_us(who, field, given)
+    if _is_whole(given):
+        _check_unit(who, field, instant_us, instant_us)
+    try:
+        return EPOCH + instant_us * MICROSECOND
+    except OverflowError:
+        raise InvalidInput(who, field, f"must be of the years 1 to 9999; got {given!r:.60}") from None
 
 
 def certain(instant_us: int | None) -> np.datetime64 | None:
@@ -131,6 +144,21 @@ def metres(who: str, field: str, given: float | None) -> float | None:
     if not is_number or not np.isfinite(given):
         raise InvalidInput(who, field, f"must be a finite number of metres, or absent; got {given!r:.60}")
     return float(given)
+
+
+def seconds(who: str, field: str, given: float) -> float:
+    """Return how long to wait, seconds; raises InvalidInput."""
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or not 0.0 <= given <= _LONGEST_S:
+        raise InvalidInput(who, field, f"must be a number of seconds, 0 to {_LONGEST_S:g}; got {given!r:.60}")
+    return float(given)
+
+
+def count(who: str, field: str, given: int, least: int) -> int:
+    """Return a whole number that is not less than another; raises InvalidInput."""
+    if not _is_whole(given) or given < least:
+        raise InvalidInput(who, field, f"must be a whole number, {least} or more; got {given!r:.60}")
+    return int(given)
 
 
 def heights_m(who: str, field: str, given: Heights) -> NDArray[np.float64]:

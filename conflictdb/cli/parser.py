@@ -27,6 +27,7 @@ exit codes:
   10 conflicts found (detect --fail-on-conflict)   130 interrupted (SIGINT)   143 terminated (SIGTERM)
 """
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
+_MOST_S: Final = 1e9  # 31 years: more is a mistake in the unit, and nothing could wait for it
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 Command = Callable[[argparse.Namespace], int]
@@ -343,7 +344,10 @@ def duration_s(text: str) -> float:
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-z]*)", text.strip())
     if not match or match[2] not in _UNITS_S or float(match[1]) == 0.0:
         raise argparse.ArgumentTypeError(f"must be a duration such as 30s, 5m or 1h; got {text!r}")
-    return float(match[1]) * _UNITS_S[match[2]]
+    value_s = float(match[1]) * _UNITS_S[match[2]]
+    if value_s > _MOST_S:
+        raise argparse.ArgumentTypeError(f"must be at most 11574d, 31 years; got {text!r}")
+    return value_s
 
 
 def instant(text: str) -> datetime:

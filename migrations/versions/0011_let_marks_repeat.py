@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "005f7fb35f961becfe92755e2e493e286958b77aad3616c2b3c941732cfcd749"
+routines_sha256 = "86bcc3429cabb69b1c51d59c890a8adc59572190496499dea65eb535a1959d1b"
 
 
 def upgrade() -> None:

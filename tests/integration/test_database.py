@@ -1,10 +1,11 @@
 """`connect` and `Database`: every kind of target, what is left to the caller, and what is closed."""
 
 import math
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 import shapely
@@ -133,6 +134,45 @@ def test_unknown_scenes_and_naive_instants_are_refused(dsn: str) -> None:
             db.detect("strait", method="guess")
         with pytest.warns(conflictdb.IncompleteWarning):
             assert len(db.conflicts("strait")) == 0
+
+
+def test_what_is_no_instant_duration_or_count_is_refused_before_anything_is_changed(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        anything: Any = db
+        for at in ("2026-06-01T09:10:00Z", date(2026, 6, 1), 1_780_000_000, 10**30, 9.5):
+            with pytest.raises(InvalidInput, match=r"^conflicts: at: "):
+                anything.conflicts("strait", at)
+        for timeout_s in (-1, float("nan"), float("inf"), 1e12, "1s", timedelta(seconds=1), True):
+            with pytest.raises(InvalidInput, match=r"^wait_until_current: timeout_s: must be a number of seconds"):
+                anything.wait_until_current("strait", timeout_s)
+            with pytest.raises(InvalidInput, match=r"^detect: lock_timeout_s: must be a number of seconds"):
+                anything.detect("strait", tolerance_m=2.0, lock_timeout_s=timeout_s)
+        for jobs in (0, -1, "2", 1.5):
+            with pytest.raises(InvalidInput, match=r"^detect: jobs: must be a whole number"):
+                anything.detect("strait", tolerance_m=2.0, jobs=jobs)
+        [state] = db.scenes()
+        assert state.scene.tolerance_m == 1.0
+        assert state.run_id is None
+
+
+def test_an_instant_may_be_any_that_objects_take(dsn: str) -> None:
+    nine = datetime(2026, 6, 1, 9, 10, tzinfo=UTC)
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait")
+        wanted = db.conflicts("strait", nine)
+        assert wanted
+        for at in (np.datetime64("2026-06-01T09:10"), int(nine.timestamp()) * 1_000_000):
+            assert db.conflicts("strait", at) == wanted
+
+
+def test_a_file_that_cannot_be_written_is_named(dsn: str, tmp_path: Path) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        with pytest.raises(FileNotFoundError) as failed:
+            db.export("strait", tmp_path / "nowhere" / "x.geojson")
+        assert failed.value.filename == str(tmp_path / "nowhere" / "x.geojson")
 
 
 def test_solving_in_memory_gives_what_the_database_gives(dsn: str) -> None:
