@@ -409,6 +409,17 @@ def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: Ar
     return np.asarray(MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine))
 
 
+def least_on_chord(first: Floats, last: Floats, drop: Floats) -> Floats:
+    """Return the least that a function may be between two places where it is known.
+
+    drop : by how much it may lie below its chord in the middle: M w^2 / 8, M what bounds its second derivative on a way
+    of length w. The parabola that does so is least within where the chord rises by less than 4 times that.
+    """
+    rise = np.abs(last - first)
+    sagged = 0.5 * (first + last) - drop - rise**2 / (16.0 * np.where(drop > 0.0, drop, 1.0))
+    return np.where(rise < 4.0 * drop, sagged, np.minimum(first, last))
+
+
 def _sinc(x: Floats) -> Floats:
     """Return sin(x) / x, 1 at 0."""
     safe = np.where(x == 0.0, 1.0, x)

@@ -139,6 +139,14 @@ class Gnomonic:
         """Return the largest angle between a step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2."""
         return np.arctan(0.5 * (scale - 1.0) / np.sqrt(scale))
 
+    def line_bend(self, scale: Floats) -> Floats:
+        """Return by how much points that are even in the plane gain or lose speed on straight ways, 1/m.
+
+        A velocity v at x has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); of what v is on the
+        earth, at least |v| cos(c)^2 outward from the centre, x.v / (R sec(c)^2) is at most tan(c).
+        """
+        return np.asarray(2.0 * np.sqrt(scale - 1.0) / MEAN_RADIUS_M)
+
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return the rounding of a distance that has a closed form."""
         return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)

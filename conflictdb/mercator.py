@@ -118,6 +118,11 @@ class Mercator:
         tangent = np.tan(np.minimum(highest, 0.5 * np.pi - 1e-9))
         return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * tangent)
 
+    def line_bend(self, scale: Floats) -> Floats:
+        """Return how fast the logarithm of the scale grows a metre: with ds = |dz| / scale, bends are that (1/m)."""
+        tangent = scale * np.sin(self._highest(0.0, scale))
+        return np.asarray((1.0 + self._shrinks) * tangent / self.earth.radius_m)
+
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         return rhumb_distance.error_m(self.earth, distance_m)
 

@@ -139,6 +139,13 @@ class Plane(Protocol):
         distance_m : of the places, at most; scale : the largest at either
         """
 
+    def line_bend(self, scale: Floats) -> Floats:
+        """Return (n,) by how much lines that are straight and even in the plane bend on the earth, at most, 1/m.
+
+        In m/s^2 the acceleration on the earth (covariant) of a point that keeps its velocity in the plane is that times
+        the square of its speed in m/s, which is at most its speed in the plane over the smallest scale.
+        """
+
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return by how much at most `distance_m` understates a distance that is this long."""
 

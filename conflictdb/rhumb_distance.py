@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.geodesy import Earth, Floats, Sides
+from conflictdb.geodesy import Earth, Floats, Sides, least_on_chord
 
 # In the plane, radians: what is nearer than this is found by the fixed point.
 NEARBY: Final = 0.25
@@ -192,8 +192,5 @@ def _least_between(
     # The distances given are not quite those of the shortest ways.
     safe = 0.99 * np.where(nearest > 0.0, nearest, 1.0)
     bend = v * v / safe + 1.01 * v * np.tanh(np.maximum(np.abs(psi0), np.abs(psi1)))
-    drop = bend * width**2 / 8.0
-    rise = np.abs(last - first)
-    sagged = 0.5 * (first + last) - drop - rise**2 / (16.0 * np.where(drop > 0.0, drop, 1.0))
-    between = np.where(rise < 4.0 * drop, sagged, np.minimum(first, last))
+    between = least_on_chord(first, last, bend * width**2 / 8.0)
     return np.maximum(np.where(nearest > 0.0, np.maximum(between, nearest), 0.0), 0.0)

@@ -1,13 +1,14 @@
 """Stage 4, closest approach: when, where and how close two objects come, metres on the earth.
 
 The distance is minimised over the whole span that a pair of pieces shares, by branch and bound: the distance in the
-middle of an interval bounds the least one from above, and two proofs bound what it may fall to within the interval.
+middle of an interval bounds the least one from above, and three proofs bound what it may fall to within the interval.
 (1) Along the direction between the nearest points the gap of polygons whose vertices move straight is concave in time,
 so it is nowhere less than at the ends, but for what the vertices bend. (2) The distance cannot change faster than the
 points move towards each other: that is their relative velocity along that direction, and as much of the one across it
-as the direction of a shorter way can differ. What remains is split until the bounds meet, or the pair has had its
-share of the work: then the difference of the bounds is what the distance is stated with. Nothing is decided by
-sampling.
+as the direction of a shorter way can differ. (3) It cannot bend upwards faster than `_upward` says, and is nowhere less
+than its chord less what it may sag: that decides short intervals, however far apart and large the polygons are. What
+remains is split until the bounds meet, or the pair has had its share of the work: then the difference of the bounds is
+what the distance is stated with. Nothing is decided by sampling.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.batches import Pairs, Pieces
-from conflictdb.geodesy import Floats, Sides
+from conflictdb.geodesy import Floats, Sides, least_on_chord
 from conflictdb.model import SINCE_EVER_US, Kind, Scene
 from conflictdb.motion import Plane, sides_of
 from conflictdb.planes import plane_of
@@ -70,6 +71,7 @@ class _Search:
     span_s : (n,) seconds of the shared span
     limit_m : (n,) what need not be known: how much further than this the pieces are
     least_m, at_s : (n,) the least distance seen, and when; floor_m : (n,) what it is nowhere below
+    first_m, last_m : (n,) the distances at both ends of the span
     """
 
     pairs: Encounters
@@ -78,15 +80,19 @@ class _Search:
     least_m: Floats
     at_s: Floats
     floor_m: Floats
+    first_m: Floats
+    last_m: Floats
 
     @classmethod
     def of(cls, pairs: Encounters, span_s: Floats) -> "_Search":
         """Return a search that has seen the ends and the middle of the span."""
         n = len(span_s)
         everything = np.full(n, np.inf)
-        search = cls(pairs, span_s, everything, everything.copy(), np.zeros(n), everything.copy())
-        for part in (0.0, 0.5, 1.0):
-            search.see(np.arange(n), span_s * part, _distance(pairs, np.arange(n), span_s * part))
+        rows = np.arange(n)
+        first, middle, last = (_distance(pairs, rows, span_s * part) for part in (0.0, 0.5, 1.0))
+        search = cls(pairs, span_s, everything, everything.copy(), np.zeros(n), everything.copy(), first, last)
+        for part, distance in ((0.0, first), (0.5, middle), (1.0, last)):
+            search.see(rows, span_s * part, distance)
         return search
 
     def see(self, row: NDArray[np.int64], at_s: Floats, distance_m: Floats) -> None:
@@ -101,14 +107,14 @@ class _Search:
         row = np.flatnonzero(self.span_s > 0.0)
         still = np.flatnonzero(self.span_s <= 0.0)
         self.floor_m[still] = self.least_m[still]
-        start, end = np.zeros(len(row)), self.span_s[row]
+        start, end, first, last = np.zeros(len(row)), self.span_s[row], self.first_m[row], self.last_m[row]
         best = np.zeros(len(self.span_s))  # half the width of the interval in which the least was seen
         best[row] = 0.5 * end
         for level in range(MAX_LEVELS):
             if not len(row):
                 break
             middle = 0.5 * (start + end)
-            distance, bound = self._bounds(row, start, middle, end)
+            distance, bound = self._bounds(row, start, middle, end, first, last)
             before = self.least_m.copy()
             self.see(row, middle, distance)
             improved = np.flatnonzero(self.least_m < before)
@@ -116,12 +122,13 @@ class _Search:
             enough = np.minimum(self.least_m, self.limit_m)[row] - APPROACH_M
             open_ = bound < enough
             crowded = np.bincount(row, open_, minlength=len(self.span_s))[row] > MAX_INTERVALS
-            last = level == MAX_LEVELS - 1
-            done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | last
+            done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | (level == MAX_LEVELS - 1)
             np.minimum.at(self.floor_m, row[done], bound[done])
             row, start, middle, end = row[~done], start[~done], middle[~done], end[~done]
+            first, distance, last = first[~done], distance[~done], last[~done]
             row = np.concatenate([row, row])
             start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
+            first, last = np.concatenate([first, distance]), np.concatenate([distance, last])
         known = self.least_m - self.floor_m <= TIE_M
         near = np.flatnonzero((self.least_m <= self.limit_m + APPROACH_M) & (best > 0.0) & ~known)
         if near.size:
@@ -146,10 +153,16 @@ class _Search:
             at_left[k], at_right[k] = np.where(earlier, at_new, at_right[k]), np.where(earlier, at_left[k], at_new)
         self.see(rows, np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right))
 
-    def _bounds(self, row: NDArray[np.int64], start: Floats, middle: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return distances in the middle of intervals, and what they are nowhere below during them, metres."""
+    def _bounds(
+        self, row: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, first: Floats, last: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return distances in the middle of intervals, and what they are nowhere below during them, metres.
+
+        first, last : (n,) distances at start and end
+        """
+        columns = (start, middle, end, first, last)
         parts = [
-            _bounds(self.pairs.take(row[batch]), start[batch], middle[batch], end[batch])
+            _bounds(self.pairs.take(row[batch]), *(column[batch] for column in columns))
             for batch in self.pairs.batches(len(row))
         ]
         distance, bound = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -264,7 +277,9 @@ def _distance(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Floats:
     return np.maximum(pairs.excess(rows, t), 0.0)
 
 
-def _bounds(pairs: Encounters, start: Floats, middle: Floats, end: Floats) -> tuple[Floats, Floats]:
+def _bounds(
+    pairs: Encounters, start: Floats, middle: Floats, end: Floats, first: Floats, last: Floats
+) -> tuple[Floats, Floats]:
     polygons = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
     found = nearest(pairs, *polygons[1])
     distance = np.maximum(found.excess_m, 0.0)
@@ -290,7 +305,45 @@ def _bounds(pairs: Encounters, start: Floats, middle: Floats, end: Floats) -> tu
     speed = np.maximum(np.hypot(a[0], a[1]).max(axis=0), np.hypot(b[0], b[1]).max(axis=0)) + bend * h
     rate = rate + bend * h + plane.drift(distance, largest, speed)
     by_rate = distance - 0.5 * rate * h / smallest - TOUCH_M
-    return distance, np.maximum(by_gap, np.maximum(by_rate, 0.0))
+    bound = np.maximum(by_gap, np.maximum(by_rate, 0.0))
+
+    far = np.flatnonzero(bound > 0.0)
+    if far.size:
+        upward = _upward(pairs, (a, b), bend, h, largest, smallest, bound)[far]
+        halves = [
+            least_on_chord(one[far], other[far], upward * (0.5 * h[far]) ** 2 / 8.0)
+            for one, other in ((first, distance), (distance, last))
+        ]
+        bound[far] = np.maximum(bound[far], np.minimum(*halves) - TOUCH_M)
+    return distance, bound
+
+
+def _upward(
+    pairs: Encounters,
+    velocities: tuple[Floats, Floats],
+    bend: Floats,
+    h: Floats,
+    largest: Floats,
+    smallest: Floats,
+    least_m: Floats,
+) -> Floats:
+    """Return (n,) a bound on the second derivative of distances during h seconds about instants, m/s^2.
+
+    velocities : (2, v, n) of the vertices in the middle; bend : on their second derivatives, plane m/s^2
+    largest, smallest : (n,) scales during that time; least_m : (n,) what the distance is nowhere below, > 0
+
+    A polygon is the same mixtures of its vertices at any time, so that the distance D of two polygons is the least of
+    the distances of two places that move with them. By the second variation of arc length, on a surface that curves
+    like the earth (its curvature is nowhere negative), the second derivative of one is at most (the speeds of both
+    ends)^2 / distance, for the way between them turned along with them, and the acceleration of both ends. Another way
+    may be shorter later, which only makes it less. D less t^2 / 2 times the bound is concave then, as the least
+    of concave functions is: D lies nowhere further below its chord over a time h than h^2 / 8 times the bound.
+
+    Reference: M. do Carmo, "Riemannian Geometry" (1992), chapter 9, formula of the second variation.
+    """
+    speeds = [(np.hypot(v[0], v[1]).max(axis=0) + 0.5 * bend * h) / smallest for v in velocities]
+    bent = pairs.plane.line_bend(largest) * (speeds[0] ** 2 + speeds[1] ** 2) + bend / smallest
+    return np.asarray((speeds[0] + speeds[1]) ** 2 / np.where(least_m > 0.0, least_m, np.inf) + bent)
 
 
 def _fastest(a: Floats, b: Floats) -> Floats:

@@ -4,14 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import oracle
+import oracle_circle
 import pytest
 import scenes
 import shapely
 import workloads
-from scenes import RADIUS_M, T0_US
+from oracle_motion import Globe
+from pyproj import Geod
+from scenes import FLATTENING, RADIUS_M, T0_US
 
 from conflictdb import Interference, solve
-from conflictdb.model import Area, EarthModel, Scene, Track, Verdict
+from conflictdb.geodesy import earth_of
+from conflictdb.gnomonic import Gnomonic
+from conflictdb.mercator import Mercator
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict
+from conflictdb.planes import plane_of
 
 RADIUS = RADIUS_M[EarthModel.SPHERE]
 DEGREE = np.radians(RADIUS)
@@ -163,6 +170,90 @@ def test_across_the_antimeridian() -> None:
     sound(found, 0.01 * DEGREE - 100.0)
     assert found.closest_a_deg is not None
     assert abs(abs(found.closest_a_deg[0]) - 180.0) < 1e-3
+
+
+def far_pair(seed: int) -> tuple[Area, Track]:
+    """An area and a haven, 50 to 500 km across, that pass at hundreds of kilometres between 40 and 70 degrees."""
+    rng = np.random.default_rng(seed)
+    lat = rng.uniform(45.0, 65.0)
+    wide = 1.0 / np.cos(np.radians(lat))
+    turns = np.arange(6) * np.pi / 3.0 + rng.uniform(0.0, 0.5, 6)
+    size = rng.uniform(0.5, 2.2)
+    corners = [(size * wide * np.cos(turn), lat + size * np.sin(turn)) for turn in turns]
+    start = (wide * rng.uniform(6.0, 9.0), lat + rng.uniform(-5.0, -1.0))
+    end = (wide * rng.uniform(6.0, 9.0), lat + rng.uniform(1.0, 5.0))
+    haven = rng.uniform(25e3, 250e3, 4)
+    return scenes.area("A", shapely.Polygon(corners)), scenes.track("b", [start, end], [0, 36_000], *haven)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("motion", "earth"), [("rhumb", "wgs84"), ("rhumb", "sphere"), ("great_circle", "sphere")], ids=str
+)
+def test_large_polygons_far_apart_are_known_to_a_millimetre(motion: str, earth: str, seed: int) -> None:
+    """What the search leaves; at no instant are they nearer than the bound allows, by brute force."""
+    area, track = far_pair(seed)
+    centre = (5.0, 55.0) if motion == "great_circle" else None
+    scene = Scene("s", motion=Motion(motion), earth=EarthModel(earth), tolerance_m=0.0, nearest_m=2e6, centre=centre)
+    found = only([area], [track], scene)
+    assert found.closest_m is not None
+    assert found.closest_m > 50e3
+    assert found.closest_error_m is not None
+    assert found.closest_error_m <= 1e-3 + float(plane_of(scene).distance_error_m(found.closest_m)) + 1e-6
+
+    if centre is not None:
+        chart = oracle_circle.Chart.at(*centre)
+        (a,), (b,) = (oracle_circle.phases(chart, thing) for thing in (area, track))
+        gap = oracle_circle.Gap(a, b, T0_US, 0.0)
+    else:
+        globe = Globe.of(scene.earth)
+        (a,), (b,) = (oracle.phases(globe, thing, 0.0) for thing in (area, track))
+        gap = oracle.Gap(a, b, T0_US, 0.0, np.inf, on_earth=True)
+    # A chord through the ellipsoid is not least exactly where a geodesic is.
+    allowed_m = 1e-6 + (1e-18 * found.closest_m**3 if earth == "wgs84" else 0.0)
+    then = at_s(found)
+    around = then + np.concatenate([[0.0], np.outer([-1.0, 1.0], np.geomspace(1.0, 2e4, 8)).ravel()])
+    seconds = np.concatenate([np.linspace(0.0, 36_000.0, 12), around[(around >= 0.0) & (around <= 36_000.0)]])
+    true_m = gap(seconds)
+    assert true_m.min() >= found.closest_m - found.closest_error_m - 1e-6
+    assert gap(np.array([then]))[0] == pytest.approx(found.closest_m, abs=found.closest_error_m + allowed_m)
+
+
+@pytest.mark.parametrize("name", ["wgs84", "sphere", "great_circle"])
+def test_lines_of_the_plane_bend_no_more_than_stated(name: str) -> None:
+    """The distance of two points that are even in the plane sags below its chord by no more than follows from it."""
+    rng = np.random.default_rng(3)
+    earth = EarthModel.SPHERE if name == "great_circle" else EarthModel(name)
+    geod = Geod(a=RADIUS_M[earth], f=FLATTENING[earth])
+    plane = Gnomonic(0.0, 0.0) if name == "great_circle" else Mercator(earth_of(earth))
+    n = 5000
+    size_m, furthest_m = 10 ** rng.uniform(2, 7, n), 7.5e6 if name == "great_circle" else 1.5e7
+    a = rng.uniform(-1.0, 1.0, (2, n)) * furthest_m
+    b = a + rng.uniform(-1.0, 1.0, (2, n)) * size_m
+    a_step, b_step = (rng.uniform(-3e-3, 3e-3, (2, n)) * size_m for _ in range(2))
+    a_step[:, ::3], a_step[:, 1::3] = b_step[:, ::3], 0.0
+    # Where lines bend most: along a parallel, seen from its meridian; and straight at a place further from the centre.
+    if name == "great_circle":
+        a[:, 1::3] = b[:, 1::3] * rng.uniform(1.0, 3.0, len(a[0, 1::3]))
+        b_step[:, 1::3] = 1e-3 * b[:, 1::3]
+    else:
+        a[:, 1::3] = b[:, 1::3] * np.stack([np.ones(len(a[0, 1::3])), rng.uniform(-0.5, 0.5, len(a[0, 1::3]))])
+        b_step[1, 1::3] = 0.0
+
+    def apart_m(part: float) -> np.ndarray:
+        (lon1, lat1), (lon2, lat2) = (plane.from_plane(*(at + part * by)) for at, by in ((a, a_step), (b, b_step)))
+        return np.asarray(geod.inv(lon1, lat1, lon2, lat2)[2])
+
+    first, middle, last = (apart_m(part) for part in (-1.0, 0.0, 1.0))
+    tracks = [np.stack([at - step, at + step], axis=1) for at, step in ((a, a_step), (b, b_step))]
+    # Half of the way on the earth, and what the speed changes on it.
+    speeds = [0.51 * geod.inv(*plane.from_plane(*track[:, 0]), *plane.from_plane(*track[:, 1]))[2] for track in tracks]
+    upward = (speeds[0] + speeds[1]) ** 2 / (middle - speeds[0] - speeds[1])
+    for speed, track in zip(speeds, tracks, strict=True):
+        upward += plane.line_bend(plane.largest_scale(track)) * speed**2
+    sags = 0.5 * (first + last) - middle
+    assert (sags <= 0.5 * upward + 1e-7).all()
+    assert (sags / upward)[sags > 1e-3].max() > 0.45, "a bound that is of use"
 
 
 slow = pytest.mark.slow  # the oracle looks closely at all that comes near
