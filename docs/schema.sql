@@ -31,7 +31,8 @@ TABLE area (
     floor_m double precision,
     ceiling_m double precision,
     properties jsonb NOT NULL DEFAULT '{}'::jsonb,
-    version bigint NOT NULL
+    version bigint NOT NULL,
+    first_version bigint NOT NULL DEFAULT 0
 );
 
 TABLE change (
@@ -157,7 +158,8 @@ TABLE track (
     grow_mps double precision NOT NULL DEFAULT 0,
     outlines geometry(MultiPolygon),
     floors_m double precision[],
-    ceilings_m double precision[]
+    ceilings_m double precision[],
+    first_version bigint NOT NULL DEFAULT 0
 );
 
 VIEW approaches (
@@ -236,10 +238,10 @@ CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, 
 CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
 CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
 CONSTRAINT conflict_members_ordered ON conflict: CHECK (((a_kind < b_kind) OR ((a_kind = b_kind) AND (a_key < b_key))));
-CONSTRAINT conflict_pair_unique ON conflict: UNIQUE (a_kind, a_id, b_kind, b_id);
+CONSTRAINT conflict_pair_unique ON conflict: UNIQUE (a_kind, a_id, b_kind, b_id, scene_id);
 CONSTRAINT conflict_periods_unless_near ON conflict: CHECK ((isempty(periods) = (verdict = 'near'::text)));
 CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (conflict_id);
-CONSTRAINT conflict_run_fkey ON conflict: FOREIGN KEY (run_id) REFERENCES run(run_id) DEFERRABLE INITIALLY DEFERRED;
+CONSTRAINT conflict_run_fkey ON conflict: FOREIGN KEY (scene_id, run_id) REFERENCES run(scene_id, run_id) DEFERRABLE INITIALLY DEFERRED;
 CONSTRAINT conflict_scene_fkey ON conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)::double precision));
 CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text, 'near'::text])));
@@ -255,6 +257,7 @@ CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT run_scene_unique ON run: UNIQUE (scene_id, run_id);
 CONSTRAINT scene_centre_of_circles ON scene: CHECK (((motion = 'great_circle'::text) OR (num_nulls(centre_lon, centre_lat) = 2)));
 CONSTRAINT scene_centre_on_earth ON scene: CHECK (((num_nulls(centre_lon, centre_lat) = ANY (ARRAY[0, 2])) AND ((((centre_lon >= ('-180'::integer)::double precision) AND (centre_lon <= (180)::double precision)) AND ((centre_lat >= ('-90'::integer)::double precision) AND (centre_lat <= (90)::double precision))) IS NOT FALSE)));
 CONSTRAINT scene_circles_on_sphere ON scene: CHECK (((motion = 'rhumb'::text) OR (earth = 'sphere'::text)));
@@ -285,7 +288,6 @@ CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id, a_key, b_key);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
-CREATE INDEX run_scene_id_btree ON conflictdb.run USING btree (scene_id, run_id);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -390,7 +392,7 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _conflict_region(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_plane text)
+FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
@@ -410,6 +412,9 @@ FUNCTION _find_candidates(p_scene_id bigint)
 
 FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+
+FUNCTION _first_version(p_kind smallint, p_id bigint)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -486,6 +491,9 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
+    RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -502,7 +510,7 @@ FUNCTION _pending_scenes()
     RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;

@@ -1,4 +1,4 @@
--- A routine whose parameters get other names cannot be replaced, and what depends on it (views, also those of users)
+-- A routine whose parameters or results change cannot be replaced, and what depends on it (views, also those of users)
 -- must not be dropped. So the old one steps aside under another name; 95_retired.sql drops it, when all are bound to
 -- the new one.
 
@@ -8,8 +8,12 @@ DECLARE
 BEGIN
     FOR v_routine IN
         SELECT p.oid FROM pg_catalog.pg_proc p
-        WHERE p.pronamespace = 'conflictdb'::regnamespace AND 'p_earth' = ANY (p.proargnames)
-          AND p.proname IN ('_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar', '_conflict_region')
+        WHERE p.pronamespace = 'conflictdb'::regnamespace
+          AND ('p_earth' = ANY (p.proargnames)
+               AND p.proname IN ('_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar',
+                                 '_conflict_region')
+               OR NOT 'p_scene_id' = ANY (p.proargnames) AND p.proname = '_conflict_region'
+               OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near')
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
                        '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));

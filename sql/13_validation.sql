@@ -16,6 +16,20 @@ $$;
 COMMENT ON FUNCTION _settle_centre(bigint, geometry) IS
 'Gives a scene of great circles without a centre the middle of its first object; returns the centre.';
 
+CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+BEGIN
+    -- The sequence alone would do, but that a restore may set it back.
+    RETURN greatest(
+        nextval('version_seq'),
+        1 + (SELECT max(p.version) FROM piece p WHERE p.object_kind = p_kind AND p.object_id = p_id),
+        1 + (SELECT max(c.a_version) FROM conflict c WHERE c.a_kind = p_kind AND c.a_id = p_id),
+        1 + (SELECT max(c.b_version) FROM conflict c WHERE c.b_kind = p_kind AND c.b_id = p_id));
+END
+$$;
+COMMENT ON FUNCTION _first_version(smallint, bigint) IS
+'The version of a new object: later than all that was computed of an object that had its number before it.';
+
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -31,6 +45,7 @@ BEGIN
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
+        NEW.first_version := OLD.first_version;
         IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m)
            IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m)
            AND _is_plain(NEW.properties) THEN
@@ -82,10 +97,12 @@ BEGIN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
                         'Leave an end out where there is none.');
     END IF;
-    NEW.version := nextval('version_seq');
-    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
-        -- A restore set the sequence back.
-        NEW.version := nextval('version_seq');
+    IF TG_OP = 'INSERT' THEN
+        NEW.version := _first_version(0::smallint, NEW.area_id);
+        NEW.first_version := NEW.version;
+    ELSE
+        -- Later than the one before, also if a restore set the sequence back.
+        NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
     END IF;
     RETURN NEW;
 END
@@ -124,6 +141,7 @@ BEGIN
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
+        NEW.first_version := OLD.first_version;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
             NEW.ceilings_m)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
@@ -192,10 +210,12 @@ BEGIN
        + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
         PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
     END IF;
-    NEW.version := nextval('version_seq');
-    IF TG_OP = 'UPDATE' AND NEW.version = OLD.version THEN
-        -- A restore set the sequence back.
-        NEW.version := nextval('version_seq');
+    IF TG_OP = 'INSERT' THEN
+        NEW.version := _first_version(1::smallint, NEW.track_id);
+        NEW.first_version := NEW.version;
+    ELSE
+        -- Later than the one before, also if a restore set the sequence back.
+        NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
     END IF;
     RETURN NEW;
 END
@@ -211,6 +231,10 @@ BEGIN
     IF NEW.name IS NULL OR btrim(NEW.name) = '' OR octet_length(NEW.name) > 1000 THEN
         PERFORM _refuse('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
                         'scene_name_speakable');
+    END IF;
+    IF TG_OP = 'UPDATE' AND NEW.scene_id <> OLD.scene_id THEN
+        PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the scene and create it anew',
+                        'scene_stays');
     END IF;
     IF (NEW.motion IN ('rhumb', 'great_circle')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),

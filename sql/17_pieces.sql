@@ -56,10 +56,13 @@ CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint) RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _require_snapshot();
-    -- Not by scene: of a scene that is new the planner expects few pieces, and would compare all with all.
+    -- Adding 0 keeps the scene from the index: of a scene that is new the planner expects few pieces, and would
+    -- compare all with all.
     DELETE FROM piece p
-        USING (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) marked
-        WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id;
+        USING (SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
+               WHERE c.scene_id = p_scene_id) marked
+        WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id
+          AND p.scene_id + 0 = marked.scene_id;
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
     RETURN (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) FROM scene s
             WHERE s.scene_id = p_scene_id);

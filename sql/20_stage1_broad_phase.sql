@@ -28,7 +28,8 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
 BEGIN
     CREATE TEMPORARY TABLE dirty_piece ON COMMIT DROP AS
-        SELECT p.* FROM pg_temp.dirty d JOIN piece p USING (object_kind, object_id);
+        SELECT p.* FROM pg_temp.dirty d
+        JOIN piece p ON p.object_kind = d.object_kind AND p.object_id = d.object_id AND p.scene_id + 0 = d.scene_id;
     ANALYZE pg_temp.dirty_piece;
     -- Where both pieces are dirty the pair is taken from one side only.
     CREATE TEMPORARY TABLE candidate ON COMMIT DROP AS
@@ -53,7 +54,8 @@ BEGIN
     PERFORM _require_snapshot();
     DROP TABLE IF EXISTS pg_temp.dirty, pg_temp.candidate;
     CREATE TEMPORARY TABLE dirty ON COMMIT DROP AS
-        SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
+        SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
+        WHERE c.scene_id = p_scene_id AND c.is_covered;
     ANALYZE pg_temp.dirty;
     IF EXISTS (SELECT FROM piece p WHERE p.scene_id = p_scene_id
                AND (p.object_kind, p.object_id) NOT IN (SELECT d.object_kind, d.object_id FROM pg_temp.dirty d)) THEN

@@ -52,8 +52,10 @@ BEGIN
         FROM (SELECT i.a_piece_id AS piece_id FROM pg_temp.intersecting i
               UNION SELECT i.b_piece_id FROM pg_temp.intersecting i) used
         JOIN piece p USING (piece_id)
-        LEFT JOIN area a ON p.object_kind = 0 AND a.area_id = p.object_id
-        LEFT JOIN track t ON p.object_kind = 1 AND t.track_id = p.object_id;
+        LEFT JOIN area a ON p.object_kind = 0 AND a.area_id = p.object_id AND a.scene_id = p.scene_id
+                        AND a.first_version <= p.version
+        LEFT JOIN track t ON p.object_kind = 1 AND t.track_id = p.object_id AND t.scene_id = p.scene_id
+                         AND t.first_version <= p.version;
 END
 $$;
 COMMENT ON FUNCTION _intersecting_pieces(bigint) IS

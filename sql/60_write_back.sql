@@ -1,14 +1,31 @@
 -- Write-back: one transaction replaces the conflicts of every pair with a dirty member, records the run and deletes the
 -- covered marks. After a crash either nothing of it happened or all.
 
+CREATE OR REPLACE FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint) RETURNS bigint
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(CASE p_kind WHEN 0 THEN (SELECT a.first_version FROM area a
+                                             WHERE a.area_id = p_id AND a.first_version > p_version)
+                                ELSE (SELECT t.first_version FROM track t
+                                      WHERE t.track_id = p_id AND t.first_version > p_version) END,
+                    9223372036854775807);
+END;
+COMMENT ON FUNCTION _next_owner(smallint, bigint, bigint) IS
+'First version of the object that has a number now, if the one that a version is of had it before; else the largest '
+'number.';
+
 CREATE OR REPLACE FUNCTION _conflict_region(
-    p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_periods tstzmultirange, p_plane text
+    p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
+    p_b_version bigint, p_periods tstzmultirange, p_plane text
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
 -- Planning for each pair anew takes ten times as long as doing it.
 SET plan_cache_mode = force_generic_plan AS $$
 DECLARE
     v_turn_m double precision := 2 * pi() * _radius_m(p_plane);
+    -- Pieces from these versions on are those of other objects.
+    v_a_until bigint := _next_owner(p_a_kind, p_a_id, p_a_version);
+    v_b_until bigint := _next_owner(p_b_kind, p_b_id, p_b_version);
     v_region geometry;
 BEGIN
     -- Parts may lie on both sides of the seam: each is brought to longitude and latitude by itself. OFFSET 0 lets each
@@ -23,6 +40,8 @@ BEGIN
                         FROM piece a JOIN piece b ON b.hull && a.hull
                         WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
                           AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
+                          AND a.scene_id + 0 = p_scene_id AND a.version < v_a_until
+                          AND b.scene_id + 0 = p_scene_id AND b.version < v_b_until
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
@@ -35,6 +54,8 @@ BEGIN
                         FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
                         WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
                           AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
+                          AND a.scene_id + 0 = p_scene_id AND a.version < v_a_until
+                          AND b.scene_id + 0 = p_scene_id AND b.version < v_b_until
                           AND p_periods && (a.span * b.span)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
@@ -42,9 +63,10 @@ BEGIN
     RETURN v_region;
 END
 $$;
-COMMENT ON FUNCTION _conflict_region(smallint, bigint, smallint, bigint, tstzmultirange, text) IS
+COMMENT ON FUNCTION _conflict_region(
+    bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
 'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a '
-'superset, the intersection of what they sweep while in conflict. Computed from the current pieces.';
+'superset, the intersection of what they sweep while in conflict. Computed from their current pieces.';
 
 CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -80,27 +102,17 @@ BEGIN
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     v_turn_m := 2 * pi() * _radius_m(v_plane);
     DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.old, pg_temp.result, pg_temp.static_region;
-    CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
-        SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
-    ANALYZE pg_temp.dirty_object;
-    CREATE TEMPORARY TABLE old ON COMMIT DROP AS
-        SELECT c.conflict_id, c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, c.verdict
-        FROM pg_temp.dirty_object d JOIN conflict c ON c.a_kind = d.object_kind AND c.a_id = d.object_id
-        UNION
-        SELECT c.conflict_id, c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods, c.verdict
-        FROM pg_temp.dirty_object d JOIN conflict c ON c.b_kind = d.object_kind AND c.b_id = d.object_id;
-    ANALYZE pg_temp.old;
     ANALYZE pg_temp.found;
     ANALYZE pg_temp.found_period;
     -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own and drops out.
     CREATE TEMPORARY TABLE result ON COMMIT DROP AS
         -- Not by scene: of a scene that is new the planner expects few objects, and would compare all with all.
         WITH member AS (
-            SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a
+            SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.scene_id, a.first_version FROM area a
             WHERE a.area_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 0
                                 UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 0)
             UNION ALL
-            SELECT 1::smallint, t.track_id, t.key FROM track t
+            SELECT 1::smallint, t.track_id, t.key, t.scene_id, t.first_version FROM track t
             WHERE t.track_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 1
                                  UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 1)
         ), period AS (
@@ -109,6 +121,7 @@ BEGIN
             FROM pg_temp.found_period t GROUP BY t.nr
         ), ordered AS (
             SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
+                   a.first_version AS a_first_version, b.first_version AS b_first_version,
                    (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
                    CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END
                        AS first_point,
@@ -118,10 +131,13 @@ BEGIN
                        AS b_point
             FROM pg_temp.found f
             LEFT JOIN period p USING (nr)
-            JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id
-            JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id
+            -- A number may be that of another object by now: then this one was removed.
+            JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id AND a.first_version <= f.a_version
+            JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id AND b.first_version <= f.b_version
+            WHERE a.scene_id + 0 = p_scene_id AND b.scene_id + 0 = p_scene_id
         )
-        SELECT o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key,
+        SELECT o.a_kind, o.a_id, o.a_version, o.a_first_version, o.a_key,
+               o.b_kind, o.b_id, o.b_version, o.b_first_version, o.b_key,
                coalesce(o.periods, '{}') AS periods, o.verdict,
                _wrapped(o.first_point) AS first_contact_point, o.time_error_s,
                nullif(o.closest_at, '-infinity') AS closest_at, nullif(o.closest_m, 'NaN') AS closest_m,
@@ -129,12 +145,30 @@ BEGIN
                _wrapped(o.b_point) AS closest_b_point
         FROM ordered o WHERE NOT o.is_swapped
         UNION ALL
-        SELECT o.b_kind, o.b_id, o.b_version, o.b_key, o.a_kind, o.a_id, o.a_version, o.a_key,
+        SELECT o.b_kind, o.b_id, o.b_version, o.b_first_version, o.b_key,
+               o.a_kind, o.a_id, o.a_version, o.a_first_version, o.a_key,
                coalesce(o.periods, '{}'), o.verdict, _wrapped(o.first_point), o.time_error_s,
                nullif(o.closest_at, '-infinity'), nullif(o.closest_m, 'NaN'), nullif(o.closest_error_m, 'NaN'),
                _wrapped(o.b_point), _wrapped(o.a_point)
         FROM ordered o WHERE o.is_swapped;
     ANALYZE pg_temp.result;
+
+    CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
+        SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
+        WHERE c.scene_id = p_scene_id AND c.is_covered;
+    ANALYZE pg_temp.dirty_object;
+    CREATE TEMPORARY TABLE old ON COMMIT DROP AS
+        SELECT c.*, EXISTS (SELECT FROM pg_temp.result n
+                            WHERE (n.a_kind, n.a_id, n.b_kind, n.b_id) = (c.a_kind, c.a_id, c.b_kind, c.b_id)
+                              AND n.a_first_version <= c.a_version AND n.b_first_version <= c.b_version) AS stays
+        FROM (SELECT c.conflict_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version, c.periods, c.verdict
+              FROM pg_temp.dirty_object d
+              JOIN conflict c ON c.a_kind = d.object_kind AND c.a_id = d.object_id AND c.scene_id + 0 = d.scene_id
+              UNION
+              SELECT c.conflict_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version, c.periods, c.verdict
+              FROM pg_temp.dirty_object d
+              JOIN conflict c ON c.b_kind = d.object_kind AND c.b_id = d.object_id AND c.scene_id + 0 = d.scene_id) c;
+    ANALYZE pg_temp.old;
 
     -- Where areas interfere stays the same until they change: computed once, for all of them together.
     CREATE TEMPORARY TABLE static_region ON COMMIT DROP AS
@@ -146,8 +180,9 @@ BEGIN
                            ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                            ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part
                     FROM pg_temp.result r
-                    JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id
-                    JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.hull && a.hull
+                    JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id AND a.scene_id + 0 = p_scene_id
+                    JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.scene_id + 0 = p_scene_id
+                                AND b.hull && a.hull
                     WHERE r.a_kind = 0 AND r.b_kind = 0 AND r.verdict <> 'near' AND (a.turn = 0 OR b.turn = 0)
                     OFFSET 0) m
               WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d
@@ -167,21 +202,19 @@ BEGIN
         RETURNING run.run_id INTO v_run_id;
 
     DELETE FROM conflict c USING pg_temp.old o
-        WHERE c.conflict_id = o.conflict_id
-          AND (o.a_kind, o.a_id, o.b_kind, o.b_id) NOT IN (
-              SELECT n.a_kind, n.a_id, n.b_kind, n.b_id FROM pg_temp.result n);
+        WHERE c.conflict_id = o.conflict_id AND NOT o.stays;
 
     -- Pairs that are only near are no conflicts: they open, change and close none.
     SELECT count(*) FILTER (WHERE n.is_conflict AND o.is_conflict IS NOT TRUE),
            count(*) FILTER (WHERE o.is_conflict AND n.is_conflict IS NOT TRUE)
         INTO opened, closed
-        FROM (SELECT n.*, n.verdict <> 'near' AS is_conflict FROM pg_temp.result n) n
+        FROM (SELECT n.*, true AS stays, n.verdict <> 'near' AS is_conflict FROM pg_temp.result n) n
         FULL JOIN (SELECT o.*, o.verdict <> 'near' AS is_conflict FROM pg_temp.old o) o
-            USING (a_kind, a_id, b_kind, b_id);
+            USING (a_kind, a_id, b_kind, b_id, stays);
 
     SELECT count(*) INTO changed
         FROM pg_temp.result n JOIN pg_temp.old o USING (a_kind, a_id, b_kind, b_id)
-        WHERE n.verdict <> 'near' AND o.verdict <> 'near'
+        WHERE o.stays AND n.verdict <> 'near' AND o.verdict <> 'near'
           AND (n.periods, n.verdict) IS DISTINCT FROM (o.periods, o.verdict);
 
     INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
@@ -192,7 +225,7 @@ BEGIN
                clock_timestamp(), n.closest_at, n.closest_m, n.closest_error_m, n.closest_a_point, n.closest_b_point
         FROM pg_temp.result n
         LEFT JOIN pg_temp.static_region s ON n.a_kind = 0 AND n.b_kind = 0 AND s.a_id = n.a_id AND s.b_id = n.b_id
-        ON CONFLICT (a_kind, a_id, b_kind, b_id) DO UPDATE
+        ON CONFLICT (a_kind, a_id, b_kind, b_id, scene_id) DO UPDATE
             SET run_id = excluded.run_id, a_version = excluded.a_version, a_key = excluded.a_key,
                 b_version = excluded.b_version, b_key = excluded.b_key, periods = excluded.periods,
                 verdict = excluded.verdict, region = excluded.region,

@@ -7,8 +7,8 @@ SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
-       coalesce(c.region, _conflict_region(c.a_kind, c.a_id, c.b_kind, c.b_id, c.periods,
-                                           _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))
+       coalesce(c.region, _conflict_region(c.scene_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version,
+                                           c.periods, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))
            ::geometry(Geometry, 4326) AS region,
        c.first_contact_point, c.method, c.time_error_s,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
@@ -119,7 +119,7 @@ COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scen
 
 CREATE OR REPLACE FUNCTION _pieces_near(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
-) RETURNS TABLE (object_kind smallint, object_id bigint, span tstzrange, region geometry)
+) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Hulls are padded by half of what counts as meeting, at their own scale; the other half is added here, at the
@@ -152,7 +152,8 @@ BEGIN ATOMIC
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
     )
-    SELECT p.object_kind, p.object_id, p.span * p_span, ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
+    SELECT p.object_kind, p.object_id, p.version, p.span * p_span,
+           ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
     FROM boxed g JOIN piece p ON p.scene_id = p_scene_id AND p.hull && g.box AND p.span && p_span
     WHERE p.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < p.ceiling_m
       AND ST_Distance(p.hull, g.shape) <= g.pad_m;
@@ -169,8 +170,9 @@ BEGIN ATOMIC
     WITH near AS MATERIALIZED (
         SELECT DISTINCT n.object_kind, coalesce(a.key, t.key) AS key
         FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), NULL, NULL) n
-        LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
-        LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
+        LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
+        LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
+        WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
     )
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
@@ -192,17 +194,17 @@ CREATE OR REPLACE FUNCTION probe(
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
-    FROM (SELECT x.object_kind, x.object_id, range_agg(x.span) AS spans,
+    FROM (SELECT x.object_kind, x.object_id, x.version, range_agg(x.span) AS spans,
                  ST_Union(_wrapped(_from_plane(x.region, s.plane))) AS region
           FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
                             p_ceiling_m) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                       WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
-          GROUP BY x.object_kind, x.object_id) n
-    LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
-    LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
-    WHERE coalesce(a.key, t.key) IS NOT NULL AND _warn_if_incomplete(p_scene)
-      AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m);
+          GROUP BY x.object_kind, x.object_id, x.version) n
+    LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
+    LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
+    WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
+      AND _warn_if_incomplete(p_scene) AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
@@ -214,7 +216,8 @@ LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
-    FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, b.object_kind AS b_kind, b.object_id AS b_id,
+    FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
+                 b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(a.span * b.span) AS spans,
                  ST_Union(_wrapped(_from_plane(ST_Intersection(a.hull, b.hull), s.plane))) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
@@ -225,12 +228,13 @@ BEGIN ATOMIC
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
             AND ST_Intersects(a.hull, b.hull)
-          GROUP BY a.object_kind, a.object_id, b.object_kind, b.object_id) c
-    LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id
-    LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id
-    LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id
-    LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id
-    WHERE coalesce(aa.key, ta.key) IS NOT NULL AND coalesce(ab.key, tb.key) IS NOT NULL
+          GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
+    LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
+    LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version
+    LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id AND ab.first_version <= c.b_version
+    LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id AND tb.first_version <= c.b_version
+    WHERE coalesce(aa.scene_id, ta.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
+      AND coalesce(ab.scene_id, tb.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
       AND _warn_if_incomplete(p_scene);
 END;
 COMMENT ON FUNCTION candidates(text) IS

@@ -32,7 +32,9 @@ COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end), no bound
 COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN area.ceiling_m IS 'First height above it, metres above mean sea level; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'What its source said beyond these.';
-COMMENT ON COLUMN area.version IS 'Another number whenever key, footprint, span or heights change.';
+COMMENT ON COLUMN area.version IS 'A greater number whenever key, footprint, span or heights change.';
+COMMENT ON COLUMN area.first_version IS
+'The version it began with: pieces and conflicts of earlier ones are those of another area that had its number.';
 
 COMMENT ON TABLE track IS 'Polygons carried along waypoints at constant speed on each leg. Input.';
 COMMENT ON COLUMN track.track_id IS 'Number within this database.';
@@ -51,7 +53,9 @@ COMMENT ON COLUMN track.floors_m IS
 COMMENT ON COLUMN track.ceilings_m IS
 'Instead: the first height above it on each leg, metres; a null among them is no limit. ceiling_m is then the highest.';
 COMMENT ON COLUMN track.properties IS 'What its source said beyond these.';
-COMMENT ON COLUMN track.version IS 'Another number whenever key, path, outline, growth or heights change.';
+COMMENT ON COLUMN track.version IS 'A greater number whenever key, path, outline, growth or heights change.';
+COMMENT ON COLUMN track.first_version IS
+'The version it began with: pieces and conflicts of earlier ones are those of another track that had its number.';
 COMMENT ON COLUMN track.grow_mps IS
 'Metres per second at which every side of the outline moves outward from the first waypoint''s time on; corners are '
 'mitred. 0: it does not.';
