@@ -55,7 +55,7 @@ class Loaded:
     @property
     def invalid(self) -> tuple[Skipped, ...]:
         """The objects of plans that were left out because they are refused, an entry for each mistake."""
-        return tuple(one for one in self.skipped if one.is_whole and not one.lines)
+        return tuple(one for one in self.skipped if one.is_refused)
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,6 +251,9 @@ class Database:
             paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
         )
         plans = [self._with_settings(plan, skip_invalid) for plan in gathered]
+        if skip_invalid and not merge:
+            for plan, _ in plans:
+                _require_objects(plan)
         return [self._loaded(plan, settings, merge) for plan, settings in plans]
 
     def _with_settings(self, plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
@@ -462,6 +465,14 @@ class Database:
     def load_demo(self) -> Loaded:
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _require_objects(plan: Plan) -> None:
+    """Raise InvalidInput, with all mistakes, if every object of a plan was left out: the scene would be emptied."""
+    refused = [InvalidInput(one.key, "", one.reason, one.source) for one in plan.skipped if one.is_refused]
+    if refused and not (plan.areas or plan.tracks):
+        rule = "are all refused, and what the scene holds is not replaced with nothing"
+        raise InvalidInput(f"scene {plan.name!r}", "objects", rule, plan.sources[0], refused)
 
 
 def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:

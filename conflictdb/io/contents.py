@@ -27,6 +27,11 @@ class Skipped:
     lines: tuple[int, ...]
     is_whole: bool
 
+    @property
+    def is_refused(self) -> bool:
+        """Whether it is an object of plans that breaks a rule, and no observation."""
+        return self.is_whole and not self.lines
+
     def __str__(self) -> str:
         return f"{self.source}: left out {self.key}: {self.reason}"
 

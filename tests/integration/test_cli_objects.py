@@ -250,6 +250,21 @@ def test_what_may_not_be_meant_is_a_remark(run: Run, dsn: str, tmp_path: Path) -
         db.load(path)
 
 
+def test_a_scene_is_not_emptied_where_every_object_is_refused(run: Run, dsn: str, tmp_path: Path) -> None:
+    content = document()
+    path = scene_file(tmp_path / "strait.geojson", content)
+    assert run("load", path).code == 0
+    held = keys(dsn)
+    for feature in content["features"]:
+        feature["properties"]["kind"] = "zone"
+    path = scene_file(tmp_path / "strait.geojson", content)
+    done = run("load", path, "--skip-invalid")
+    assert done.code == 4
+    assert "scene 'strait': objects: are all refused" in done.err
+    assert "kind: must be 'area' or 'track'; got 'zone'" in done.err
+    assert keys(dsn) == held
+
+
 def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn: str, tmp_path: Path) -> None:
     content = document()
     content["features"][0]["geometry"]["coordinates"] = [[[9, 57], [10, 58], [10, 57], [9, 58], [9, 57]]]
