@@ -280,12 +280,15 @@ class Pairs:
     a, b : (n,) int64   row numbers in a `Pieces` batch (not database ids)
     region_xy, region_offset : (r, 2) float64, (n + 1,) int64   vertices of the intersection of the two hulls, plane
         coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
+    company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
+        these; None is one each
     """
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
     region_xy: NDArray[np.float64]
     region_offset: NDArray[np.int64]
+    company: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.a)
@@ -293,7 +296,8 @@ class Pairs:
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the pairs."""
         offset, index = ragged_rows(self.region_offset, rows)
-        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset)
+        company = None if self.company is None else self.company[rows]
+        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset, company)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,11 @@ from conflictdb.planes import plane_of
 # (benchmarks/slicing.py).
 SLICE_LENGTH_HAVENS: Final = 4.0
 MAX_SLICES: Final = 16
-# A hull may be padded for a bending haven by this share of the haven's reach; else its leg is cut again, up to a limit
-# that only havens of hundreds of kilometres close to a pole come near.
+# A hull may be padded for a bending haven by this share of the haven's reach; else its leg is cut again, until that has
+# made so many slices of a track: only havens of hundreds of kilometres close to a pole come near. Beyond it hulls are
+# wider than they could be, and pairs more.
 MAX_BEND_SHARE: Final = 0.25
-MAX_BENT_SLICES: Final = 4096
+MAX_BENT_SLICES: Final = 1024
 # Pieces of one object beyond which it is not cut: memory for a gigabyte, where honest tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
 
@@ -130,6 +131,7 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
     plane = plane_of(scene)
     legs = _legs(plane, tracks)
     count = _slice_counts(legs)
+    straight = np.bincount(legs.track, count)
     while True:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
             raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
@@ -138,7 +140,9 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         # Near the poles a wide haven bends a lot within a slice: shorter slices, until the padding is tight.
         loose = np.zeros(len(count), np.bool_)
         loose[leg[bend > MAX_BEND_SHARE * reach]] = True
-        loose &= 2 * count <= np.minimum(legs.end_us - legs.start_us, MAX_BENT_SLICES)
+        loose &= 2 * count <= legs.end_us - legs.start_us
+        bent = np.bincount(legs.track, np.where(loose, 2 * count, count)) - straight
+        loose &= bent[legs.track] <= MAX_BENT_SLICES
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)

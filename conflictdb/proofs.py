@@ -23,7 +23,10 @@ SHORTEST_INTERVAL_S: Final = 1e-6
 MAX_LEVELS: Final = 64
 # Ends are bracketed to this, seconds: a hundredth of what a timestamp can tell.
 BRACKET_S: Final = 1e-8
-# Intervals under way for one pair: beyond it the pair is left undecided rather than let one pair take all memory.
+# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
+# beyond it a pair is left undecided rather than let one take all memory and time.
+MAX_INTERVALS: Final = 65_536
+MIN_INTERVALS_PER_PAIR: Final = 64
 MAX_INTERVALS_PER_PAIR: Final = 4096
 # Distances beyond what is wanted by more than this need not be known, metres.
 NEAR_M: Final = 100.0
@@ -61,7 +64,8 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
     def keep(mask: NDArray[np.bool_], at: Floats, kind: NDArray[np.int8]) -> None:
         found.append((rows[mask], start[mask], end[mask], at[mask], kind[mask]))
 
-    for level in range(MAX_LEVELS):
+    most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
+    for _ in range(MAX_LEVELS):
         if not len(rows):
             break
         middle = 0.5 * (start + end)
@@ -70,9 +74,7 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
         close = open_ & (excess <= margin_m)
         keep(close, middle, np.where(excess <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
         short = open_ & ~close & (end - start <= SHORTEST_INTERVAL_S)
-        crowded = np.zeros(len(rows), np.bool_)
-        if level > 8:  # fewer levels cannot make that many intervals
-            crowded = (np.bincount(rows)[rows] > MAX_INTERVALS_PER_PAIR) & open_ & ~close & ~short
+        crowded = (np.bincount(rows)[rows] > most[rows]) & open_ & ~close & ~short
         keep(short | crowded, middle, np.full(len(rows), Leaf.BORDER, np.int8))
         split = open_ & ~close & ~short & ~crowded
         width = (end - start)[split]
@@ -91,16 +93,15 @@ def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Flo
     Leaves of kind NEAR are apart at the instant `at`; those of kind BORDER may only touch, or were given up.
     """
     found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
-    for level in range(MAX_LEVELS):
+    most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
+    for _ in range(MAX_LEVELS):
         if not len(rows):
             break
         middle, h = 0.5 * (start + end), end - start
         sunk = _sunk(pairs, rows, middle, h)
         held, apart = sunk < 0.0, sunk == np.inf
         short = ~held & ~apart & (h <= SHORTEST_INTERVAL_S)
-        crowded = np.zeros(len(rows), np.bool_)
-        if level > 8:  # fewer levels cannot make that many intervals
-            crowded = (np.bincount(rows)[rows] > MAX_INTERVALS_PER_PAIR) & ~held & ~apart & ~short
+        crowded = (np.bincount(rows)[rows] > most[rows]) & ~held & ~apart & ~short
         leaf = apart | short | crowded
         kind = np.where(apart, Leaf.NEAR, Leaf.BORDER).astype(np.int8)
         found.append((rows[leaf], start[leaf], end[leaf], middle[leaf], kind[leaf]))

@@ -33,6 +33,7 @@ class Encounters:
     """n pairs of shapes with a common time zero and origin, and the separation wanted between them, metres.
 
     origin : (2, n) plane metres
+    company : (n,) with how many pairs each shares the work, see `Pairs`
     """
 
     plane: Plane
@@ -40,6 +41,7 @@ class Encounters:
     b: Shapes
     origin: Floats
     separation_m: float
+    company: NDArray[np.int64] | None = None
 
     @classmethod
     def of(
@@ -54,14 +56,21 @@ class Encounters:
         """Return the encounters of some pairs of like pieces; row i counts its time from zero_us[i]."""
         origin = origins(plane, pieces, pairs.a[rows])
         a, b = (shapes_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
-        return cls(plane, a, b, origin, separation_m)
+        return cls(plane, a, b, origin, separation_m, None if pairs.company is None else pairs.company[rows])
 
     def __len__(self) -> int:
         return int(self.origin.shape[1])
 
     def take(self, rows: Rows) -> Self:
         """Return the encounters of some rows."""
-        return type(self)(self.plane, self.a.take(rows), self.b.take(rows), self.origin[:, rows], self.separation_m)
+        company = None if self.company is None else self.company[rows]
+        a, b = self.a.take(rows), self.b.take(rows)
+        return type(self)(self.plane, a, b, self.origin[:, rows], self.separation_m, company)
+
+    def share(self, of: int, least: int, most: int) -> NDArray[np.int64]:
+        """Return (n,) what each pair has of something that the pairs of pieces of two objects share."""
+        company = np.ones(len(self), np.int64) if self.company is None else self.company
+        return np.clip(of // company, least, most)
 
     def excess(self, rows: NDArray[np.int64], t: Floats) -> Floats:
         """Return by how many metres rows are further apart than wanted at times t (negative: too close), (n,)."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.affinity import translate
 
 from conflictdb.batches import Conflicts, Contacts, Pairs, Pieces
 from conflictdb.covers import is_covered
@@ -16,7 +15,7 @@ from conflictdb.geodesy import Floats
 from conflictdb.isolation import isolated
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Scene, Verdict
-from conflictdb.motion import Plane, shapes_of
+from conflictdb.motion import Plane, likeness, shapes_of
 from conflictdb.pieces import planar
 from conflictdb.planes import plane_of
 from conflictdb.processes import computed
@@ -77,6 +76,7 @@ def settle(
     """
     funnel = Funnel()
     started = time.perf_counter()
+    pairs = replace(pairs, company=_company(pieces, pairs))
     covered = is_covered(pieces, pairs)
     still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
     rows = np.flatnonzero(still & ~covered)
@@ -115,6 +115,15 @@ def settle(
         conflicts = with_approaches(scene, pieces, pairs, conflicts)
     funnel.stage4_s = time.perf_counter() - started
     return conflicts, funnel
+
+
+def _company(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
+    """Return (n,) how many of the pairs are of the same two objects."""
+    objects, number = np.unique(np.stack([pieces.kind, pieces.object_id]), axis=1, return_inverse=True)
+    a, b = number[pairs.a], number[pairs.b]
+    both = np.minimum(a, b) * objects.shape[1] + np.maximum(a, b)
+    _, group, count = np.unique(both, return_inverse=True, return_counts=True)
+    return np.asarray(count[group], np.int64)
 
 
 def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
@@ -410,24 +419,25 @@ def _deep(
     """
     plane = plane_of(scene)
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
-    members = np.concatenate([pairs.a[found.pair[rows]], pairs.b[found.pair[rows]]])
-    numbers = np.unique(pieces.object_id[members[pieces.kind[members] == Kind.AREA]])
+    owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
+    members = pairs.a[found.pair[rows]], pairs.b[found.pair[rows]]
+    every = np.concatenate(members)
+    numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA]])
     wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
-    cores = {number: _core(scene, plane, whole) for number, whole in zip(numbers.tolist(), wholes, strict=True)}
-
-    def reaches(contact: int) -> bool:
-        a, b = int(pairs.a[found.pair[contact]]), int(pairs.b[found.pair[contact]])
-        zero = int(max(pieces.start_us[a], pieces.start_us[b]))
-        first, last = float(found.start_s[contact]), float(found.end_s[contact])
-        instants = (first, 0.5 * (first + last), last) if np.isfinite(last) else (0.0,)
-        return any(
-            _meets(cores[int(pieces.object_id[area])], plane, _polygon(plane, pieces, other, at, zero))
-            for area, other in ((a, b), (b, a))
-            if pieces.kind[area] == Kind.AREA
-            for at in instants
-        )
-
-    return [any(reaches(contact) for contact in mine.tolist()) for mine in contacts_of]
+    cores = np.array([_core(scene, plane, whole) for whole in wholes], dtype=object)
+    shapely.prepare(cores)
+    zero = np.maximum(*(pieces.start_us[member] for member in members))
+    moves = np.isfinite(found.end_s[rows])
+    first, last = (np.where(moves, ends[rows], 0.0) for ends in (found.start_s, found.end_s))
+    is_deep = np.zeros(len(contacts_of), np.bool_)
+    for share in (0.0, 0.5, 1.0):
+        at = (1.0 - share) * first + share * last
+        for area, other in (members, members[::-1]):
+            some = np.flatnonzero((pieces.kind[area] == Kind.AREA) & ~is_deep[owner])
+            mine = cores[np.searchsorted(numbers, pieces.object_id[area[some]])]
+            reaches = _meet(mine, plane, _polygons(plane, pieces, other[some], at[some], zero[some]))
+            is_deep[owner[some[reaches]]] = True
+    return is_deep.tolist()
 
 
 def _core(scene: Scene, plane: Plane, whole: shapely.Geometry) -> shapely.Geometry:
@@ -439,15 +449,27 @@ def _core(scene: Scene, plane: Plane, whole: shapely.Geometry) -> shapely.Geomet
     return shapely.buffer(whole, -margin, join_style="mitre")
 
 
-def _meets(core: shapely.Geometry, plane: Plane, polygon: shapely.Geometry) -> bool:
-    """Return whether two geometries of the plane meet, a turn apart or not."""
-    return any(shapely.intersects(core, translate(polygon, turn * plane.turn_m)) for turn in (-1, 0, 1))
+def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Return (n,) whether geometries of the plane meet, a turn apart or not."""
+    meet = np.zeros(len(cores), np.bool_)
+    for turn in (-1, 0, 1) if plane.turn_m else (0,):
+        away = np.array([turn * plane.turn_m, 0.0])
+        meet |= shapely.intersects(cores, shapely.transform(polygons, lambda xy, away=away: xy + away))
+    return meet
 
 
-def _polygon(plane: Plane, pieces: Pieces, row: int, at_s: float, zero_us: int = 0) -> shapely.Geometry:
-    """Return the polygon of one piece in the plane, at_s seconds after zero_us."""
-    shape = shapes_of(plane, pieces, np.array([row]), np.array([zero_us]))
-    return shapely.convex_hull(shapely.multipoints(shape.positions(np.array([at_s]))[..., 0].T))
+def _polygons(
+    plane: Plane, pieces: Pieces, rows: NDArray[np.int64], at_s: Floats, zero_us: NDArray[np.int64]
+) -> NDArray[np.object_]:
+    """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
+    polygons = np.empty(len(rows), dtype=object)
+    sort = likeness(plane, pieces)[rows]
+    for one in np.unique(sort):
+        some = np.flatnonzero(sort == one)
+        xy = shapes_of(plane, pieces, rows[some], zero_us[some]).positions(at_s[some])
+        indices = np.repeat(np.arange(len(some)), xy.shape[1])
+        polygons[some] = shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices))
+    return polygons
 
 
 def _instants(

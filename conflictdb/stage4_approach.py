@@ -29,8 +29,11 @@ from conflictdb.separation import TOUCH_M, Encounters, alike, gap_along, nearest
 APPROACH_M: Final = 1e-3
 # Distances that differ by less are equal, metres: of equal ones the earliest counts. Rounding is a tenth of it.
 TIE_M: Final = 1e-7
-# Intervals under way for one pair of pieces, beyond which its distance is stated with the bound reached.
-MAX_INTERVALS: Final = 128
+# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
+# beyond it a distance is stated with the bound reached.
+MAX_INTERVALS: Final = 65_536
+MIN_INTERVALS_PER_PAIR: Final = 16
+MAX_INTERVALS_PER_PAIR: Final = 128
 MAX_LEVELS: Final = 48
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 # How often the search for the first contact moves to an earlier one.
@@ -110,6 +113,7 @@ class _Search:
         start, end, first, last = np.zeros(len(row)), self.span_s[row], self.first_m[row], self.last_m[row]
         best = np.zeros(len(self.span_s))  # half the width of the interval in which the least was seen
         best[row] = 0.5 * end
+        most = self.pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
         for level in range(MAX_LEVELS):
             if not len(row):
                 break
@@ -121,7 +125,7 @@ class _Search:
             best[improved] = (0.5 * self.span_s / 2.0**level)[improved]
             enough = np.minimum(self.least_m, self.limit_m)[row] - APPROACH_M
             open_ = bound < enough
-            crowded = np.bincount(row, open_, minlength=len(self.span_s))[row] > MAX_INTERVALS
+            crowded = np.bincount(row, open_, minlength=len(self.span_s))[row] > most[row]
             done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | (level == MAX_LEVELS - 1)
             np.minimum.at(self.floor_m, row[done], bound[done])
             row, start, middle, end = row[~done], start[~done], middle[~done], end[~done]

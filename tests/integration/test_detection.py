@@ -2,11 +2,14 @@
 
 import numpy as np
 import psycopg
+import pytest
 import shapely
 from scenes import T0_US
 
-from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve, store
+from conflictdb import Area, Scene, Track, Verdict, covers, rectangle_outline_m, solve, store
+from conflictdb.batches import Pieces, TrackBatch
 from conflictdb.detect import detect
+from conflictdb.pieces import track_pieces
 
 
 def spiked_area() -> Area:
@@ -48,4 +51,42 @@ def test_touching_areas_graze(conn: psycopg.Connection) -> None:
         ("L", "R", Verdict.GRAZING),
         ("L", "U", Verdict.GRAZING),
         ("R", "U", Verdict.GRAZING),
+    ]
+
+
+def test_an_object_that_could_not_be_cut_is_mended_by_its_change(
+    conn: psycopg.Connection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its cover goes with it: what the next detection finds is what a scene without that past has."""
+    areas = [
+        Area("A", shapely.MultiPolygon([shapely.box(4.0, 57.0, 5.0, 58.0)])),
+        Area("far", shapely.MultiPolygon([shapely.box(40.0, 7.0, 41.0, 8.0)])),
+    ]
+    times = np.array([T0_US, T0_US + 600_000_000])
+    first, second = (
+        Track("T", np.array([[3.9, lat], [4.1, lat]]), times, rectangle_outline_m(1.0, 1.0, 1.0, 1.0))
+        for lat in (57.5, 57.6)
+    )
+    scene = Scene("covered")
+
+    def fails(scene: Scene, tracks: TrackBatch) -> Pieces:
+        if len(tracks):
+            raise FloatingPointError("planted")
+        return track_pieces(scene, tracks)
+
+    with monkeypatch.context() as planted:
+        planted.setattr(covers, "track_pieces", fails)
+        store.replace_scene(conn, scene, areas, [first], merge=False)
+        conn.commit()
+        detect(conn, "covered", jobs=1)
+    covered = [(c.a_key, c.b_key, c.verdict) for c in store.conflicts(conn, "covered")]
+    assert covered == [("A", "T", Verdict.UNRESOLVED), ("far", "T", Verdict.UNRESOLVED)]
+    store.replace_scene(conn, scene, [], [second], merge=True)
+    conn.commit()
+    run = detect(conn, "covered", jobs=1)
+    assert (run.changed, run.closed, run.unresolved) == (1, 1, 0)
+    (one,), (found,) = solve([second], areas, scene), store.conflicts(conn, "covered")
+    assert one.verdict == found.verdict == Verdict.CONFLICT
+    assert [[round(t.timestamp() * 1e6) for t in period if t] for period in found.periods] == [
+        list(period) for period in one.periods_us
     ]

@@ -10,6 +10,8 @@ Conn = psycopg.Connection[Any]
 SQUARE = "'SRID=4326;POLYGON((4 57,5 57,5 58,4 58,4 57))'::geometry"
 PATH = "'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)'::geometry"
 HIGH = "'SRID=4326;LINESTRING M(5 88 0,5 88 3600)'"
+# Properties of so many levels below the object itself.
+NESTED = "jsonb_build_object('x', (repeat('[', {0}) || repeat(']', {0}))::jsonb)"
 OUTLINE = "rectangle_outline(100, 100, 50, 50)"
 
 
@@ -67,6 +69,19 @@ BAD = {
     "long key": (f"put_area('s', repeat('x', 1001), {SQUARE})", "ZC008", "key_speakable"),
     "properties not an object": (
         f"put_area('s', 'A', {SQUARE}, p_properties => '[1]')", "ZC012", "properties_object",
+    ),
+    "properties too deep": (
+        f"put_area('s', 'A', {SQUARE}, p_properties => {NESTED.format(101)})", "ZC012", "properties_plain",
+    ),
+    "properties thousands deep": (
+        f"put_area('s', 'A', {SQUARE}, p_properties => {NESTED.format(3000)})", "ZC012", "properties_plain",
+    ),
+    "number beyond a double": (
+        f"put_area('s', 'A', {SQUARE}, p_properties => jsonb_build_object('x', jsonb_build_array(1, 1e309)))",
+        "ZC012", "properties_plain",
+    ),
+    "number below a double": (
+        f"put_area('s', 'A', {SQUARE}, p_properties => jsonb_build_object('x', -1e400))", "ZC012", "properties_plain",
     ),
     "unknown scene": (f"put_area('nowhere', 'A', {SQUARE})", "ZC010", "scene_known"),
     "key of a track": (f"put_area('s', 'T', {SQUARE})", "ZC007", "object_key_unique"),
@@ -246,6 +261,11 @@ def test_refusal_says_which_object_which_field_and_which_rule(
         scene.execute(f"SELECT {call.format(o=OUTLINE)}".encode())
     assert refused.value.diag.column_name == column
     assert refused.value.diag.message_primary == message
+
+
+def test_properties_may_be_as_deep_and_large_as_files_hold(scene: Conn) -> None:
+    for given in (NESTED.format(100), "jsonb_build_object('x', 1.7976931348623157e308)"):
+        scene.execute(f"SELECT put_area('s', 'B', {SQUARE}, p_properties => {given})".encode())
 
 
 def test_direct_insert_update_and_copy_are_refused_like_the_functions(scene: Conn) -> None:

@@ -1,0 +1,86 @@
+"""Hostile objects cost so much work and no more, counted and not timed: the answer must not depend on the machine."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from conflictdb import Area, Scene, Track, Verdict, proofs, rectangle_outline_m, settle, solve
+from conflictdb.batches import TrackBatch
+from conflictdb.memory import pairs_in_memory
+from conflictdb.pieces import MAX_BENT_SLICES, MAX_SLICES, track_pieces
+
+T0_US = 1_700_000_000_000_000
+MINUTE_US = 60_000_000
+
+
+def track(key: str, positions: Any, half_m: float) -> Track:
+    times = T0_US + MINUTE_US * np.arange(len(positions))
+    return Track(key, np.array(positions, np.float64), times, rectangle_outline_m(half_m, half_m, half_m, half_m))
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> Callable[[], int]:
+    """Count the intervals that a function of a module is asked for."""
+    function, counts = getattr(module, name), [0]
+
+    def counting(pairs: Any, start: Any, *more: Any) -> Any:
+        counts[0] += len(start)
+        return function(pairs, start, *more)
+
+    monkeypatch.setattr(module, name, counting)
+    return lambda: counts[0]
+
+
+def counted_calls(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> Callable[[], int]:
+    """Count the calls of a function of a module."""
+    function, calls = getattr(module, name), [0]
+
+    def counting(*arguments: Any, **more: Any) -> Any:
+        calls[0] += 1
+        return function(*arguments, **more)
+
+    monkeypatch.setattr(module, name, counting)
+    return lambda: calls[0]
+
+
+def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces() -> None:
+    """Every leg of it comes near a pole: without a bound for all of them together there were tens of thousands."""
+    there = [(lon, 88.4 if k % 2 else -88.4) for k, lon in enumerate(np.mod(np.arange(30) * 170.0, 360.0) - 180.0)]
+    wide = track("wide", there, 40_000.0)
+    pieces = track_pieces(Scene("s"), TrackBatch.of([wide]))
+    assert len(pieces) > MAX_SLICES  # it bends
+    own = np.count_nonzero(pieces.turn == 0)
+    assert own <= 29 * MAX_SLICES + MAX_BENT_SLICES
+    # In company it is cut as it is alone.
+    both = track_pieces(Scene("s"), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
+    assert np.count_nonzero(both.object_id == both.object_id[0]) == len(pieces)
+
+
+def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point that goes along the edge of an area: all of its pieces are looked at, in few calls."""
+    shaped = counted_calls(monkeypatch, settle, "shapes_of")
+    along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
+    (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
+    assert found.verdict == Verdict.GRAZING
+    assert found.periods_us == ((T0_US, T0_US + 50 * MINUTE_US),)
+    assert shaped() < 20
+
+
+def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point that hardly moves on the edge of an area: each of its pieces would be split thousands of times."""
+    searched = counted(monkeypatch, proofs, "_window_batch")
+    still = track("T", [(10.0 + 1e-12 * k, -89.0) for k in range(20)], 0.0)
+    scene = Scene("s", tolerance_m=0.0)
+    (found,) = solve([still], [Area("A", shapely.MultiPolygon([shapely.box(-180.0, -89.0, 180.0, 89.0)]))], scene)
+    assert found.verdict == Verdict.GRAZING
+    assert proofs.MAX_INTERVALS < searched() < 8 * proofs.MAX_INTERVALS
+
+
+def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
+    scene = Scene("s")
+    tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
+    pieces = track_pieces(scene, TrackBatch.of(tracks))
+    pairs = pairs_in_memory(pieces, regions=False)
+    assert settle._company(pieces, pairs).tolist() == [len(pairs)] * len(pairs)
