@@ -129,7 +129,7 @@ def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch
 def test_a_failing_pair_costs_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """All pairs fail in company, none alone: the answer is what it was."""
     expected = answer(Scene("s"))
-    crowd = failing_for(stage4_contacts._settled, lambda scene, pairs, *_: len(pairs) > 1)
+    crowd = failing_for(stage4_contacts._settled, lambda scene, solver, pairs, *_: len(pairs) > 1)
     monkeypatch.setattr(stage4_contacts, "_settled", crowd)
     assert answer(Scene("s")) == expected
 
