@@ -2,9 +2,9 @@
 
     ./.venv/bin/python benchmarks/accuracy.py [--document docs/accuracy.md] [--figure docs/accuracy.svg]
 
-The paper's workload, a high-latitude one and one of long legs (tests/workloads.py), on the sphere and on WGS84, through
-every method at tolerances of 1000, 10, 1 and 0 m; and, on the sphere, the paper's formulas of stage 3 as printed
-(benchmarks/published.py), on whole legs as in the paper.
+The paper's workload, a high-latitude one and one of long legs (tests/support/workloads.py), on the sphere and on WGS84,
+through every method at tolerances of 1000, 10, 1 and 0 m; and, on the sphere, the paper's formulas of stage 3 as
+printed (benchmarks/published.py), on whole legs as in the paper.
 
 Cost: processor time of stages 3 and 4, up to the row per pair of objects, over the pairs of pieces with a track that
 stages 1 and 2 leave at that tolerance: the same number for every method, so that costs compare; `exact` takes all of
@@ -12,7 +12,7 @@ them to stage 4. All scenes of a workload are settled together, as one large sce
 the median of the turns counts. What takes milliseconds a pair has one turn, on the scenes held to brute force: it works
 pair by pair, so that their number does not matter. Read the ratios, not the microseconds.
 
-Error: in the first of the scenes (--true), every pair of objects with a track is held to tests/oracle.py, which
+Error: in the first of the scenes (--true), every pair of objects with a track is held to tests/support/oracle.py, which
 knows no tolerance. An end is the first or the last contact of a pair that meets. It is *unsafe* by how much contact
 there is before the reported start or after the reported end, and *slack* by how much reported time there is before the
 first or after the last contact. False is a pair that is called a conflict although the objects never meet, or grazing
@@ -32,7 +32,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
 import oracle
@@ -43,13 +43,13 @@ from verdicts import ROUNDING_S, TOUCH_M, Reported, compare
 from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict
-from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import earth_of
-from conflictdb.memory import pairs_in_memory
+from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.earth.geodesy import earth_of
+from conflictdb.in_memory import pairs_in_memory
 from conflictdb.methods import Method
 from conflictdb.model import EarthModel
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.settle import settle
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.pipeline.run import settle
 
 WORKLOADS: Final = (PAPER, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)
@@ -89,7 +89,7 @@ class Row:
     pairs, meet : pairs of objects held to brute force, and those of them that meet
     missed, apart, false, unresolved : pairs that meet and are not reported; that are reported and do not meet; that
         are called a conflict or grazing and are not; that are left open
-    wrong : disagreements with what the method guarantees (see tests/verdicts.py); 0 for all but `published`
+    wrong : disagreements with what the method guarantees (see tests/support/verdicts.py); 0 for all but `published`
     unsafe_s, slack_s, end_s : 95 % and worst over the ends of all pairs that meet and are reported, seconds; end_s is
         the larger of the two
     bound_s : the widest bound that was stated with a conflict, seconds

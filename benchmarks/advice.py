@@ -3,7 +3,7 @@
     ./run server start; ./.venv/bin/python benchmarks/advice.py [--dsn DSN] [--objects 40 300 1500] [--repeat 3]
 
 Random scenes of so many areas and as many tracks, in a window that grows with them. Below each scene: what the database
-took for a row, in units of what making a piece takes in memory, as the constants of `conflictdb.advise` are
+took for a row, in units of what making a piece takes in memory, as the constants of `conflictdb.advice.advise` are
 given. Foretold seconds are processor time: on a busy machine detections take longer. The scenes stay in the database,
 named `advice 40` and so on.
 """
@@ -15,15 +15,16 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from workloads import PAPER, throw
 
 import conflictdb
-from conflictdb import Method, store
-from conflictdb.batches import AreaBatch, Pieces, TrackBatch
-from conflictdb.estimates import Setting
-from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb import Method
+from conflictdb.advice.estimates import Setting
+from conflictdb.arrays.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.db import store
+from conflictdb.pieces.cutting import area_pieces, track_pieces
 
 METHODS = (Method.SCREEN, Method.WINDOW, Method.EXACT)
 STAGES = ("pieces", "stage1", "stage2", "stage3", "stage4")

@@ -23,7 +23,7 @@ plane.
 A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
 latitudes; areas have 3 to 10 vertices and are 50 to 100 nmi around; havens are 20 to 40 nmi long, half as wide, with
 the reference point in the middle; speeds are 5 to 20 kn. The truth is the package's `exact` at tolerance 0,
-and for some pairs of each row also brute force (tests/oracle.py), which must agree.
+and for some pairs of each row also brute force (tests/support/oracle.py), which must agree.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Final
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
 import oracle
@@ -44,12 +44,12 @@ from scenes import T0_US
 from tables import markdown, put_into
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
-from conflictdb.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import Earth, Floats, earth_of, rhumb_direct
+from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
 from conflictdb.methods import Method
 from conflictdb.model import METRES_PER_NMI, EarthModel, Kind
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.settle import settle
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.pipeline.run import settle
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
 
 def whole_legs() -> "patch._patch_dict":
     """Return a context in which every leg becomes one piece."""
-    return patch.multiple("conflictdb.pieces", SLICE_LENGTH_HAVENS=1e9, MAX_BENT_SLICES=0)
+    return patch.multiple("conflictdb.pieces.cutting", SLICE_LENGTH_HAVENS=1e9, MAX_BENT_SLICES=0)
 
 
 def hulls_s(answer: Conflicts, n: int) -> Floats:

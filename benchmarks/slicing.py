@@ -3,7 +3,7 @@
     ./.venv/bin/python benchmarks/slicing.py [--areas 200] [--tracks 200]
 
 For each workload and slice length (in haven lengths), the median over the runs of one detection with method window: the
-stages that slices touch. The numbers decide SLICE_LENGTH_HAVENS in conflictdb/pieces.py.
+stages that slices touch. The numbers decide SLICE_LENGTH_HAVENS in conflictdb/pieces/cutting.py.
 """
 
 import argparse
@@ -12,13 +12,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
 import conflictdb
-from conflictdb import Method, pieces
+from conflictdb import Method
 from conflictdb.io import scene_text
+from conflictdb.pieces import cutting
 
 WIDTHS = (14, 8, 8, 8, 9, 7, 7, 7)
 LENGTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 1e9)  # the last: one slice per leg
@@ -31,7 +32,7 @@ def main() -> None:
     parser.add_argument("--tracks", type=int, default=200)
     parser.add_argument("--runs", type=int, default=3)
     args = parser.parse_args()
-    chosen = pieces.SLICE_LENGTH_HAVENS
+    chosen = cutting.SLICE_LENGTH_HAVENS
     for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
         scene, areas, tracks = throw(workload, 1, args.areas, args.tracks)
         print(f"\n{workload.name}: {len(areas)} areas, {len(tracks)} tracks; seconds")
@@ -42,7 +43,7 @@ def main() -> None:
             path.write_text("".join(scene_text(scene, areas, tracks)))
             name = db.load(path, "slicing")
             for length in LENGTHS:
-                pieces.SLICE_LENGTH_HAVENS = length
+                cutting.SLICE_LENGTH_HAVENS = length
                 runs = [db.detect(name, method=Method.WINDOW, full=True, jobs=1) for _ in range(args.runs)]
                 times = [
                     statistics.median(column)

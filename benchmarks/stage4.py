@@ -17,25 +17,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
 from numpy.typing import NDArray
 from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
-from conflictdb.batches import Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import Floats
-from conflictdb.memory import pairs_in_memory
+from conflictdb.arrays.batches import Pairs, Pieces, TrackBatch
+from conflictdb.earth.geodesy import Floats
+from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import likeness
-from conflictdb.pieces import track_pieces
-from conflictdb.planes import plane_of
-from conflictdb.separation import TOUCH_M, Encounters, edge_gaps
+from conflictdb.motion.contract import likeness
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage3_projection import shared_span
-from conflictdb.stage4_contacts import contacts
-from conflictdb.stage4_exact import BLOCK, Work, settle_exactly
-from conflictdb.stage4_nlp import extreme_contact
-from conflictdb.stage4_touching import Touching, closed_form
+from conflictdb.stage4.contacts import contacts
+from conflictdb.stage4.exact.solver import BLOCK, Work, settle_exactly
+from conflictdb.stage4.exact.touching import Touching, closed_form
+from conflictdb.stage4.published.nonlinear_program import extreme_contact
+from conflictdb.stage4.separation import TOUCH_M, Encounters, edge_gaps
 
 ROUNDS = 5
 

@@ -31,14 +31,14 @@ from conflictdb.errors import (
 if TYPE_CHECKING:
     __version__: str
 
-    from conflictdb.advise import Advice
+    from conflictdb.advice.advise import Advice
     from conflictdb.database import Database, Loaded, connect
-    from conflictdb.detect import Run
+    from conflictdb.db.detect import Run
+    from conflictdb.db.store import Approach, Conflict, Listing, SceneState
+    from conflictdb.in_memory import Interference, solve
     from conflictdb.io import Contents, Remark, Skipped, read
-    from conflictdb.memory import Interference, solve
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict, rectangle_outline_m
-    from conflictdb.store import Approach, Conflict, Listing, SceneState
 
 __all__ = [
     "Advice",
@@ -81,13 +81,13 @@ __all__ = [
 
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
-    **dict.fromkeys(("Advice",), "conflictdb.advise"),
+    **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
-    **dict.fromkeys(("Run",), "conflictdb.detect"),
+    **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("Method",), "conflictdb.methods"),
-    **dict.fromkeys(("Interference", "solve"), "conflictdb.memory"),
+    **dict.fromkeys(("Interference", "solve"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
-    **dict.fromkeys(("Approach", "Conflict", "Listing", "SceneState"), "conflictdb.store"),
+    **dict.fromkeys(("Approach", "Conflict", "Listing", "SceneState"), "conflictdb.db.store"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
         "conflictdb.model",

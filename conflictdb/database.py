@@ -18,20 +18,21 @@ from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 
 import psycopg
 
-from conflictdb import inputs, schema, store
+from conflictdb import inputs
+from conflictdb.db import schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text
 from conflictdb.io.gather import Plan, gather
 from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.pieces import check_plane
-from conflictdb.planes import centred
+from conflictdb.motion.registry import centred
+from conflictdb.pieces.cutting import check_plane
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-    from conflictdb.advise import Advice
-    from conflictdb.detect import Progress, Run
+    from conflictdb.advice.advise import Advice
+    from conflictdb.db.detect import Progress, Run
 
 _log = logging.getLogger(__name__)
 
@@ -344,7 +345,7 @@ class Database:
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
         # Not above: the solvers bring scipy, which takes longer to import than everything else.
-        from conflictdb import detect
+        from conflictdb.db import detect
 
         return detect.detect(
             self.connection, scene, full=full, jobs=jobs, progress=progress, lock_timeout_s=lock_timeout_s, say=say
@@ -407,7 +408,7 @@ class Database:
         """
         settings, areas, tracks = self._read(scene)
         # Not above: the solvers bring scipy, as they do for `detect`.
-        from conflictdb import advise
+        from conflictdb.advice import advise
 
         return advise.advise(
             settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed, progress=progress

@@ -15,11 +15,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.batches import Pairs, Pieces, ragged_rows
-from conflictdb.geodesy import Floats
+from conflictdb.arrays.batches import Pairs, Pieces, ragged_rows
+from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Kind, Scene
-from conflictdb.motion import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m
-from conflictdb.planes import plane_of
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m
+from conflictdb.motion.registry import plane_of
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
 _OUTWARD_SHARE: Final = 1e-11

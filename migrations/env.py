@@ -1,6 +1,6 @@
 """Alembic environment: structure from versions/, routines from sql/ at head, all in one transaction.
 
-`conflictdb.schema.upgrade` passes its connection in the config's attributes; the alembic command line passes
+`conflictdb.db.schema.upgrade` passes its connection in the config's attributes; the alembic command line passes
 `-x dsn=…`. The version table lives in the schema conflictdb, beside nobody else's.
 """
 
@@ -9,7 +9,7 @@ import sqlalchemy
 from alembic import context
 from alembic.runtime.migration import MigrationContext, MigrationInfo
 
-from conflictdb import schema
+from conflictdb.db import schema
 
 
 def _after_step(*, ctx: MigrationContext, step: MigrationInfo, heads: set[str], run_args: object) -> None:

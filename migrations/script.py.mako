@@ -7,7 +7,7 @@ down_revision = ${repr(down_revision)}
 branch_labels = None
 depends_on = None
 
-# SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
 routines_sha256 = ""
 
 

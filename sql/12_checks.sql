@@ -1,5 +1,5 @@
--- Rules of single objects, the same as those of conflictdb.model and conflictdb.pieces.check_plane; what calls them is
--- in 13_validation.sql.
+-- Rules of single objects, the same as those of conflictdb.model and conflictdb.pieces.cutting.check_plane; what calls
+-- them is in 13_validation.sql.
 
 CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

@@ -1,4 +1,4 @@
--- Keeping pieces in step with objects. The worker (conflictdb.store) reads marked objects, cuts them in arrays and
+-- Keeping pieces in step with objects. The worker (conflictdb.db.store) reads marked objects, cuts them in arrays and
 -- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
 
 CREATE OR REPLACE FUNCTION _is_pending(p_scene_id bigint) RETURNS boolean

@@ -134,7 +134,7 @@ BEGIN ATOMIC
     ), given AS MATERIALIZED (
         SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
     ), wide AS MATERIALIZED (
-        -- Of rhumb lines, s as in conflictdb/mercator.py (span_m): how far a distance reaches in the plane.
+        -- Of rhumb lines, s as in conflictdb/motion/mercator.py (span_m): how far a distance reaches in the plane.
         SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g

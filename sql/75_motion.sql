@@ -1,4 +1,4 @@
--- Where a haven is on a rhumb line: the motion model of conflictdb.mercator, exact, for SQL users.
+-- Where a haven is on a rhumb line: the motion model of conflictdb.motion.mercator, exact, for SQL users.
 --
 -- On the meridian distance is proportional to the rectifying latitude mu; the conformal latitude chi turns the
 -- ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi). A rhumb line is straight in (longitude, psi)
@@ -323,4 +323,4 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text, double precision, geometry) IS
-'Refuses a haven (metres) that leaves the Mercator plane on its path, as conflictdb.pieces.check_plane does.';
+'Refuses a haven (metres) that leaves the Mercator plane on its path, as conflictdb.pieces.cutting.check_plane does.';

@@ -1,4 +1,4 @@
--- Where a haven is on a great circle: the motion model of conflictdb.gnomonic, exact, for SQL users.
+-- Where a haven is on a great circle: the motion model of conflictdb.motion.gnomonic, exact, for SQL users.
 --
 -- Places and headings are unit vectors in space, arrays of three. At an angle along a leg from its start the reference
 -- point is at cos(angle) start + sin(angle) heading; a vertex is one great circle step further ahead, and one to
@@ -122,7 +122,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
 'By how much less the cosine of a vertex''s angle from the centre may be on a leg (radians) than at both its ends, '
-'when its outline changes from one to another; see conflictdb.circles.';
+'when its outline changes from one to another; see conflictdb.motion.great_circles.';
 
 CREATE OR REPLACE FUNCTION _check_haven_near_centre(
     p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
@@ -162,4 +162,4 @@ END
 $$;
 COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision,
                                              double precision, geometry) IS
-'Refuses a haven (metres) that leaves the gnomonic plane on its path, as conflictdb.pieces.check_plane does.';
+'Refuses a haven (metres) that leaves the gnomonic plane on its path, as conflictdb.pieces.cutting.check_plane does.';

@@ -27,7 +27,7 @@ $$;
 GRANT EXECUTE ON FUNCTION wait_until_current TO conflictdb_reader;
 
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
--- conflictdb.schema.missing_grants.
+-- conflictdb.db.schema.missing_grants.
 DO $$
 DECLARE
     v_schema regnamespace := (SELECT e.extnamespace FROM pg_catalog.pg_extension e WHERE e.extname = 'postgis');

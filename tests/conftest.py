@@ -10,7 +10,7 @@ import psycopg
 import pytest
 from databases import TestServer, clean_up, run_home, test_server
 
-from conflictdb import schema
+from conflictdb.db import schema
 
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()

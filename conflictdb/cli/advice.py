@@ -5,11 +5,11 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from conflictdb.advise import Advice, Estimate
+from conflictdb.advice.advise import Advice, Estimate
+from conflictdb.advice.estimates import Count, Share, duration, percent
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import data, out, progress, table
 from conflictdb.cli.session import database
-from conflictdb.estimates import Count, Share, duration, percent
 from conflictdb.io.json_text import dumped
 
 _STAGES = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")

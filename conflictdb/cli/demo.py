@@ -10,7 +10,7 @@ from conflictdb.cli.output import out, program, progress, table
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database, show_progress
 from conflictdb.database import DEMO_SCENE
-from conflictdb.detect import Run
+from conflictdb.db.detect import Run
 
 # What the scene was made to show, by pair: said only when the detection agrees.
 _FALSE_ALARM: Final = ("CONVOY-1", "CONVOY-2")

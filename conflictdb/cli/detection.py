@@ -8,9 +8,9 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.database import Database
+from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.io.conflict_text import near_pair
 from conflictdb.model import Verdict
-from conflictdb.store import Approach, Conflict, SceneState
 
 
 def detect(args: argparse.Namespace) -> int:

@@ -8,10 +8,10 @@ from typing import NoReturn
 from psycopg import conninfo
 
 from conflictdb import server as embedded
-from conflictdb import store
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark
 from conflictdb.database import connect
+from conflictdb.db import store
 
 
 def server(args: argparse.Namespace) -> int:

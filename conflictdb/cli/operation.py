@@ -4,26 +4,26 @@ import argparse
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from conflictdb import schema
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text, run_text
 from conflictdb.cli.session import database, worker_connections
 from conflictdb.database import Status, connect
+from conflictdb.db import schema
+from conflictdb.db.store import SceneStatus
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
-from conflictdb.store import SceneStatus
 
 if TYPE_CHECKING:
-    from conflictdb.detect import Run
+    from conflictdb.db.detect import Run
 
 
 def work(args: argparse.Namespace) -> int:
     """Keep all scenes current."""
     check(args, [(args.once and args.every is not None, "--once and --every exclude each other")])
     # Not above: it brings the solvers, which other commands need not wait for.
-    from conflictdb.worker import EVERY_S, Worker
+    from conflictdb.db.worker import EVERY_S, Worker
 
     with database(args), worker_connections(args) as connection:
         worker = Worker(connection, _report, args.every or EVERY_S, args.jobs, args.lock_timeout, remark)

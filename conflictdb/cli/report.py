@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from conflictdb.cli.output import data, out, remark, table
 from conflictdb.database import Loaded
+from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
-from conflictdb.store import Approach, Conflict, SceneState
 
 if TYPE_CHECKING:
-    from conflictdb.detect import Run
+    from conflictdb.db.detect import Run
 
 _SECOND = timedelta(seconds=1)
 

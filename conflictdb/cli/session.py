@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from conflictdb import store
 from conflictdb.cli.output import note, progress
 from conflictdb.database import Database, Loaded, connect
+from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning
 from conflictdb.server import EmbeddedServer, embedded
 

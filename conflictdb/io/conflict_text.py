@@ -10,9 +10,9 @@ from datetime import datetime
 from io import StringIO
 from typing import Any, Final
 
+from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
-from conflictdb.store import Approach, Conflict, SceneState
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb import geodesy
+from conflictdb.earth import geodesy
 from conflictdb.inputs import all_certain
 from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
 

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb import geodesy
+from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.inputs import all_certain, certain
 from conflictdb.io.discs import disc

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb import geodesy
+from conflictdb.earth import geodesy
 from conflictdb.io.contents import Remark
 from conflictdb.model import Area, Track
 

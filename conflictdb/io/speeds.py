@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from conflictdb import geodesy
+from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, MPS_PER_KNOT, EarthModel, Motion, Track
 

@@ -5,7 +5,7 @@
 
 The server is shared by all processes of a user and stops when the last of them has gone, kill -9 included;
 `start_holder` keeps it running without any, until `stop_holder`. It listens on a Unix socket in a directory that only
-its user (and root) can enter. Its database `conflictdb` is empty at first; `conflictdb.schema` fills it.
+its user (and root) can enter. Its database `conflictdb` is empty at first; `conflictdb.db.schema` fills it.
 
 Environment, read by `Settings.from_environment` and nowhere else:
 

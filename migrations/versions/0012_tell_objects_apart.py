@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "652a914d725009e1d8964612d41db2e576844062e3e1ae13f229283e042222af"
+routines_sha256 = "5456a76dae05634ba2373b240ad1708e90f8d57bc971fecd3d42235c49a66c1f"
 
 # What is there keeps all that was computed of it: every version is later than 0.
 FIRST_VERSIONS = (

@@ -24,16 +24,16 @@ from pathlib import Path
 from typing import Any, Final
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parents[2])]
+    sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support"), str(Path(__file__).resolve().parents[2])]
 
 import numpy as np
 import psycopg
 from hostile_objects import Hostile, put, scene_file, throw
 
 import conflictdb
+from conflictdb.db.store import Conflict, set_scene
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Method, Motion, Scene, Verdict
-from conflictdb.store import Conflict, set_scene
 
 PER_SCENE: Final = 24
 TOLERANCES_M: Final = (0.0, 1e-9, 1.0, 1.0, 1.0, 1000.0)
@@ -247,7 +247,7 @@ def database() -> Iterator[str]:
     """A database with the schema on an embedded server, for the time of a run."""
     from databases import clean_up, test_server
 
-    from conflictdb import schema
+    from conflictdb.db import schema
 
     run = f"fuzz{os.getpid()}"
     try:

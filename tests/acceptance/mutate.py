@@ -41,10 +41,12 @@ from _pytest.runner import runtestprotocol
 ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
-    "geodesy", "rhumb", "circles", "arcs", "mercator", "gnomonic", "motion", "separation", "proofs", "roots",
-    "rhumb_distance", "pieces", "convex", "outlines", "batches", "settle", "stage3_projection", "stage4_contacts",
-    "stage4_exact", "stage4_windows", "stage4_touching", "stage4_separated", "stage4_search", "stage4_approach",
-    "stage4_lp", "stage4_nlp", "estimates",
+    "earth.geodesy", "motion.rhumb", "motion.great_circles", "earth.arcs", "motion.mercator", "motion.gnomonic",
+    "motion.contract", "stage4.separation", "stage4.proofs", "stage4.roots", "earth.rhumb_distance", "pieces.cutting",
+    "pieces.convex", "outlines", "arrays.batches", "pipeline.run", "stage3_projection", "stage4.contacts",
+    "stage4.exact.solver", "stage4.exact.windows", "stage4.exact.touching", "stage4.exact.separated", "stage4.search",
+    "stage4.closest_approach", "stage4.published.linear_program", "stage4.published.nonlinear_program",
+    "advice.estimates",
 )
 # fmt: on
 TESTS: Final = ("tests/unit", "tests/acceptance")
@@ -252,16 +254,21 @@ class Sites(ast.NodeVisitor):
             self.generic_visit(node)
 
 
+def file_of(module: str) -> str:
+    """Return where in the package a module is."""
+    return module.replace(".", "/") + ".py"
+
+
 def sites(root: Path, module: str) -> list[Mutant]:
     """Return all mutants of a module."""
-    return Sites(module, (root / "conflictdb" / f"{module}.py").read_text()).found
+    return Sites(module, (root / "conflictdb" / file_of(module)).read_text()).found
 
 
 class Reach:
     """Notes which lines of the modules a test reaches, and its seconds."""
 
     def __init__(self, package: Path, modules: Sequence[str]) -> None:
-        self._files = {str(package / f"{module}.py"): module for module in modules}
+        self._files = {str(package / file_of(module)): module for module in modules}
         self._left: dict[CodeType, set[int]] = {}
 
     def _enter(self, frame: FrameType, event: str, _: Any) -> Any:
@@ -362,7 +369,7 @@ class Bench:
     def fate(self, mutant: Mutant) -> str:
         """Return which test fails (or that they do not end); nothing if none does."""
         tests = self.tests_of(mutant)
-        file = self.root / "conflictdb" / f"{mutant.module}.py"
+        file = self.root / "conflictdb" / file_of(mutant.module)
         source = file.read_bytes()
         assert source[mutant.start : mutant.end].decode() == mutant.old, "the tree has changed since"
         changed = source[: mutant.start] + mutant.new.encode() + source[mutant.end :]
@@ -476,7 +483,7 @@ def drawn(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Mut
 def again(root: Path, file: Path) -> list[Mutant]:
     """Return the mutants of an earlier run that still exist, wherever their lines have moved."""
     names = Counter(json.loads(file.read_text()))
-    every = [mutant for module in {name.split(".")[0] for name in names} for mutant in sites(root, module)]
+    every = [mutant for module in MODULES for mutant in sites(root, module)]
     return [mutant for mutant in every if mutant.name in names]
 
 
@@ -497,7 +504,8 @@ def run(bench: Bench, mutants: Sequence[Mutant]) -> list[Mutant]:
             survivors.append(mutant)
             killer = f"{len(bench.tests_of(mutant))} tests reach it"
         took_s = time.perf_counter() - started
-        tell(f"{k}/{len(mutants)} {kind:10} {took_s:5.1f} s  {mutant.module}.py:{mutant.line}  {mutant.name}  {killer}")
+        where = f"{file_of(mutant.module)}:{mutant.line}"
+        tell(f"{k}/{len(mutants)} {kind:10} {took_s:5.1f} s  {where}  {mutant.name}  {killer}")
     tell("\n| module | mutants | killed | equivalent | survived |\n|---|---|---|---|---|")
     for module, count in sorted(counts.items()):
         kinds = " | ".join(str(count[kind]) for kind in ("killed", "equivalent", "survived"))
@@ -532,7 +540,7 @@ def main() -> int:
     for name in sorted(set(known()) - {mutant.name for module in MODULES for mutant in sites(keep, module)}):
         tell(f"mutants.toml explains what is no longer there: {name}")
     for mutant in survivors:
-        tell(f"\nconflictdb/{mutant.module}.py:{mutant.line}\n- {mutant.old}\n+ {mutant.new}")
+        tell(f"\nconflictdb/{file_of(mutant.module)}:{mutant.line}\n- {mutant.old}\n+ {mutant.new}")
     return int(bool(survivors))
 
 

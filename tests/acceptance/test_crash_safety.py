@@ -15,8 +15,8 @@ import pytest
 from verdicts import Pair, Reported, solved, stored
 from workloads import PAPER, throw
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, Scene, Track
 
 WAIT_S = 60.0
@@ -24,8 +24,8 @@ WAIT_S = 60.0
 # Detects, and says on standard output how far it is; then waits to be killed where it was told to.
 VICTIM = """
 import sys, time
-import conflictdb.detect, conflictdb.store as store
-from conflictdb.detect import detect
+import conflictdb.detect, conflictdb.db.store as store
+from conflictdb.db.detect import detect
 
 def stop(where):
     print(where, flush=True)

@@ -19,8 +19,8 @@ import psycopg
 import pytest
 import shapely
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, Method, Scene, Track
 
 # Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. What these tests stop would last for a minute

@@ -9,9 +9,9 @@ import shapely
 from pyproj import Geod
 from scenes import HOUR_S, area, track
 
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.errors import InvalidInput
-from conflictdb.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
-from conflictdb.memory import Interference, solve
+from conflictdb.in_memory import Interference, solve
 from conflictdb.model import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track, Verdict
 
 GEODESICS = {

@@ -8,7 +8,7 @@ import pytest
 from fuzz_objects import Tally, examine, fuzz
 from hostile_objects import Hostile
 
-import conflictdb.detect
+import conflictdb.db.detect
 from conflictdb.model import Motion, Scene
 
 NOTHING = np.empty(0, np.int64)
@@ -76,12 +76,12 @@ def test_ten_thousand_hostile_objects_stop_nothing(dsn: str, tmp_path: Path) -> 
 
 def test_the_fuzzing_finds_a_planted_bug(dsn: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A detection that loses the tracks of a scene, and one that fails."""
-    pieces_of = conflictdb.detect.pieces_of
+    pieces_of = conflictdb.db.detect.pieces_of
 
     def without_tracks(scene: Scene, areas: Any, tracks: Any) -> Any:
         return pieces_of(scene, areas, tracks.take(NOTHING))
 
-    monkeypatch.setattr(conflictdb.detect, "pieces_of", without_tracks)
+    monkeypatch.setattr(conflictdb.db.detect, "pieces_of", without_tracks)
     assert any("no row with the witness" in one or "known conflict" in one for one in fuzz(dsn, 3, 24, tmp_path).wrong)
-    monkeypatch.setattr(conflictdb.detect, "pieces_of", None)
+    monkeypatch.setattr(conflictdb.db.detect, "pieces_of", None)
     assert any("detection failed" in one for one in fuzz(dsn, 3, 4, tmp_path).wrong)

@@ -8,10 +8,11 @@ import psycopg
 import pytest
 from workloads import EQUATOR, SEAM, throw
 
-from conflictdb import settle, store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.methods import METHODS
 from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.pipeline import run
 
 EDITS = 6
 NEAR_M = 20_000.0
@@ -122,7 +123,7 @@ def test_number_of_processes_does_not_matter(conn: psycopg.Connection[Any], monk
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     alone = answer(conn, scene)
-    monkeypatch.setattr(settle, "METHODS", {m: replace(steps, pairs_per_job=7) for m, steps in METHODS.items()})
+    monkeypatch.setattr(run, "METHODS", {m: replace(steps, pairs_per_job=7) for m, steps in METHODS.items()})
     told: list[tuple[int, int]] = []
     detect(conn, scene.name, jobs=2, full=True, progress=lambda done, of: told.append((done, of)))
     assert answer(conn, scene) == alone

@@ -38,7 +38,7 @@ def test_what_is_changed() -> None:
 
 
 def changed(mutant: Mutant) -> str:
-    source = (ROOT / "conflictdb" / f"{mutant.module}.py").read_bytes()
+    source = (ROOT / "conflictdb" / mutate.file_of(mutant.module)).read_bytes()
     return (source[: mutant.start] + mutant.new.encode() + source[mutant.end :]).decode()
 
 

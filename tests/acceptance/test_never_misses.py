@@ -12,8 +12,8 @@ import pytest
 from verdicts import Pair, Period, Reported, compared, microseconds, solved, stored
 from workloads import WORKLOADS, throw
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
 
 OBJECTS = 8  # areas, and as many tracks, per scene

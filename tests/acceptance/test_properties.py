@@ -23,7 +23,7 @@ from workloads import WORKLOADS, throw
 
 from conflictdb import solve
 from conflictdb.errors import InvalidInput
-from conflictdb.memory import Interference
+from conflictdb.in_memory import Interference
 from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track, Verdict
 
 # What is done to scenes here is written for rhumb lines.

@@ -10,8 +10,9 @@ import pytest
 import shapely
 from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import solve, store
-from conflictdb.detect import detect
+from conflictdb import solve
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, EarthModel
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -12,10 +12,11 @@ from commands import STRAIT, Run, runner
 from workloads import LONG_LEGS, PAPER, throw
 
 import conflictdb
-from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track, store
-from conflictdb.advise import NLP_LEAST, TOLERANCES_M, Advice, Estimate, advise
-from conflictdb.estimates import Setting
-from conflictdb.sample import Objects
+from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track
+from conflictdb.advice.advise import NLP_LEAST, TOLERANCES_M, Advice, Estimate, advise
+from conflictdb.advice.estimates import Setting
+from conflictdb.advice.sample import Objects
+from conflictdb.db import store
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
 HOUR_US = 3_600_000_000
@@ -95,8 +96,8 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
 def test_estimates_are_near_what_a_detection_counts(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 240 objects some are looked at, and 150 pairs of these: within the errors, and within a factor of 3."""
     scene, areas, tracks = throw(replace(PAPER, window=6.0), 4, 120, 120)
-    monkeypatch.setattr("conflictdb.sample.PROBE", 60)
-    monkeypatch.setattr("conflictdb.sample.PIECES", 450)
+    monkeypatch.setattr("conflictdb.advice.sample.PROBE", 60)
+    monkeypatch.setattr("conflictdb.advice.sample.PIECES", 450)
     with conflictdb.connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
         advice = db.advise(scene.name, sample=150, seed=1)
@@ -215,8 +216,8 @@ def test_an_empty_scene_and_strangers_need_no_advice(dsn: str) -> None:
 
 
 def test_strangers_among_some_objects_are_said_to_be_some(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.sample.PROBE", 4)
-    monkeypatch.setattr("conflictdb.sample.PIECES", 4)
+    monkeypatch.setattr("conflictdb.advice.sample.PROBE", 4)
+    monkeypatch.setattr("conflictdb.advice.sample.PIECES", 4)
     advice = advise(Scene("apart"), [], strangers(40))
     assert advice.objects_looked_at < 40
     assert (

@@ -12,8 +12,8 @@ import psycopg
 import pytest
 from commands import STRAIT, Run, runner
 
-from conflictdb import schema
 from conflictdb.cli import main
+from conflictdb.db import schema
 
 
 @pytest.fixture

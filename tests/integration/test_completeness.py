@@ -14,7 +14,7 @@ import pytest
 from commands import STRAIT, Run, runner
 
 import conflictdb
-from conflictdb import store
+from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 
 FORMATS = ("table", "json", "csv", "geojson")

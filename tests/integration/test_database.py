@@ -17,8 +17,8 @@ from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
+from conflictdb.db.store import LoadCounts, replace_scene
 from conflictdb.io.scene_file import scene_text
-from conflictdb.store import LoadCounts, replace_scene
 
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:

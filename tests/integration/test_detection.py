@@ -6,10 +6,12 @@ import pytest
 import shapely
 from scenes import T0_US
 
-from conflictdb import Area, Scene, Track, Verdict, covers, rectangle_outline_m, solve, store
-from conflictdb.batches import Pieces, TrackBatch
-from conflictdb.detect import detect
-from conflictdb.pieces import track_pieces
+from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
+from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.db import store
+from conflictdb.db.detect import detect
+from conflictdb.pieces import covers
+from conflictdb.pieces.cutting import track_pieces
 
 
 def spiked_area() -> Area:

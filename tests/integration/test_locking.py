@@ -14,11 +14,12 @@ from psycopg.pq import TransactionStatus
 from scenes import T0_US
 from verdicts import Pair, Reported, solved, stored
 
-from conflictdb import detect, settle, store
 from conflictdb.cli.codes import FAILED
+from conflictdb.db import detect, store
+from conflictdb.db.store import connection, locking
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
-from conflictdb.store import connection, locking
+from conflictdb.pipeline import run
 
 Conn = psycopg.Connection[Any]
 
@@ -276,7 +277,7 @@ def test_limits_of_time_do_not_end_a_detection(
 ) -> None:
     """It solves while its transaction is idle, and its statements take what they take."""
     limits = {"idle_in_transaction_session_timeout": "700ms", "statement_timeout": "900ms", "lock_timeout": "500ms"}
-    whole = settle.settle
+    whole = run.settle
 
     def slowly(*arguments: Any, **named: Any) -> Any:
         slow.execute("SELECT pg_sleep(1.2)")

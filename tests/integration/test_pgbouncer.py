@@ -19,10 +19,11 @@ import sqlalchemy
 from commands import STRAIT, runner
 from psycopg import conninfo
 
-from conflictdb import connect, detect, store
+from conflictdb import connect
+from conflictdb.db import detect, store
+from conflictdb.db.worker import Worker
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Scene
-from conflictdb.worker import Worker
 
 WAIT_S = 30.0
 PROGRAM = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
@@ -180,9 +181,9 @@ def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> Non
 def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
     dsn: str, pooled: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys.modules["conflictdb.store.service"], "_HEARD_WITHIN_S", 0.5)
-    monkeypatch.setattr("conflictdb.worker._DEAF_PAUSE_S", 0.1)
-    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    monkeypatch.setattr(sys.modules["conflictdb.db.store.service"], "_HEARD_WITHIN_S", 0.5)
+    monkeypatch.setattr("conflictdb.db.worker._DEAF_PAUSE_S", 0.1)
+    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
     said, done = worked(pooled, dsn)
     assert done == ["first", "second"]
     assert said == [said[0]], "once, although it had to connect again"
@@ -190,7 +191,7 @@ def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
 
 
 def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
     with bouncer(dsn, "session", 5) as through:
         assert worked(through, dsn) == ([], ["first", "second"])
 

@@ -17,11 +17,12 @@ from commands import STRAIT, runner
 from scenes import T0_US
 
 import conflictdb
-from conflictdb import Database, ReadOnlyDatabase, Scene, connect, schema, server, store
+from conflictdb import Database, ReadOnlyDatabase, Scene, connect, server
 from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.db import schema, store
+from conflictdb.db.worker import Worker
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
-from conflictdb.worker import Worker
 
 WAIT_S = 60.0
 SETTINGS = {

@@ -16,10 +16,11 @@ import psycopg
 import pytest
 from commands import STRAIT, runner
 
-from conflictdb import connect, detect, store
+from conflictdb import connect
+from conflictdb.db import detect, store
+from conflictdb.db.worker import Worker
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Scene
-from conflictdb.worker import Worker
 
 WAIT_S = 30.0
 
@@ -85,7 +86,7 @@ def test_one_scene_that_fails_does_not_stop_the_others(
             raise ValueError("no luck")
         return whole(conn, scene, **options)
 
-    monkeypatch.setattr("conflictdb.detect.detect_pending", sometimes)
+    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
     done = runner(dsn, capsys)("worker", "--once")
     assert (done.code, done.err) == (1, "conflictdb: bad: failed: no luck\n")
     assert done.out.startswith("good: 7 conflicts")
@@ -140,7 +141,7 @@ def is_waiting(dsn: str) -> bool:
 
 
 def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.worker._PAUSE_S", 0.01)
+    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
     attempts: list[int] = []
     detected: list[str] = []
 
@@ -203,7 +204,7 @@ def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
 def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It does the next scene, waits for the first, says who has it, and does what the other one left."""
     monkeypatch.setattr(store, "SAY_AFTER_S", 0.1)
-    monkeypatch.setattr("conflictdb.worker._BUSY_PAUSE_S", 0.05)
+    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 0.05)
     load(dsn, "first")
     load(dsn, "second")
     reports: list[tuple[str, object]] = []
@@ -224,7 +225,7 @@ def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest
 
 
 def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.worker._BUSY_PAUSE_S", 0.05)
+    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 0.05)
     load(dsn, "kept")
     reports: list[tuple[str, object]] = []
     with store.connect(dsn) as other:

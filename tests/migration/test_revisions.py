@@ -8,9 +8,9 @@ from types import ModuleType
 
 import pytest
 
-from conflictdb import schema
+from conflictdb.db import schema
 
-VERSIONS = Path(schema.__file__).resolve().parent.parent / "migrations" / "versions"
+VERSIONS = Path(schema.__file__).resolve().parents[2] / "migrations" / "versions"
 FILES = sorted(VERSIONS.glob("*.py"))
 
 # SHA-256 of every revision that a database may have run: a line is added with its release, and none ever changes.

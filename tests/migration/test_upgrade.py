@@ -19,10 +19,10 @@ from databases import TestServer
 from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
 
-from conflictdb import schema
+from conflictdb.db import schema
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
-ROOT = Path(schema.__file__).resolve().parent.parent
+ROOT = Path(schema.__file__).resolve().parents[2]
 SNAPSHOT = ROOT / "docs" / "schema.sql"
 
 
@@ -184,7 +184,7 @@ def test_changed_routines_are_applied_without_a_revision(dsn: str, next_release:
 
 def test_several_programs_at_once_all_succeed(empty_dsn: str, other_dsn: str) -> None:
     """On one database, and on two that share the server's roles."""
-    program = "import sys; from conflictdb import schema; print(schema.upgrade(sys.argv[1]))"
+    program = "import sys; from conflictdb.db import schema; print(schema.upgrade(sys.argv[1]))"
     running = [
         subprocess.Popen([sys.executable, "-c", program, dsn], stdout=subprocess.PIPE, cwd=ROOT, text=True)
         for dsn in (empty_dsn, other_dsn, empty_dsn, other_dsn)

@@ -7,7 +7,7 @@ import psycopg
 import pytest
 from databases import TestServer
 
-from conflictdb import schema
+from conflictdb.db import schema
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ import scenes
 import shapely
 from scenes import T0_US
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import EarthModel, Scene
 
 Conn = psycopg.Connection[Any]

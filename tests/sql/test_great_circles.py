@@ -11,12 +11,12 @@ import shapely
 from piecework import load
 from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.errors import InvalidInput
-from conflictdb.gnomonic import Gnomonic
 from conflictdb.model import Area, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.pieces import check_plane
+from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.pieces.cutting import check_plane
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

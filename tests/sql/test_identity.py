@@ -7,8 +7,8 @@ import pytest
 from piecework import load, refresh
 from workloads import PAPER, throw
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 
 Conn = psycopg.Connection[Any]
 

@@ -7,7 +7,8 @@ import psycopg
 import pytest
 from psycopg.rows import dict_row
 
-from conflictdb import connect, store
+from conflictdb import connect
+from conflictdb.db import store
 
 Conn = psycopg.Connection[Any]
 

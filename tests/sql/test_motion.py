@@ -11,10 +11,10 @@ from oracle_motion import grown
 from piecework import load
 from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
-from conflictdb.batches import TrackBatch
+from conflictdb.arrays.batches import TrackBatch
 from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.pieces import track_pieces
-from conflictdb.planes import plane_of
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import track_pieces
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

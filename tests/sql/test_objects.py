@@ -9,7 +9,7 @@ import pytest
 import shapely
 from psycopg.rows import dict_row
 
-from conflictdb import store
+from conflictdb.db import store
 from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
 

@@ -13,8 +13,8 @@ import pytest
 import shapely
 from piecework import load, refresh
 
-from conflictdb import store
-from conflictdb.batches import Conflicts
+from conflictdb.arrays.batches import Conflicts
+from conflictdb.db import store
 from conflictdb.model import SINCE_EVER_US, Area, Scene
 
 Conn = psycopg.Connection[Any]

@@ -13,8 +13,8 @@ import shapely
 from databases import TestServer
 from piecework import load
 
-from conflictdb import store
-from conflictdb.detect import detect
+from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]

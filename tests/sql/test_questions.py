@@ -7,7 +7,7 @@ import pytest
 import shapely
 from piecework import load
 
-from conflictdb.detect import detect
+from conflictdb.db.detect import detect
 from conflictdb.model import Area, Motion, Scene
 
 Conn = psycopg.Connection[Any]

@@ -7,8 +7,8 @@ import pytest
 from piecework import load
 from workloads import PAPER, throw
 
-from conflictdb import schema, store
-from conflictdb.detect import detect
+from conflictdb.db import schema, store
+from conflictdb.db.detect import detect
 from conflictdb.errors import SchemaOutdated
 from conflictdb.model import Scene
 

@@ -11,7 +11,8 @@ from piecework import load
 from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
-from conflictdb import connect, detect, store
+from conflictdb import connect
+from conflictdb.db import detect, store
 from conflictdb.errors import StoreError
 from conflictdb.model import Scene
 

@@ -16,7 +16,7 @@ from piecework import load
 from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
-from conflictdb import detect, schema, store
+from conflictdb.db import detect, schema, store
 from conflictdb.errors import SchemaOutdated, ServerError
 from conflictdb.model import EarthModel
 from conflictdb.server.account import account_for

@@ -8,7 +8,7 @@ import pytest
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
 from workloads import PAPER, SEAM, throw
 
-from conflictdb import store
+from conflictdb.db import store
 from conflictdb.errors import StoreError
 from conflictdb.model import Area, EarthModel
 

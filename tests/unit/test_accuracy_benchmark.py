@@ -11,7 +11,7 @@ from workloads import PAPER
 
 from conflictdb import Scene, Verdict, solve
 from conflictdb.model import EarthModel, Kind, Method
-from conflictdb.settle import settle
+from conflictdb.pipeline.run import settle
 
 EPOCH_US = 1_000_000
 MEETS = oracle.Meeting(EPOCH_US, ((10.0, 20.0), (30.0, 40.0)), 0.0, 10.0)

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import Area, Scene, Track, Verdict, proofs, rectangle_outline_m, settle, solve
-from conflictdb.batches import TrackBatch
-from conflictdb.memory import pairs_in_memory
-from conflictdb.pieces import MAX_BENT_SLICES, MAX_SLICES, track_pieces
+from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
+from conflictdb.arrays.batches import TrackBatch
+from conflictdb.in_memory import pairs_in_memory
+from conflictdb.pieces.cutting import MAX_BENT_SLICES, MAX_SLICES, track_pieces
+from conflictdb.pipeline import run
+from conflictdb.stage4 import proofs
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000
@@ -60,7 +62,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
 
 def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point that goes along the edge of an area: all of its pieces are looked at, in few calls."""
-    shaped = counted_calls(monkeypatch, settle, "shapes_of")
+    shaped = counted_calls(monkeypatch, run, "shapes_of")
     along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
     (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
     assert found.verdict == Verdict.GRAZING
@@ -83,4 +85,4 @@ def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
     pieces = track_pieces(scene, TrackBatch.of(tracks))
     pairs = pairs_in_memory(pieces, regions=False)
-    assert settle._company(pieces, pairs).tolist() == [len(pairs)] * len(pairs)
+    assert run._company(pieces, pairs).tolist() == [len(pairs)] * len(pairs)

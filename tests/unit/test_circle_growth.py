@@ -13,12 +13,12 @@ from scenes import HOUR_S
 from workloads import GROWING_CIRCLES, throw
 
 from conflictdb import InvalidInput, solve
-from conflictdb.batches import Pieces, TrackBatch
-from conflictdb.circles import GreatCircleShapes
-from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.gnomonic import Gnomonic
+from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.model import Motion, Scene, Track
-from conflictdb.pieces import check_plane, track_pieces
+from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.great_circles import GreatCircleShapes
+from conflictdb.pieces.cutting import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
 SAMPLES = 65

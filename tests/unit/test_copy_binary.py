@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import shapely
 
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.copy_binary import Ragged
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
-from conflictdb.store import copy_binary
-from conflictdb.store.copy_binary import Ragged
 
 EPOCH_US = 946_684_800_000_000
 

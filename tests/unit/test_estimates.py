@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conflictdb.estimates import (
+from conflictdb.advice.estimates import (
     Answer,
     Cost,
     Count,
@@ -23,8 +23,8 @@ from conflictdb.estimates import (
     whole,
     wrongness,
 )
+from conflictdb.advice.sample import Frame
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, EarthModel, Method
-from conflictdb.sample import Frame
 
 HOUR_US = 3_600_000_000
 NO_COST = Cost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ from mpmath import mp, mpf
 from oracle_precise import PreciseGlobe
 from reference import data
 
-from conflictdb.geodesy import (
+from conflictdb.earth.geodesy import (
     direction_of,
     earth_of,
     rhumb_direct,

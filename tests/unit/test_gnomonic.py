@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from conflictdb.circles import GreatCircles, GreatCircleShapes, great_circle_shapes
-from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.gnomonic import Gnomonic
-from conflictdb.motion import sides_of
+from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.motion.contract import sides_of
+from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.great_circles import GreatCircles, GreatCircleShapes, great_circle_shapes
 
 CLOSE_M = 1e-8
 LEG_S = 1000.0

@@ -10,13 +10,13 @@ import shapely
 from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, rectangle_outline_m, solve
-from conflictdb.advise import advise
-from conflictdb.batches import AreaBatch, TrackBatch
-from conflictdb.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.geodesy import great_circle_distance
+from conflictdb.advice.advise import advise
+from conflictdb.arrays.batches import AreaBatch, TrackBatch
+from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.io.scene_file import read_scene, scene_text
-from conflictdb.pieces import area_pieces, check_plane, planar, track_pieces
-from conflictdb.planes import centred, plane_of
+from conflictdb.motion.registry import centred, plane_of
+from conflictdb.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000

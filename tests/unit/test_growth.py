@@ -13,16 +13,16 @@ from scenes import HOUR_S
 from workloads import GROWING, PAPER, throw
 
 from conflictdb import InvalidInput, solve
-from conflictdb.batches import Pieces, TrackBatch
-from conflictdb.geodesy import earth_of
-from conflictdb.mercator import Mercator
+from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import StaticShapes, likeness
-from conflictdb.pieces import check_plane, track_pieces
-from conflictdb.rhumb import RhumbShapes
-from conflictdb.separation import Encounters, separation
-from conflictdb.stage4_exact import settle_exactly
-from conflictdb.stage4_windows import Work
+from conflictdb.motion.contract import StaticShapes, likeness
+from conflictdb.motion.mercator import Mercator
+from conflictdb.motion.rhumb import RhumbShapes
+from conflictdb.pieces.cutting import check_plane, track_pieces
+from conflictdb.stage4.exact.solver import settle_exactly
+from conflictdb.stage4.exact.windows import Work
+from conflictdb.stage4.separation import Encounters, separation
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import INSTANT, assert_same, scenes
 
-from conflictdb import geodesy, io
+from conflictdb import io
+from conflictdb.earth import geodesy
 from conflictdb.io.instants import format_instant, parse_instant
 from conflictdb.io.scene_file import read_scene, scene_text
 from conflictdb.model import (

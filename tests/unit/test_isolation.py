@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import conflictdb
-from conflictdb import covers, settle, stage4_contacts
-from conflictdb.isolation import isolated
+from conflictdb.arrays.isolation import isolated
 from conflictdb.model import Area, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
+from conflictdb.pieces import covers
+from conflictdb.pipeline import run
+from conflictdb.stage4 import contacts
 
 T0_US = 1_700_000_000_000_000
 HOUR_US = 3_600_000_000
@@ -112,7 +114,7 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
 def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
     """While their pieces are near each other."""
     expected = answer(Scene("s"))
-    monkeypatch.setattr(stage4_contacts, "_settled", failing_for(stage4_contacts._settled, lambda *_: True))
+    monkeypatch.setattr(contacts, "_settled", failing_for(contacts._settled, lambda *_: True))
     found = answer(Scene("s"))
     assert set(expected) <= set(found)
     for pair, one in found.items():
@@ -129,15 +131,13 @@ def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch
 def test_a_failing_pair_costs_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """All pairs fail in company, none alone: the answer is what it was."""
     expected = answer(Scene("s"))
-    crowd = failing_for(stage4_contacts._settled, lambda scene, solver, pairs, *_: len(pairs) > 1)
-    monkeypatch.setattr(stage4_contacts, "_settled", crowd)
+    crowd = failing_for(contacts._settled, lambda scene, solver, pairs, *_: len(pairs) > 1)
+    monkeypatch.setattr(contacts, "_settled", crowd)
     assert answer(Scene("s")) == expected
 
 
 def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        stage4_contacts.Encounters, "excess", failing_for(stage4_contacts.Encounters.excess, lambda *_: True)
-    )
+    monkeypatch.setattr(contacts.Encounters, "excess", failing_for(contacts.Encounters.excess, lambda *_: True))
     assert answer(Scene("s"))["A0", "A1"].verdict == Verdict.UNRESOLVED
 
 
@@ -145,7 +145,7 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
     """A conflict stays one without it; a pair that may come near, and has no other row, is unresolved."""
     scene = SCENES[1]
     expected = answer(scene)
-    monkeypatch.setattr(settle, "approaches", failing_for(settle.approaches, lambda *_: True))
+    monkeypatch.setattr(run, "approaches", failing_for(run.approaches, lambda *_: True))
     found = answer(scene)
     assert set(found) >= set(expected)
     for pair, one in expected.items():
@@ -157,5 +157,5 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
 def test_a_depth_that_cannot_be_found_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
     areas = [area("A", 4.0), area("B", 4.5)]  # side by side: grazing
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.GRAZING]
-    monkeypatch.setattr(settle, "_core", failing_for(settle._core, lambda *_: True))
+    monkeypatch.setattr(run, "_core", failing_for(run._core, lambda *_: True))
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.UNRESOLVED]

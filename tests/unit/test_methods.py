@@ -7,12 +7,12 @@ import pytest
 import scenes
 import shapely
 
-from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Solver, Steps
 from conflictdb.model import EarthModel, Scene, Verdict
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.stage4_contacts import contacts
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stage4.contacts import contacts
 
 
 def test_every_method_has_its_row() -> None:

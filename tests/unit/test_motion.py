@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
-from conflictdb.batches import Pieces, TrackBatch
-from conflictdb.geodesy import earth_of
-from conflictdb.mercator import Mercator
+from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion import padding_m
-from conflictdb.pieces import track_pieces
-from conflictdb.rhumb import RhumbShapes
+from conflictdb.motion.contract import padding_m
+from conflictdb.motion.mercator import Mercator
+from conflictdb.motion.rhumb import RhumbShapes
+from conflictdb.pieces.cutting import track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65

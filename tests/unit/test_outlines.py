@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from oracle_motion import grown, outlines
 from workloads import GROWING, throw
 
-from conflictdb.batches import TrackBatch
+from conflictdb.arrays.batches import TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Scene, Track, rectangle_outline_m
+from conflictdb.motion.registry import plane_of
 from conflictdb.outlines import mitred, stays_convex
-from conflictdb.pieces import _legs, track_pieces
-from conflictdb.planes import plane_of
+from conflictdb.pieces.cutting import _legs, track_pieces
 
 
 def grown_by(outline: np.ndarray, by_m: float) -> np.ndarray:

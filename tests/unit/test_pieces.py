@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import WORKLOADS, Workload, throw
 
-from conflictdb.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.arrays.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.earth.geodesy import earth_of
 from conflictdb.errors import InvalidInput
-from conflictdb.geodesy import earth_of
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
-from conflictdb.pieces import area_pieces, check_plane, track_pieces
+from conflictdb.pieces.cutting import area_pieces, check_plane, track_pieces
 
 
 def hull(pieces: Pieces, k: int) -> shapely.Polygon:

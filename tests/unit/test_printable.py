@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from conflictdb.cli import output
 from conflictdb.cli.report import conflict_table, loaded_text, skipped_text
 from conflictdb.database import Loaded
+from conflictdb.db.store import Conflict, LoadCounts
 from conflictdb.errors import InvalidInput
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.io.json_text import dumped
 from conflictdb.printable import printable
-from conflictdb.store import Conflict, LoadCounts
 
 TITLE = "\x1b]0;owned\x07"
 ATTACKS = [

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from conflictdb.processes import computed
+from conflictdb.pipeline.processes import computed
 
 
 def test_every_job_is_answered() -> None:

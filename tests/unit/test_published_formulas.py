@@ -19,7 +19,7 @@ from published import (
 )
 from tables import markdown, put_into
 
-from conflictdb.geodesy import earth_of
+from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel
 
 

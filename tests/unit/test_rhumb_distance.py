@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from conflictdb.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
-from conflictdb.gnomonic import Gnomonic
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion import Plane, sides_of
-from conflictdb.planes import plane_of
+from conflictdb.motion.contract import Plane, sides_of
+from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.registry import plane_of
 
 ROUND = Geod(a=MEAN_RADIUS_M, b=MEAN_RADIUS_M)
 WGS84 = Geod(a=WGS84_RADIUS_M, f=WGS84_FLATTENING)

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import HIGH_LATITUDE, PAPER, throw
 
-from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import MEAN_RADIUS_M
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion import StaticShapes
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.planes import plane_of
-from conflictdb.proofs import Leaf, crossing, not_clear
-from conflictdb.separation import TOUCH_M, Encounters, nearest
+from conflictdb.motion.contract import StaticShapes
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stage4.proofs import Leaf, crossing, not_clear
+from conflictdb.stage4.separation import TOUCH_M, Encounters, nearest
 
 SPHERE = plane_of(Scene("sphere", earth=EarthModel.SPHERE))
 ROW = np.zeros(1, np.int64)

@@ -5,9 +5,9 @@ import pytest
 import scenes
 import shapely
 
-from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.pieces import area_pieces, track_pieces
+from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stage3_projection import shared_span, windows
 
 

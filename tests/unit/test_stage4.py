@@ -9,16 +9,16 @@ import scenes
 import shapely
 from verdicts import solved
 
-from conflictdb import stage4_lp, stage4_nlp
-from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.planes import plane_of
-from conflictdb.separation import Encounters
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stage4.published import linear_program, nonlinear_program
+from conflictdb.stage4.separation import Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 SCENE = Scene("s", earth=EarthModel.SPHERE)
-PROGRAMS = pytest.mark.parametrize("program", [stage4_lp, stage4_nlp], ids=["lp", "nlp"])
+PROGRAMS = pytest.mark.parametrize("program", [linear_program, nonlinear_program], ids=["lp", "nlp"])
 
 
 def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
@@ -60,7 +60,7 @@ def test_separation_wanted_in_the_nonlinear_program() -> None:
     """Head-on towards an edge: 3 km before it, less the haven's nose."""
     box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
     pair = leg(box, scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000, 2000, 500, 500), separation_m=3000.0)
-    first = stage4_nlp.extreme_contact(pair, 0.0, 3600.0, latest=False)
+    first = nonlinear_program.extreme_contact(pair, 0.0, 3600.0, latest=False)
     assert first == pytest.approx((0.5 - 7000 / DEGREE) * 3600, abs=0.1)
 
 
@@ -72,9 +72,9 @@ def test_uniform_motion_is_told_from_other() -> None:
     east = leg(box, scenes.track("T", [(0, 60), (1, 60)], [0, 3600]))
     north = leg(box, scenes.track("T", [(0, 60), (0, 61)], [0, 3600]))
     creeping = leg(box, scenes.track("T", [(0, 60), (0, 60.0001)], [0, 3600], 10, 10, 10, 10))
-    assert stage4_lp.is_uniform(east, nothing, hour).tolist() == [True]
-    assert stage4_lp.is_uniform(north, nothing, hour).tolist() == [False]
-    assert stage4_lp.is_uniform(creeping, nothing, hour).tolist() == [True]
+    assert linear_program.is_uniform(east, nothing, hour).tolist() == [True]
+    assert linear_program.is_uniform(north, nothing, hour).tolist() == [False]
+    assert linear_program.is_uniform(creeping, nothing, hour).tolist() == [True]
 
 
 @pytest.mark.parametrize("answer", [None, 0.0, 1e9, -1e9, 1800.0], ids=str)
@@ -95,8 +95,8 @@ def test_a_solver_that_fails_or_errs_changes_no_answer(monkeypatch: pytest.Monke
 
         monkeypatch.setattr(program, "extreme_contact", wrong)
 
-    misled(stage4_nlp)
-    misled(stage4_lp)
+    misled(nonlinear_program)
+    misled(linear_program)
     for k, expected in zip(known, before, strict=True):
         found = solved(replace(k.scene, method=Method.NLP), k.areas, k.tracks)
         assert found.keys() == expected.keys()
@@ -110,7 +110,7 @@ def test_a_solver_that_fails_or_errs_changes_no_answer(monkeypatch: pytest.Monke
                 for x, y in zip(mine, theirs, strict=True):
                     assert (x is None) == (y is None)
                     assert x is None or y is None or abs(x - y) <= 2 + 1e6 * (one.time_error_s + other.time_error_s)
-    assert {stage4_lp, stage4_nlp} <= set(asked)
+    assert {linear_program, nonlinear_program} <= set(asked)
 
 
 def test_verdicts_by_depth() -> None:

@@ -14,11 +14,11 @@ from pyproj import Geod
 from scenes import FLATTENING, RADIUS_M, T0_US
 
 from conflictdb import Interference, solve
-from conflictdb.geodesy import earth_of
-from conflictdb.gnomonic import Gnomonic
-from conflictdb.mercator import Mercator
+from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict
-from conflictdb.planes import plane_of
+from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.mercator import Mercator
+from conflictdb.motion.registry import plane_of
 
 RADIUS = RADIUS_M[EarthModel.SPHERE]
 DEGREE = np.radians(RADIUS)

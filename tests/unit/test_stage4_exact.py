@@ -8,18 +8,18 @@ import scenes
 import shapely
 from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
-from conflictdb.batches import AreaBatch, Pairs, Pieces, TrackBatch
-from conflictdb.geodesy import Floats
-from conflictdb.memory import pairs_in_memory
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.earth.geodesy import Floats
+from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion import likeness
-from conflictdb.pieces import area_pieces, track_pieces
-from conflictdb.planes import plane_of
-from conflictdb.separation import TOUCH_M, Encounters
+from conflictdb.motion.contract import likeness
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stage3_projection import shared_span
-from conflictdb.stage4_contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
-from conflictdb.stage4_exact import Work, settle_exactly
-from conflictdb.stage4_search import search
+from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
+from conflictdb.stage4.exact.solver import Work, settle_exactly
+from conflictdb.stage4.search import search
+from conflictdb.stage4.separation import TOUCH_M, Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 

@@ -1,0 +1,1 @@
+"""What each method would cost and answer, told from a sample before anything is run."""

@@ -1,0 +1,377 @@
+"""Advice: what each setting would cost for a scene and how wrong it would be, measured on a sample of that scene.
+
+Nothing is written, and nothing of the database is asked but the objects themselves. The sample is drawn in two steps:
+
+1. *Objects.* A random subset, only where all would be too many to handle in seconds: whatever lies in it is a pair with
+   equal chance, so a count among them scales by the ratio of the pairs of objects.
+2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 does not tell apart at the
+   scene's tolerance, or at 10 m. Larger tolerances have a smaller sample of their own: a dense scene has many times as
+   many pairs that come within 1000 m, most of which never meet. Whole pairs, not pairs of pieces: what users see, and
+   what is right or wrong, is a pair of objects with its periods. Objects alone would not do: of a few hundred random
+   objects of a large scene hardly two come near each other.
+
+Each setting then makes the pieces of the drawn objects and takes the drawn pairs through stages 1 to 4, as
+`memory.solve` does. Counts and shares carry their 95 % interval, also where they are nothing or everything. The truth
+that answers are held against is method `exact` at tolerance 0 on the scene's own earth, on the same pairs.
+
+Seconds are processor time on this machine: what a detection takes where it need not share. The pieces, the regions of
+stage 2 and stages 3 and 4 are timed; what only a database does (its joins, rows in and out) is set in proportion to the
+making of pieces, by the ratios below. `benchmarks/advice.py` holds both against detections.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import inputs
+from conflictdb.advice.estimates import (
+    Answer,
+    Cost,
+    Count,
+    Estimate,
+    Setting,
+    Share,
+    duration,
+    extrapolated_s,
+    recommendation,
+    wrongness,
+)
+from conflictdb.advice.sample import Frame, Objects
+from conflictdb.arrays.batches import Conflicts, Pairs, Pieces
+from conflictdb.earth.geodesy import Floats
+from conflictdb.errors import InvalidInput
+from conflictdb.in_memory import candidates, intersections
+from conflictdb.methods import METHODS, Method
+from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.motion.registry import centred
+from conflictdb.pipeline.run import settle
+
+__all__ = ["Advice", "Estimate", "Setting", "advise"]
+
+# Tolerances that are tried besides the scene's own, metres: from none to what a glance at a chart is worth.
+TOLERANCES_M: Final = (0.0, 1.0, 10.0, 1000.0)
+# Pairs of objects that are drawn unless said otherwise: shares within 2 %, and an answer within seconds.
+SAMPLE: Final = 500
+# Tolerances up to this, or the scene's own, are tried on one sample; larger ones on one of their own, so much smaller.
+NEARBY_M: Final = 10.0
+FAR_SHARE: Final = 5
+# Pairs of pieces that a sample may hold on average: one pair of areas with coasts has thousands.
+PIECE_PAIRS: Final = 3_000
+FAR_PIECE_PAIRS: Final = 1_000
+# The same for method nlp, which takes 10 ms a pair, and the least number of pairs of objects all the same.
+NLP_PIECE_PAIRS: Final = 60
+NLP_LEAST: Final = 5
+# Copies of the sample that show what one more pair costs in full batches, and about what time they may take, seconds.
+LEAST_COPIES: Final = 2
+MOST_COPIES: Final = 8
+COPIES_S: Final = 1.0
+
+# What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 80 to
+# 2,000 objects with PostgreSQL 15 (benchmarks/advice.py). Another scene or disk may make it half of that, or twice.
+DATABASE_PER_PIECE: Final = 1.0  # its row in, the marks
+JOIN_PER_PIECE: Final = 0.5  # stage 1
+TEST_PER_CANDIDATE: Final = 0.14  # stage 2; its pairs and pieces out
+WRITE_PER_CONFLICT: Final = 1.5
+REGION_RATIO: Final = 1.5  # a region there against one in memory: the same library, but its bytes travel
+FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
+
+_SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
+
+# Told how many settings are measured, and of how many.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What each setting would cost for a scene, how wrong it would be, and what follows.
+
+    scene : its settings
+    seed : of the draws; the same seed draws the same sample
+    objects, objects_looked_at : of the scene, and of these the ones among which pairs were looked for
+    nearby_m : tolerance at which stage 1 finds the pairs that come near each other
+    pairs : such pairs of objects in the whole scene, estimated
+    sampled_pairs, nlp_pairs : of these the pairs drawn, and of those the ones that method nlp was tried on; larger
+        tolerances have pairs of their own, see `Estimate.sampled_pairs`
+    undecided_pairs : drawn pairs that the truth itself leaves unresolved
+    estimates : by method, earth and tolerance; empty where there is nothing to detect
+    recommendation : one or two sentences
+    """
+
+    scene: Scene
+    seed: int
+    objects: int
+    objects_looked_at: int
+    nearby_m: float
+    pairs: Count
+    sampled_pairs: int
+    nlp_pairs: int
+    undecided_pairs: int
+    estimates: tuple[Estimate, ...]
+    recommendation: str
+
+
+def advise(
+    scene: Scene,
+    areas: Sequence[Area],
+    tracks: Sequence[Track],
+    *,
+    sample: int = SAMPLE,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Advice:
+    """Return what each setting would cost for a scene and how wrong it would be.
+
+    sample : pairs of objects to draw, 1 or more; fewer where they have very many pieces
+    seed : 0 or more; the same objects and seed give the same sample and the same counts, but not the same seconds
+    """
+    inputs.count("advise", "sample", sample, 1)
+    inputs.count("advise", "seed", seed, 0)
+    objects = Objects.of(areas, tracks)
+    if not len(objects):
+        why = "the scene holds no objects: there is nothing to detect."
+        return _nothing(scene, seed, objects, 0, Count(0.0, 0.0, 0.0), why)
+    scene = centred(scene, areas, tracks)
+    settings = _settings(scene)
+    nearby_m = max(scene.tolerance_m, NEARBY_M)
+    rng = np.random.default_rng(seed)
+    # Of all methods exact looks the furthest, where the scene wants closest approaches.
+    widest = replace(scene, method=Method.EXACT, tolerance_m=nearby_m)
+    draw = _Draw.of(widest, objects, sample, PIECE_PAIRS, rng)
+    if not len(draw.keys):
+        frame = draw.frame
+        return _nothing(scene, seed, objects, len(frame.looked_at), frame.pairs_whole, _nobody_meets(objects, frame))
+    nlp = min(len(draw.keys), max(NLP_LEAST, int(NLP_PIECE_PAIRS / draw.frame.pieces_per_pair)))
+    measure = _Measure(scene, objects, draw)
+    far_m = max(setting.tolerance_m for setting in settings)
+    far = measure
+    if far_m > nearby_m:
+        few = -(-sample // FAR_SHARE)
+        draw_far = _Draw.of(replace(widest, tolerance_m=far_m), objects, few, FAR_PIECE_PAIRS, rng)
+        far = _Measure(scene, objects, draw_far)
+    estimates = []
+    for done, setting in enumerate(settings):
+        if progress:
+            progress(done, len(settings))
+        by = measure if setting.tolerance_m <= nearby_m else far
+        estimates.append(by.estimate(setting, nlp if setting.method == Method.NLP else None))
+    if progress:
+        progress(len(settings), len(settings))
+    return Advice(
+        scene=scene,
+        seed=seed,
+        objects=len(objects),
+        objects_looked_at=len(draw.frame.looked_at),
+        nearby_m=nearby_m,
+        pairs=draw.frame.pairs_whole,
+        sampled_pairs=len(draw.keys),
+        nlp_pairs=nlp,
+        undecided_pairs=measure.undecided,
+        estimates=tuple(estimates),
+        recommendation=recommendation(estimates, scene.method, scene.earth, scene.tolerance_m),
+    )
+
+
+def _nothing(scene: Scene, seed: int, objects: Objects, looked_at: int, pairs: Count, why: str) -> Advice:
+    return Advice(scene, seed, len(objects), looked_at, NEARBY_M, pairs, 0, 0, 0, (), why)
+
+
+def _nobody_meets(objects: Objects, frame: Frame) -> str:
+    whom = f"the {len(objects)} objects"
+    if len(frame.looked_at) < len(objects):
+        whom = f"{len(frame.looked_at)} of {whom}, drawn at random,"
+    costs = duration(frame.piece_s * (1.0 + DATABASE_PER_PIECE + JOIN_PER_PIECE) * frame.pieces_whole + FIXED_S)
+    return (
+        f"no two of {whom} come near each other in space, time and height: every setting gives the same answer, "
+        f"for about {costs}; stay with exact."
+    )
+
+
+def _settings(scene: Scene) -> list[Setting]:
+    """Return what is tried: method by tolerance on the scene's earth, and the other earth at the scene's tolerance.
+
+    Method nlp only with the scene's own: it is dear, and its answers are certified to be those of exact.
+    """
+    tolerances = sorted({scene.tolerance_m, *TOLERANCES_M})
+    tried = [
+        Setting(method, scene.earth, tolerance_m)
+        for method in Method
+        for tolerance_m in (tolerances if method != Method.NLP else [scene.tolerance_m])
+    ]
+    for earth in EarthModel:
+        try:
+            replace(scene, earth=earth)
+        except InvalidInput:  # the motion does not go with it
+            continue
+        if earth != scene.earth:
+            tried += [Setting(method, earth, scene.tolerance_m) for method in Method if method != Method.NLP]
+    return tried
+
+
+@dataclass(frozen=True, slots=True)
+class _Draw:
+    """Pairs of objects drawn from a frame: (n,) keys, in the order they were drawn: any first k are a sample too."""
+
+    frame: Frame
+    keys: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, widest: Scene, objects: Objects, sample: int, piece_pairs: int, rng: np.random.Generator) -> "_Draw":
+        """Return so many pairs, or all, or on average as many as have so many pairs of pieces."""
+        frame = Frame.of(widest, objects, rng)
+        # By the mean of all, not by what is drawn: stopping at a pair with many pieces would favour those with few.
+        n = min(sample, max(1, int(piece_pairs / frame.pieces_per_pair))) if len(frame.pairs) else 0
+        return cls(frame, frame.pairs[rng.permutation(len(frame.pairs))[:n]])
+
+
+class _Measure:
+    """Takes drawn pairs of objects through the stages, setting by setting."""
+
+    def __init__(self, scene: Scene, objects: Objects, draw: _Draw) -> None:
+        self._scene, self._objects, self._frame, self._drawn = scene, objects, draw.frame, draw.keys
+        self._rank = np.argsort(draw.keys)
+        self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]] = {}
+        self._truth_is = Setting(Method.EXACT, scene.earth, 0.0)
+        self._truth = self._answer(self._run(self._truth_is, len(draw.keys), is_timed=False)[0])
+
+    @property
+    def undecided(self) -> int:
+        """How many of the drawn pairs the truth leaves unresolved."""
+        return int(self._truth.is_unresolved.sum())
+
+    def estimate(self, setting: Setting, n: int | None = None) -> Estimate:
+        """Return what a setting costs, and how wrong it is, by the drawn pairs or the first n of them."""
+        n = len(self._drawn) if n is None else n
+        reports, done = self._run(setting, n)
+        found = self._answer(reports)
+        truth = self._truth.among(self._drawn[:n])
+        wrong = wrongness(found, truth)
+        candidate, intersecting, solved = (
+            self._frame.total(of_pair, self._drawn, self._frame.pieces_per_pair)
+            for of_pair in (done.candidates, done.met, done.solved)
+        )
+        conflicts = self._frame.total(np.isin(self._drawn[:n], found.pair), self._drawn[:n], 1.0)
+        of_reported = self._frame.sampling(n, found.pair).share
+        of_meeting = self._frame.sampling(n, truth.pair[~truth.is_unresolved]).share
+        # The truth is not wrong against itself, and that nothing is missed on the scene's own earth is proven.
+        false_share = Share.certain if setting == self._truth_is else of_reported
+        missed_share = Share.certain if setting.earth == self._truth_is.earth else of_meeting
+        made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
+        pairs = intersecting.value
+        region_s = REGION_RATIO * done.region_s * pairs / max(done.handled, 1)
+        return Estimate(
+            setting=setting,
+            sampled_pairs=n,
+            candidate_pairs=candidate,
+            intersecting_pairs=intersecting,
+            solved_pairs=solved,
+            conflicts=conflicts,
+            cost=Cost(
+                pieces_s=made_s * (1.0 + DATABASE_PER_PIECE) * pieces,
+                stage1_s=made_s * JOIN_PER_PIECE * pieces,
+                stage2_s=made_s * TEST_PER_CANDIDATE * candidate.value + region_s,
+                stage3_s=extrapolated_s(done.once.stage3_s, done.more.stage3_s, done.copies, done.handled, pairs),
+                stage4_s=extrapolated_s(done.once.stage4_s, done.more.stage4_s, done.copies, done.handled, pairs),
+                write_s=made_s * WRITE_PER_CONFLICT * conflicts.value + FIXED_S,
+            ),
+            wrong=wrong,
+            false_share=false_share(wrong.false_pairs, wrong.reported),
+            unresolved_share=of_reported(wrong.unresolved, wrong.reported),
+            missed_share=missed_share(wrong.missed_pairs, wrong.meeting_pairs),
+        )
+
+    def _run(self, setting: Setting, n: int, *, is_timed: bool = True) -> tuple[Conflicts, "_Pass"]:
+        """Return what a setting makes of the first n drawn pairs, and what that took."""
+        scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
+        pieces, a, b = self._stage1(scene)
+        drawn = self._number(pieces, a, b)
+        regions = METHODS[scene.method].projects_regions
+        met = intersections(pieces, a, b, regions=False)
+        met_of = np.bincount(self._number(pieces, met.a, met.b), minlength=len(self._drawn))
+        some = np.flatnonzero(drawn < n)
+        started = time.process_time()
+        pairs = intersections(pieces, a[some], b[some], regions=regions)
+        region_s = time.process_time() - started if regions else 0.0
+        conflicts, solved, once = self._settled(scene, pieces, pairs)
+        # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
+        copies, more = 1, once
+        if is_timed and scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
+            copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
+            copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
+            more = self._settled(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]
+        return conflicts, _Pass(
+            candidates=np.bincount(drawn, minlength=len(self._drawn)),
+            met=met_of,
+            solved=met_of.astype(np.float64) * (solved / max(len(pairs), 1)),
+            handled=len(pairs),
+            region_s=region_s,
+            once=once,
+            copies=copies,
+            more=more,
+        )
+
+    def _settled(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, int, "_Seconds"]:
+        """Return the conflicts of pairs, how many were given to stage 4, and the processor time of stages 3 and 4."""
+        footprint = self._objects.footprint
+        started = time.process_time()
+        conflicts, funnel = settle(scene, pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)])
+        # The funnel goes by the clock on the wall: only how the time is shared is taken from it.
+        pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
+        return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)
+
+    def _stage1(self, scene: Scene) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
+        """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
+        which = (scene.earth, scene.reach_m)
+        if which not in self._candidates:
+            pieces = self._objects.pieces(scene, self._objects.members(self._drawn))
+            a, b = candidates(pieces)
+            wanted = np.isin(self._objects.pair_keys(pieces, a, b), self._drawn)
+            self._candidates[which] = (pieces, a[wanted], b[wanted])
+        return self._candidates[which]
+
+    def _number(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return as which number the pair of objects of each pair of pieces was drawn."""
+        keys = self._objects.pair_keys(pieces, a, b)
+        return self._rank[np.searchsorted(self._drawn, keys, sorter=self._rank)]
+
+    def _answer(self, conflicts: Conflicts) -> Answer:
+        return Answer.of(conflicts, self._objects.keys_of(conflicts))
+
+
+@dataclass(frozen=True, slots=True)
+class _Seconds:
+    stage3_s: float
+    stage4_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pass:
+    """What one run of a setting counted and took.
+
+    candidates, met, solved : (n,) pairs of pieces after stages 1 and 2, and given to stage 4, of every drawn pair
+    handled : pairs of pieces of those it ran on, after stage 2
+    region_s : processor time of their regions
+    once, more : processor time of stages 3 and 4 for these, and for so many copies of these
+    """
+
+    candidates: NDArray[np.int64]
+    met: NDArray[np.int64]
+    solved: Floats
+    handled: int
+    region_s: float
+    once: _Seconds
+    copies: int
+    more: _Seconds
+
+
+def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pieces, Pairs]:
+    """Return pieces and pairs so many times over, the objects of each copy numbered beyond those of the one before."""
+    everything = Pieces.concatenate(
+        [replace(pieces, object_id=pieces.object_id + copy * objects) for copy in range(copies)]
+    )
+    again = pairs.take(np.tile(np.arange(len(pairs)), copies))
+    away = np.repeat(np.arange(copies) * len(pieces), len(pairs))
+    return everything, replace(again, a=again.a + away, b=again.b + away)

@@ -1,0 +1,155 @@
+"""Objects of a scene, and the pairs of them that come near each other: what samples are drawn from.
+
+Where all objects would be too many to handle in seconds, pairs are looked for among a random subset: any two objects
+are in it with equal chance, so a count of pairs scales by the ratio of the numbers of pairs.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.advice.estimates import Count, Sampling, object_error, whole
+from conflictdb.arrays.batches import AreaBatch, Conflicts, Pieces, TrackBatch
+from conflictdb.in_memory import candidates, hulls_of
+from conflictdb.model import Area, Kind, Scene, Track
+from conflictdb.pieces.covers import pieces_of
+
+# Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
+PROBE: Final = 400
+PIECES: Final = 15_000
+MEETINGS: Final = 3_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Objects:
+    """All objects of a scene, numbered: areas first, then tracks, each by key, so that their order does not matter."""
+
+    areas: Sequence[Area]
+    tracks: Sequence[Track]
+    footprint: NDArray[np.object_]
+
+    @classmethod
+    def of(cls, areas: Sequence[Area], tracks: Sequence[Track]) -> "Objects":
+        """Return the objects of a scene, in any order."""
+        areas = sorted(areas, key=lambda area: area.key.encode())
+        tracks = sorted(tracks, key=lambda track: track.key.encode())
+        return cls(areas, tracks, AreaBatch.of(areas).footprint)
+
+    def __len__(self) -> int:
+        return len(self.areas) + len(self.tracks)
+
+    def pieces(self, scene: Scene, numbers: NDArray[np.int64]) -> Pieces:
+        """Return the pieces of some objects."""
+        still = numbers[numbers < len(self.areas)]
+        moving = numbers[numbers >= len(self.areas)] - len(self.areas)
+        areas = replace(AreaBatch.of([self.areas[i] for i in still.tolist()]), area_id=still)
+        tracks = replace(TrackBatch.of([self.tracks[i] for i in moving.tolist()]), track_id=moving)
+        return pieces_of(scene, areas, tracks)
+
+    def pair_keys(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return one number for the pair of objects of each pair of pieces."""
+        return self._keys(pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b])
+
+    def keys_of(self, conflicts: Conflicts) -> NDArray[np.int64]:
+        """Return the same number for the pair of each conflict."""
+        return self._keys(conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id)
+
+    def _keys(
+        self, a_kind: NDArray[np.int8], a: NDArray[np.int64], b_kind: NDArray[np.int8], b: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        one, other = (
+            number + np.where(kind == Kind.TRACK, len(self.areas), 0) for kind, number in ((a_kind, a), (b_kind, b))
+        )
+        return np.minimum(one, other) * len(self) + np.maximum(one, other)
+
+    def members(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the objects that occur in pairs."""
+        return np.unique(np.concatenate([keys // len(self), keys % len(self)]))
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The pairs that samples are drawn from.
+
+    objects : of the whole scene
+    looked_at : (m,) numbers of the objects among which pairs were looked for
+    pairs : (f,) keys of pairs of objects, increasing
+    owner : (p,) row in `pairs` of each pair of pieces
+    scale : pairs of all objects for one of those looked at
+    object_error : relative standard error of counts that are scaled by it
+    piece_s : seconds of processor time that making one piece takes
+    pieces_whole : pieces of the whole scene, estimated
+    """
+
+    objects: int
+    looked_at: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    scale: float
+    object_error: float
+    piece_s: float
+    pieces_whole: float
+
+    @property
+    def pieces_per_pair(self) -> float:
+        """Pairs of pieces for a pair of objects, on average; NaN without pairs."""
+        return len(self.owner) / len(self.pairs) if len(self.pairs) else float("nan")
+
+    @property
+    def pairs_whole(self) -> Count:
+        """Pairs of the whole scene, estimated."""
+        m = len(self.looked_at)
+        if not len(self.pairs) and 1 < m < self.objects:
+            # None of all pairs of these objects, each of which is in m - 1 of them.
+            seen = m * (m - 1) // 2
+            return whole(np.zeros(seen), seen * self.scale, Sampling(1.0 / self.scale, 2.0 * m - 3.0), 0.0, 1.0)
+        counted = len(self.pairs)
+        return whole(np.ones(counted), counted * self.scale, Sampling(1.0, 1.0), self.object_error, 1.0)
+
+    def sampling(self, drawn: int, some: NDArray[np.int64]) -> Sampling:
+        """Return how some pairs, given their keys, are among so many that were drawn.
+
+        Of a part of the objects, pairs that share one are taken to be right or wrong together, which is the worst that
+        can be. Of all objects pairs are drawn from a list, and nothing else is left to chance.
+        """
+        effect = 1.0
+        if len(some) and len(self.looked_at) < self.objects:
+            degree = np.bincount(np.concatenate([some // self.objects, some % self.objects]))
+            effect = float((degree**2).sum() - len(some)) / len(some)
+        return Sampling(drawn / (len(self.pairs) * self.scale), effect)
+
+    def total(self, of_pair: NDArray[Any], drawn: NDArray[np.int64], typical: float) -> Count:
+        """Return the total over the whole scene, from a value for each of some pairs drawn at random."""
+        sampling = self.sampling(len(drawn), drawn)
+        return whole(of_pair.astype(np.float64), len(self.pairs) * self.scale, sampling, self.object_error, typical)
+
+    @classmethod
+    def of(cls, widest: Scene, objects: Objects, rng: np.random.Generator) -> "Frame":
+        """Return the pairs that come near each other at the settings `widest`, among what objects are affordable."""
+        order = rng.permutation(len(objects))
+        looked_at = order[: _affordable(widest, objects, order[:PROBE])] if len(objects) > PROBE else order
+        started = time.process_time()
+        pieces = objects.pieces(widest, np.sort(looked_at))
+        piece_s = (time.process_time() - started) / len(pieces)
+        pairs, owner = np.unique(objects.pair_keys(pieces, *candidates(pieces)), return_inverse=True)
+        m, n = len(looked_at), len(objects)
+        members = np.stack([pairs // n, pairs % n])[:, owner]
+        degree = np.bincount(members.ravel(), minlength=n)[looked_at]
+        scale = n * (n - 1) / (m * (m - 1)) if m > 1 else 1.0
+        error = object_error(degree.astype(np.float64), n)
+        return cls(n, looked_at, pairs, owner, scale, error, piece_s, len(pieces) * n / m)
+
+
+def _affordable(widest: Scene, objects: Objects, probe: NDArray[np.int64]) -> int:
+    """Return among how many objects pairs can be looked for, judged by a few of them."""
+    pieces = objects.pieces(widest, np.sort(probe))
+    hulls = hulls_of(pieces)
+    meetings = len(shapely.STRtree(hulls).query(hulls)[0])
+    by_pieces = PIECES * len(probe) / len(pieces)
+    by_meetings = len(probe) * float(np.sqrt(MEETINGS / meetings))
+    return min(len(objects), max(2, int(min(by_pieces, by_meetings))))

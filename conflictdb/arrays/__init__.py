@@ -1,0 +1,1 @@
+"""Objects, pieces, pairs and answers as arrays: what the stages hand each other."""

@@ -1,0 +1,1 @@
+"""All that knows the database: the schema, reading and writing, detection, the worker."""

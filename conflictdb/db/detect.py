@@ -1,0 +1,241 @@
+"""Detection: a scene of the database taken through the four stages.
+
+The only module that knows both halves: the database, where stages 1 and 2 run, and the arrays of stages 3 and 4.
+
+Two transactions. The first refreshes the pieces of the objects that changed. The second sees one state of the database:
+it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the marks that the
+pieces cover. So after a crash at any point either nothing or all of it happened to the conflicts, and marks made
+meanwhile stay.
+
+Each transaction holds the scene's lock, which ends with it. Another detection may come in between, whole or in part.
+The lock counts how often it was taken: a second transaction that does not follow its first one makes the pieces anew.
+"""
+
+import logging
+import os
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.db import store
+from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
+from conflictdb.methods import METHODS, Method
+from conflictdb.model import Scene
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import Progress, settle
+
+__all__ = ["Progress", "Run", "detect", "detect_pending"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a detection did.
+
+    run_id : its row in the table `run`
+    candidate_pairs, intersecting_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after stage 1, after
+        stage 2, after stage 3, given to stage 4, and reported
+    conflicts, unresolved : of the scene now, also those this run had no reason to look at
+    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
+    pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds
+    """
+
+    run_id: int
+    method: Method
+    candidate_pairs: int
+    intersecting_pairs: int
+    window_pairs: int
+    solved_pairs: int
+    met_pairs: int
+    conflicts: int
+    unresolved: int
+    opened: int
+    changed: int
+    closed: int
+    pieces_s: float
+    stage1_s: float
+    stage2_s: float
+    stage3_s: float
+    stage4_s: float
+    total_s: float
+
+
+class _NothingPending(Exception):
+    """No object of the scene waits for a detection."""
+
+
+def detect(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    *,
+    full: bool = False,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+    lock_timeout_s: float | None = None,
+    say: store.Say = _log.warning,
+) -> Run:
+    """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
+
+    Parameters
+    ----------
+    conn : psycopg connection without an open transaction
+    full : compute everything again, also what did not change
+    jobs : processes that stage 4 may use; None is one per processor
+    progress : told now and then how many pairs stage 4 has settled, and of how many
+    lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
+        for as long as it takes
+    say : told after 5 s of waiting for another detection who that is
+
+    Raises
+    ------
+    InvalidInput
+        There is no such scene.
+    LockTimeout
+        Somebody else kept a lock for `lock_timeout_s`; nothing was done.
+    StoreError
+        The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
+    """
+    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say))
+
+
+def detect_pending(conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None) -> Run | None:
+    """Do as `detect`, but never wait for another detection of the scene, and do nothing where nothing changed.
+
+    Returns None if nothing was to do. Raises LockTimeout if another detection is at work, which says who that is.
+    """
+    try:
+        return _run(conn, scene, False, _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, only_pending=True))
+    except _NothingPending:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How to go about a detection: the parameters of `detect`, and whether one that finds nothing to do is a run."""
+
+    jobs: int
+    progress: Progress | None
+    lock_timeout_s: float | None
+    say: store.Say
+    only_pending: bool = False
+
+
+def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Run:
+    started = time.perf_counter()
+    store.require_idle(conn, "a detection")
+    store.require_writable(conn)
+    scene_id = store.scene_id(conn, scene)
+    record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
+    try:
+        taken = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+        if way.only_pending and not store.is_pending(conn, scene_id):
+            raise _NothingPending
+        if full:
+            store.mark_all(conn, scene_id)
+        settings, record = _refresh_pieces(conn, scene_id, record)
+        with store.translated():
+            conn.commit()
+        followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+        if followed != taken + 1 or store.read_settings(conn, scene_id) != settings:
+            # Another detection came in between, or other settings: whatever is still marked becomes ours here and now.
+            if way.only_pending and not store.is_pending(conn, scene_id):
+                raise _NothingPending
+            settings, record = _refresh_pieces(conn, scene_id, record)
+        return _refresh_conflicts(conn, scene_id, settings, record, way, started)
+    except BaseException as error:
+        # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
+        is_removed = False
+        with suppress(ConflictDBError, psycopg.Error):
+            conn.rollback()
+            if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
+                is_removed = not store.is_scene(conn, scene_id)
+                if not is_removed:
+                    store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
+        if is_removed:
+            raise StoreError(f"scene {scene!r} was removed while it was detected") from error
+        raise
+
+
+def _refresh_pieces(
+    conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord
+) -> tuple[Scene, store.RunRecord]:
+    """Make the pieces of the changed objects anew."""
+    clock = time.perf_counter()
+    settings = store.read_settings(conn, scene_id)
+    wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
+    areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
+    pieces = pieces_of(settings, areas, tracks)
+    store.replace_pieces(conn, scene_id, pieces)
+    took_s = (record.pieces_s or 0.0) + time.perf_counter() - clock
+    return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)
+
+
+def _refresh_conflicts(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    settings: Scene,
+    record: store.RunRecord,
+    way: _Way,
+    started: float,
+) -> Run:
+    """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
+    clock = [time.perf_counter()]
+
+    def lap() -> float:
+        clock.append(time.perf_counter())
+        return clock[-1] - clock[-2]
+
+    candidates = store.find_candidates(conn, scene_id)
+    stage1_s = lap()
+    regions = METHODS[settings.method].projects_regions
+    intersecting = store.find_intersections(conn, scene_id, regions)
+    pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
+    stage2_s = lap()
+
+    def footprints(area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return store.footprints(conn, area_ids)
+
+    conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=way.jobs, progress=way.progress)
+    record = replace(
+        record,
+        settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},
+        candidate_pairs=candidates,
+        intersecting_pairs=intersecting,
+        window_pairs=funnel.window_pairs,
+        solved_pairs=funnel.solved_pairs,
+        stage1_s=stage1_s,
+        stage2_s=stage2_s,
+        stage3_s=funnel.stage3_s,
+        stage4_s=funnel.stage4_s,
+    )
+    outcome = store.write_run(conn, scene_id, record, conflicts)
+    now = store.runs(conn, settings.name)[0]
+    with store.translated():
+        conn.commit()
+    return Run(
+        run_id=outcome.run_id,
+        method=settings.method,
+        candidate_pairs=candidates,
+        intersecting_pairs=intersecting,
+        window_pairs=funnel.window_pairs,
+        solved_pairs=funnel.solved_pairs,
+        met_pairs=funnel.met_pairs,
+        conflicts=now.conflicts or 0,
+        unresolved=now.unresolved or 0,
+        opened=outcome.opened,
+        changed=outcome.changed,
+        closed=outcome.closed,
+        pieces_s=record.pieces_s or 0.0,
+        stage1_s=stage1_s,
+        stage2_s=stage2_s,
+        stage3_s=funnel.stage3_s,
+        stage4_s=funnel.stage4_s,
+        total_s=time.perf_counter() - started,
+    )

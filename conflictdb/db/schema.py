@@ -1,0 +1,286 @@
+"""Creates, upgrades and checks the schema `conflictdb` in a database.
+
+`migrations/` holds the past of the structure (alembic), `sql/` the present of the routines. An upgrade does everything
+in one transaction, under a lock: it runs the missing revisions and, once at head, all of `sql/`.
+"""
+
+import hashlib
+import logging
+import re
+import threading
+import time
+from pathlib import Path
+from typing import Any, Final, LiteralString
+
+import psycopg
+from psycopg import sql
+from psycopg.rows import tuple_row
+
+from conflictdb.db import store
+from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError
+
+_log = logging.getLogger(__name__)
+
+SCHEMA: Final = "conflictdb"
+MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
+MIN_POSTGIS_VERSION: Final = (3, 3)
+
+# Key of the advisory lock that makes upgrades of one database wait for each other: "conflict" in ASCII.
+_UPGRADE_LOCK: Final = int.from_bytes(b"conflict")
+# Anybody who can connect can hold that lock, and readers hold tables: an upgrade waits no longer than this, and says
+# after a while for whom.
+_UPGRADE_WAIT_S: Final = 300.0
+_SAY_AFTER_S: Final = 5.0
+_LOOK_EVERY_S: Final = 0.1
+# Alembic keeps what it does in global variables: one thread at a time. Other programs wait at the database's lock.
+_ALEMBIC: Final = threading.Lock()
+_HOLDERS: Final = """
+SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
+FROM pg_catalog.pg_stat_activity a
+WHERE a.pid <> pg_backend_pid()
+  AND EXISTS (SELECT FROM pg_catalog.pg_locks l LEFT JOIN pg_catalog.pg_class c ON c.oid = l.relation
+              WHERE l.pid = a.pid AND l.granted
+                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
+                AND (c.relnamespace = to_regnamespace('conflictdb')
+                     OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
+ORDER BY a.xact_start, a.pid
+"""
+_PACKAGE: Final = Path(__file__).resolve().parents[1]
+
+
+def routine_files() -> list[Path]:
+    """Return the files of sql/ in the order they are applied."""
+    return sorted(_folder("sql").glob("[0-9][0-9]_*.sql"))
+
+
+def routines_sha256() -> str:
+    """Return the hash of all of sql/, names and contents."""
+    digest = hashlib.sha256()
+    for file in routine_files():
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def head() -> str:
+    """Return the newest revision this program knows."""
+    return max(_revisions())
+
+
+def revision(conn: psycopg.Connection[Any]) -> str | None:
+    """Return the revision of the schema in the database, None if there is none."""
+    with store.translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
+        cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL", prepare=False)
+        if cursor.fetchone() != (True,):
+            return None
+        row = cursor.execute("SELECT version_num FROM conflictdb.alembic_version", prepare=False).fetchone()
+        return None if row is None else str(row[0])
+
+
+def check(conn: psycopg.Connection[Any]) -> None:
+    """Raise SchemaMissing, SchemaOutdated or SchemaTooNew unless the database's schema is the one of this program."""
+    found = revision(conn)
+    if found is None:
+        raise SchemaMissing(f"database {conn.info.dbname!r} has no conflictdb schema: run `conflictdb init`")
+    _check_known(found, conn.info.dbname)
+    if found != head():
+        raise SchemaOutdated(
+            f"the conflictdb schema of database {conn.info.dbname!r} is at revision {found}, this program needs "
+            f"{head()}: run `conflictdb upgrade`"
+        )
+    # Between releases a routine may change before its revision has a name.
+    with store.translated(), conn.transaction():
+        applied = _applied_sha256(conn)
+        armed = _triggers_armed(conn)
+    if applied != routines_sha256():
+        raise SchemaOutdated(
+            f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
+            "`conflictdb upgrade`"
+        )
+    if not armed:
+        raise SchemaOutdated(
+            f"triggers of schema conflictdb in database {conn.info.dbname!r} are switched off, or a restore has reset "
+            "them, and changes go unnoticed: run `conflictdb upgrade`, then `conflictdb detect --full` for each scene"
+        )
+
+
+def upgrade(dsn: str) -> str:
+    """Create the schema, or bring it to this program's revision; returns the revision.
+
+    Safe to call at the same time from several programs, and quick when there is nothing to do. A schema that was made
+    by a newer program is left alone (SchemaTooNew).
+
+    Raises LockTimeout, naming who holds what, if another upgrade does not end, or somebody else's transaction keeps a
+    table, for five minutes.
+    """
+    with store.translated(), store.connect(dsn) as conn:
+        found = revision(conn)
+        if found is not None:
+            _check_known(found, conn.info.dbname)
+        if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
+            return found
+        store.require_writable(conn)
+    # These two take longer to import than everything else; a schema that is up to date does not need them.
+    import alembic.command
+    import alembic.config
+    import sqlalchemy
+
+    config = alembic.config.Config()
+    config.set_main_option("script_location", str(_folder("migrations")))
+    engine = sqlalchemy.create_engine(
+        "postgresql+psycopg://", creator=lambda: store.connect(dsn), poolclass=sqlalchemy.pool.NullPool
+    )
+    try:
+        with _ALEMBIC, store.translated(), engine.connect() as connection:
+            config.attributes["connection"] = connection
+            try:
+                alembic.command.upgrade(config, "head")
+            except sqlalchemy.exc.DBAPIError as error:
+                raise (error.orig or error) from error
+        with store.translated(), store.connect(dsn) as conn:
+            # The structure was at head already but the routines or triggers were not this program's.
+            if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn):
+                prepare(conn)
+                apply_routines(conn)
+            return str(revision(conn))
+    except LockTimeout as error:
+        with store.translated(), store.connect(dsn) as conn:
+            holders = _holders(conn) or "nobody any more"
+        raise LockTimeout(
+            f"upgrading the schema waited {_UPGRADE_WAIT_S:g} s for locks; they are held by: {holders}"
+        ) from error
+
+
+def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
+    """Return what an administrator must run so that the roles can work, None if nothing is missing.
+
+    The roles use the types of PostGIS; only who owns the schema it lives in may let them.
+    """
+    with store.translated(), conn.transaction():
+        where = _one(
+            conn,
+            "SELECT quote_ident(n.nspname) FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace "
+            "WHERE e.extname = 'postgis' AND NOT has_schema_privilege('conflictdb_reader', n.oid, 'USAGE')",
+        )
+    return None if where is None else f"GRANT USAGE ON SCHEMA {where} TO conflictdb_reader"
+
+
+def prepare(conn: psycopg.Connection[Any]) -> None:
+    """Lock out other upgrades until the transaction ends; make sure of the extensions, the schema and the search path.
+
+    Raises ServerError if the server is too old, lacks PostGIS or refuses to create it.
+    """
+    if conn.info.server_version < MIN_SERVER_VERSION:
+        raise ServerError(f"PostgreSQL {MIN_SERVER_VERSION // 10000} or newer is needed; this is {_server(conn)}")
+    _lock_out_others(conn)
+    for extension in ("postgis", "btree_gist"):
+        try:
+            conn.execute(sql.SQL("CREATE EXTENSION IF NOT EXISTS {}").format(sql.Identifier(extension)))
+        except (psycopg.errors.FeatureNotSupported, psycopg.errors.UndefinedFile) as error:
+            raise ServerError(f"the server has no extension {extension!r}: install it ({_server(conn)})") from error
+        except psycopg.errors.InsufficientPrivilege as error:
+            raise ServerError(
+                f"extension {extension!r} is missing in database {conn.info.dbname!r} and {conn.info.user!r} may not "
+                f"create it; let an administrator run: CREATE EXTENSION {extension}"
+            ) from error
+    version = str(_one(conn, "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"))
+    if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
+        raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
+    conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
+    _set_search_path(conn)
+
+
+def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
+    start, is_said = time.monotonic(), False
+    while _one(conn, "SELECT pg_try_advisory_xact_lock(%s)", _UPGRADE_LOCK) is not True:
+        waited_s = time.monotonic() - start
+        if waited_s >= _UPGRADE_WAIT_S:
+            raise LockTimeout("another upgrade is at work")
+        if waited_s >= _SAY_AFTER_S and not is_said:
+            is_said = True
+            _log.warning("waiting for another upgrade of the schema: %s", _holders(conn))
+        time.sleep(_LOOK_EVERY_S)
+    # A limit of the role's or database's would end what takes long: indexes of full tables.
+    conn.execute("SET LOCAL statement_timeout = 0")
+    conn.execute(f"SET LOCAL lock_timeout = '{_UPGRADE_WAIT_S * 1000:.0f}ms'".encode())
+
+
+def _holders(conn: psycopg.Connection[Any]) -> str:
+    """Return who holds the lock of upgrades, or a table of the schema, for people; empty if nobody does."""
+    with conn.cursor(row_factory=tuple_row) as cursor:
+        cursor.execute(_HOLDERS.format(high=_UPGRADE_LOCK >> 32, low=_UPGRADE_LOCK & 0xFFFFFFFF).encode(), binary=True)
+        return " and ".join(str(store.Holder(*row)) for row in cursor)
+
+
+def apply_routines(conn: psycopg.Connection[Any]) -> None:
+    """Run all of sql/ in the transaction of `conn`, whose schema must be at head."""
+    _set_search_path(conn)
+    for file in routine_files():
+        # As bytes and without parameters, so that neither % nor : means anything.
+        conn.execute(file.read_bytes())
+    conn.execute(
+        sql.SQL("COMMENT ON TABLE conflictdb.alembic_version IS {}").format(
+            sql.Literal(f"Revision of the structure. Routines: SHA-256 {routines_sha256()}")
+        )
+    )
+
+
+def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether all triggers are there and fire when they must: always, for users alone, or for replicas alone.
+
+    Their names say which. `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, makes all alike.
+    """
+    code = "".join(file.read_text() for file in routine_files())
+    made = re.findall(r"^CREATE (?:OR REPLACE|CONSTRAINT) TRIGGER (\w+)", code, re.MULTILINE)
+    armed = _one(
+        conn,
+        """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND NOT t.tgisinternal
+             AND t.tgenabled = CASE WHEN t.tgname ~ '_replicated$' THEN 'R'
+                                    WHEN t.tgname ~ '_(inserted|updated|deleted|removed)$' THEN 'O'
+                                    WHEN t.tgname = 'scene_holds_objects' THEN 'O' ELSE 'A' END""",
+    )
+    return armed == len(made)
+
+
+def _applied_sha256(conn: psycopg.Connection[Any]) -> str:
+    comment = _one(conn, "SELECT obj_description(to_regclass('conflictdb.alembic_version'), 'pg_class')")
+    return str(comment).rpartition(" ")[2]
+
+
+def _set_search_path(conn: psycopg.Connection[Any]) -> None:
+    """Let names mean ours, then PostGIS's wherever it lives; temporary objects never come first."""
+    where = _one(
+        conn,
+        "SELECT n.nspname FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace WHERE extname = 'postgis'",
+    )
+    path = sql.SQL(", ").join(sql.Identifier(name) for name in (SCHEMA, str(where), "pg_temp"))
+    conn.execute(sql.SQL("SET LOCAL search_path = {}").format(path))
+
+
+def _check_known(found: str, database: str) -> None:
+    if found not in _revisions():
+        raise SchemaTooNew(
+            f"the conflictdb schema of database {database!r} is at revision {found}, which this program does not know "
+            f"(it knows up to {head()}): install a newer conflictdb"
+        )
+
+
+def _revisions() -> list[str]:
+    """Return the revisions of this program: the numbers that file names of migrations/versions start with."""
+    return [file.name.partition("_")[0] for file in (_folder("migrations") / "versions").glob("[0-9]*_*.py")]
+
+
+def _folder(name: str) -> Path:
+    """Return the folder sql or migrations: inside an installed package, else beside it in the source tree."""
+    packaged = _PACKAGE / f"_{name}"
+    return packaged if packaged.is_dir() else _PACKAGE.parent / name
+
+
+def _server(conn: psycopg.Connection[Any]) -> str:
+    return f"PostgreSQL {conn.info.parameter_status('server_version')}"
+
+
+def _one(conn: psycopg.Connection[Any], query: LiteralString, *arguments: object) -> object:
+    with conn.cursor(row_factory=tuple_row) as cursor:
+        row = cursor.execute(query, arguments, prepare=False).fetchone()
+        return None if row is None else row[0]

@@ -1,0 +1,251 @@
+"""PostgreSQL's COPY BINARY format as arrays: whole columns are encoded and decoded at once, not row by row.
+
+Ragged columns (texts, geometries, spans) are concatenated bytes with offsets. Reference: PostgreSQL documentation,
+COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WKB, little-endian on every machine.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import ArrayLike, NDArray
+
+from conflictdb.db.store.connection import translated
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+
+Bytes = NDArray[np.uint8]
+Offsets = NDArray[np.int64]
+
+# Instants in PostgreSQL count microseconds from 2000-01-01.
+_EPOCH_US: Final = 946_684_800_000_000
+_SIGNATURE: Final = b"PGCOPY\n\xff\r\n\0"
+_HEADER: Final = _SIGNATURE + bytes(8)
+_TRAILER: Final = b"\xff\xff"
+_ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of the index arrays
+
+WKB_POLYGON: Final = 3
+WKB_LINESTRING_M: Final = 2002
+EWKB_SRID: Final = 0x2000_0000
+
+
+@dataclass(frozen=True, slots=True)
+class Ragged:
+    """n byte strings: string i is data[offset[i]:offset[i + 1]]; null where is_null."""
+
+    data: Bytes
+    offset: Offsets
+    is_null: NDArray[np.bool_] | None = None
+
+    @classmethod
+    def of(cls, strings: Sequence[bytes | None]) -> "Ragged":
+        """Return byte strings, None for null."""
+        data = np.frombuffer(b"".join(s for s in strings if s is not None), dtype=np.uint8)
+        is_null = np.array([s is None for s in strings], dtype=np.bool_)
+        return cls(data, offsets([0 if s is None else len(s) for s in strings]), is_null)
+
+
+Column = Bytes | Ragged  # (n, width) bytes of a fixed-width type, or ragged
+
+
+def offsets(lengths: ArrayLike) -> Offsets:
+    """Return (n + 1,) offsets of n lengths."""
+    return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
+
+
+def fixed(values: ArrayLike, dtype: str) -> Bytes:
+    """Return a column of a fixed-width type: i2, i4, i8, f8 or b1."""
+    array = np.ascontiguousarray(np.asarray(values), dtype=np.dtype(dtype).newbyteorder(">"))
+    return array.view(np.uint8).reshape(len(array), array.dtype.itemsize)
+
+
+def instants(us: NDArray[np.int64]) -> Bytes:
+    """Return a column of timestamptz; SINCE_EVER_US and FOR_EVER_US become -infinity and infinity."""
+    # PostgreSQL's infinities are the same two numbers.
+    unbounded = (us == SINCE_EVER_US) | (us == FOR_EVER_US)
+    return fixed(us - np.where(unbounded, 0, _EPOCH_US), "i8")
+
+
+def microseconds(instant: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return microseconds since 1970 of decoded timestamptz (the reverse of `instants`)."""
+    unbounded = (instant == SINCE_EVER_US) | (instant == FOR_EVER_US)
+    return np.asarray(instant + np.where(unbounded, 0, _EPOCH_US), dtype=np.int64)
+
+
+def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive: NDArray[np.bool_]) -> Ragged:
+    """Return a column of tstzrange: [start, end) or [start, end], without a bound where unbounded."""
+    no_start, no_end = start_us == SINCE_EVER_US, end_us == FOR_EVER_US
+    flags = np.where(no_start, 0x08, 0x02) | np.where(no_end, 0x10, np.where(end_inclusive, 0x04, 0))
+    length = fixed(np.full(len(start_us), 8), "i4")
+    whole = np.concatenate(
+        [flags.astype(np.uint8)[:, None], length, instants(start_us), length, instants(end_us)], axis=1
+    )
+    present = np.ones(whole.shape, dtype=np.bool_)
+    present[no_start, 1:13] = False
+    present[no_end, 13:25] = False
+    return Ragged(whole[present], offsets(present.sum(axis=1)))
+
+
+def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
+    """Return a column of polygons of one closed ring each (EWKB), from concatenated vertices."""
+    return _wkb(WKB_POLYGON, [1], xy, offset, srid)
+
+
+def float8_array(sent: bytes) -> NDArray[np.float64]:
+    """Return the numbers of an array of one dimension as array_send gives it; NaN for null."""
+    count = int.from_bytes(sent[12:16], "big") if sent[3] else 0
+    numbers, at = np.full(count, np.nan), 20
+    for i in range(count):
+        size = int.from_bytes(sent[at : at + 4], "big", signed=True)
+        at += 4
+        if size > 0:
+            numbers[i] = np.frombuffer(sent, dtype=">f8", count=1, offset=at)[0]
+            at += size
+    return numbers
+
+
+def lines_m(xym: NDArray[np.float64], offset: Offsets) -> Ragged:
+    """Return a column of LineStringM (WKB), from concatenated vertices."""
+    return _wkb(WKB_LINESTRING_M, [], xym, offset, 0)
+
+
+def _wkb(code: int, before: list[int], vertices: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
+    count = np.diff(offset)
+    n = len(count)
+    words = [code | (EWKB_SRID if srid else 0), *([srid] if srid else []), *before]
+    head = np.empty((n, 5 + 4 * len(words)), dtype=np.uint8)
+    head[:, 0] = 1  # little-endian
+    head[:, 1:-4] = np.array(words, dtype="<u4").view(np.uint8)
+    head[:, -4:] = count.astype("<u4").view(np.uint8).reshape(n, 4)
+    size = 8 * vertices.shape[1]
+    data = np.ascontiguousarray(vertices, dtype="<f8").view(np.uint8).reshape(-1)
+    out = offsets(head.shape[1] + size * count)
+    result = np.empty(out[-1], dtype=np.uint8)
+    result[out[:-1, None] + np.arange(head.shape[1])] = head
+    result[_rows_of(out[:-1] + head.shape[1], size * count)] = data
+    return Ragged(result, out)
+
+
+def closed_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.float64], Offsets]:
+    """Return open rings closed; a single point becomes [a, a, a, a], a line [a, b, b, a]: a ring has four at least."""
+    count = np.diff(offset)
+    closed = offsets(np.maximum(count, 3) + 1)
+    nth = np.arange(closed[-1]) - np.repeat(closed[:-1], np.diff(closed))
+    of = np.repeat(np.arange(len(count)), np.diff(closed))
+    last = nth == np.diff(closed)[of] - 1
+    index = np.where(last, 0, np.minimum(nth, count[of] - 1))
+    return xy[offset[:-1][of] + index], closed
+
+
+def open_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.float64], Offsets]:
+    """Return closed rings opened: the reverse of `closed_rings`."""
+    count = np.diff(offset) - 1
+    small = np.flatnonzero(count == 3)
+    a, b, c = (xy[offset[small] + k] for k in range(3))
+    line = (b == c).all(axis=1)
+    count[small[line]] = 2
+    count[small[line & (a == b).all(axis=1)]] = 1
+    return xy[_rows_of(offset[:-1], count)], offsets(count)
+
+
+def send(conn: psycopg.Connection[Any], table: str, columns: Mapping[str, Column]) -> None:
+    """COPY columns into a table; the names of table and columns come from this package only."""
+    statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN (FORMAT BINARY)"
+    with translated(), conn.cursor() as cursor, cursor.copy(statement.encode()) as copy:
+        copy.write(_HEADER)
+        for block in _blocks(list(columns.values())):
+            copy.write(block)
+        copy.write(_TRAILER)
+
+
+def _blocks(columns: list[Column]) -> Iterator[bytes]:
+    n = len(columns[0]) if isinstance(columns[0], np.ndarray) else len(columns[0].offset) - 1
+    for first in range(0, n, _ROWS_PER_BLOCK):
+        yield _block(columns, first, min(first + _ROWS_PER_BLOCK, n)).tobytes()
+
+
+def _block(columns: list[Column], first: int, end: int) -> Bytes:
+    """Return rows [first, end) as bytes: per row the number of fields, per field its length (-1 null) and data."""
+    n = end - first
+    sizes = np.full(n, 2, dtype=np.int64)
+    for column in columns:
+        width = column.shape[1] if isinstance(column, np.ndarray) else np.diff(column.offset[first : end + 1])
+        sizes += 4 + width
+    start = offsets(sizes)
+    out = np.empty(start[-1], dtype=np.uint8)
+    cursor = start[:-1].copy()
+    out[cursor[:, None] + np.arange(2)] = np.frombuffer(len(columns).to_bytes(2, "big"), dtype=np.uint8)
+    cursor += 2
+    for column in columns:
+        if isinstance(column, np.ndarray):
+            width = column.shape[1]
+            field = np.empty((n, 4 + width), dtype=np.uint8)
+            field[:, :4] = np.frombuffer(width.to_bytes(4, "big"), dtype=np.uint8)
+            field[:, 4:] = column[first:end]
+            out[cursor[:, None] + np.arange(4 + width)] = field
+            cursor += 4 + width
+        else:
+            lengths = np.diff(column.offset[first : end + 1])
+            announced = lengths if column.is_null is None else np.where(column.is_null[first:end], -1, lengths)
+            out[cursor[:, None] + np.arange(4)] = fixed(announced, "i4")
+            out[_rows_of(cursor + 4, lengths)] = column.data[column.offset[first] : column.offset[end]]
+            cursor += 4 + lengths
+    return out
+
+
+def receive(
+    conn: psycopg.Connection[Any],
+    routine: str,
+    arguments: Sequence[object],
+    dtype: Sequence[tuple[str, str]],
+    ragged: Sequence[str] = (),
+) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
+    """Return the rows of a set-returning routine: fixed-width columns as arrays, the ragged ones after them as bytes.
+
+    The routine's columns are those of `dtype` (numpy types without byte order), then those of `ragged`; none is null.
+    """
+    places = ", ".join(["%s"] * len(arguments))
+    statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
+    with translated(), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
+        data = b"".join(copy)
+    layout = [("fields", ">i2")]
+    for name, kind in dtype:
+        layout += [(f"{name} length", ">i4"), (name, f">{kind}")]
+    row_type = np.dtype(layout)
+    start, end = len(_HEADER), len(data) - len(_TRAILER)
+    if not ragged:
+        table = np.frombuffer(data[start:end], dtype=row_type)
+        return {name: _native(table[name]) for name, _ in dtype}, {}
+    fixed_parts: list[bytes] = []
+    strings: dict[str, list[bytes]] = {name: [] for name in ragged}
+    appends = [strings[name].append for name in ragged]
+    width = row_type.itemsize
+    while start < end:
+        fixed_parts.append(data[start : start + width])
+        start += width
+        for append in appends:
+            first = start + 4
+            start = first + int.from_bytes(data[start:first], "big")
+            append(data[first:start])
+    table = np.frombuffer(b"".join(fixed_parts), dtype=row_type)
+    return {name: _native(table[name]) for name, _ in dtype}, strings
+
+
+def vertices(wkb: Sequence[bytes], code: int) -> tuple[NDArray[np.float64], Offsets]:
+    """Return the concatenated vertices, and offsets, of geometries of one ring or line: Polygon or LineStringM."""
+    head, ordinates = {WKB_POLYGON: (13, 2), WKB_LINESTRING_M: (9, 3)}[code]
+    size = 8 * ordinates
+    data = b"".join([item[head:] for item in wkb])
+    count = np.array([(len(item) - head) // size for item in wkb], dtype=np.int64)
+    return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(-1, ordinates), offsets(count)
+
+
+def _native(values: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def _rows_of(start: Offsets, length: Offsets) -> NDArray[np.int64]:
+    """Return the indices [start, start + length) of every row, one after the other."""
+    ends = np.cumsum(length)
+    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - (ends - length), length)

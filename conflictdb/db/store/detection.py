@@ -1,0 +1,337 @@
+"""What a detection reads and writes: marks and pieces (transaction 1), pairs and conflicts (transaction 2).
+
+Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
+calls:
+
+    begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
+    begin_locked; find_candidates, find_intersections, intersecting_pairs, write_run; commit
+"""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call, call_many, transaction
+from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
+from conflictdb.model import Kind, Verdict
+
+_AREA_COLUMNS = [
+    ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
+]  # fmt: skip
+_TRACK_COLUMNS = [
+    ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
+]  # fmt: skip
+_PIECE_COLUMNS = [
+    ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("part", "i4"),
+    ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"), ("ceiling_m", "f8"),
+    ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"), ("end_lon_deg", "f8"),
+    ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
+]  # fmt: skip
+
+_VERDICT_NAMES = {verdict.code: verdict.encode() for verdict in Verdict}
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """What is recorded of a detection: settings, pairs that remained after each stage, seconds each stage took."""
+
+    method: str
+    settings: Mapping[str, Any]
+    started_at: datetime
+    candidate_pairs: int | None = None
+    intersecting_pairs: int | None = None
+    window_pairs: int | None = None
+    solved_pairs: int | None = None
+    pieces_s: float | None = None
+    stage1_s: float | None = None
+    stage2_s: float | None = None
+    stage3_s: float | None = None
+    stage4_s: float | None = None
+
+    def as_json(self, **more: object) -> str:
+        """Return it as the database takes it."""
+        return json.dumps({**asdict(self), "started_at": self.started_at.isoformat(), **more})
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """What a detection changed: conflicts opened, changed (other periods or verdict) and closed."""
+
+    run_id: int
+    opened: int
+    changed: int
+    closed: int
+
+
+def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
+    """Mark every object of a scene as changed; returns how many."""
+    return int(call(conn, "_mark_all", scene_id)[0])
+
+
+def is_pending(conn: psycopg.Connection[Any], scene_id: int) -> bool:
+    """Return whether an object of a scene waits for a detection."""
+    return bool(call(conn, "_is_pending", scene_id)[0])
+
+
+def changed_areas(conn: psycopg.Connection[Any], scene_id: int) -> AreaBatch:
+    """Return the areas of a scene that changed since the last detection."""
+    columns, strings = copy_binary.receive(conn, "_changed_areas", [scene_id], _AREA_COLUMNS, ["footprint"])
+    footprint = np.empty(len(columns["area_id"]), dtype=object)
+    footprint[:] = shapely.from_wkb(strings["footprint"])
+    return AreaBatch(
+        columns["area_id"],
+        columns["version"],
+        footprint,
+        copy_binary.microseconds(columns["start"]),
+        copy_binary.microseconds(columns["end"]),
+        columns["floor_m"],
+        columns["ceiling_m"],
+    )
+
+
+def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Return the footprints of some areas (degrees), in their order; empty where one was removed meanwhile."""
+    known = dict(call_many(conn, "_footprints", area_ids.tolist()))
+    found = np.empty(len(area_ids), dtype=object)
+    found[:] = [shapely.from_wkb(known[i]) if i in known else shapely.MultiPolygon() for i in area_ids.tolist()]
+    return found
+
+
+def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
+    """Return the tracks of a scene that changed since the last detection."""
+    columns, strings = copy_binary.receive(
+        conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline", "outlines", "floors", "ceilings"]
+    )
+    positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
+    outline_m, outline_offset = decode_rings(strings["outline"])
+    outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
+    return TrackBatch(
+        columns["track_id"],
+        columns["version"],
+        waypoint_offset,
+        positions_deg,
+        times_us,
+        outline_offset,
+        outline_m,
+        _leg_heights(columns["floor_m"], strings["floors"], waypoint_offset, -np.inf),
+        _leg_heights(columns["ceiling_m"], strings["ceilings"], waypoint_offset, np.inf),
+        columns["grow_mps"],
+        outlines_offset,
+        outlines_m,
+    )
+
+
+def _leg_heights(
+    whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
+) -> NDArray[np.float64]:
+    """Return the heights of all legs of tracks: that of the whole track, or those of its legs where it has some."""
+    legs = np.diff(waypoint_offset) - 1
+    heights = np.repeat(whole_m, legs)
+    start = np.cumsum(legs) - legs
+    for i in np.flatnonzero([bool(one) for one in sent]).tolist():
+        heights[start[i] : start[i] + legs[i]] = decode_heights(sent[i], unbounded)
+    return heights
+
+
+def replace_pieces(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces) -> None:
+    """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered."""
+    (srid,) = call(conn, "_begin_pieces", scene_id)
+    for kind in Kind:
+        rows = np.flatnonzero(pieces.kind == kind)
+        if rows.size:
+            copy_binary.send(conn, "conflictdb.piece", _piece_columns(pieces.take(rows), scene_id, srid, kind))
+    call(conn, "_end_pieces", len(pieces))
+
+
+def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:
+    n = len(pieces)
+    shape_xy, shape_offset = copy_binary.closed_rings(pieces.shape_xy, pieces.shape_offset)
+    columns: dict[str, copy_binary.Column] = {
+        "scene_id": copy_binary.fixed(np.full(n, scene_id), "i8"),
+        "object_kind": copy_binary.fixed(pieces.kind, "i2"),
+        "object_id": copy_binary.fixed(pieces.object_id, "i8"),
+        "version": copy_binary.fixed(pieces.version, "i8"),
+        "part": copy_binary.fixed(pieces.part, "i4"),
+        "turn": copy_binary.fixed(pieces.turn, "i2"),
+        "hull": copy_binary.polygons(pieces.hull_xy, pieces.hull_offset, srid),
+        "span": copy_binary.spans(pieces.start_us, pieces.end_us, pieces.end_inclusive),
+        "floor_m": copy_binary.fixed(pieces.floor_m, "f8"),
+        "ceiling_m": copy_binary.fixed(pieces.ceiling_m, "f8"),
+        "shape": copy_binary.polygons(shape_xy, shape_offset, 0),
+    }
+    if kind == Kind.TRACK:
+        columns |= {
+            "leg_start": copy_binary.instants(pieces.leg_start_us),
+            "leg_end": copy_binary.instants(pieces.leg_end_us),
+            "start_lon_deg": copy_binary.fixed(pieces.leg_start_deg[:, 0], "f8"),
+            "start_lat_deg": copy_binary.fixed(pieces.leg_start_deg[:, 1], "f8"),
+            "end_lon_deg": copy_binary.fixed(pieces.leg_end_deg[:, 0], "f8"),
+            "end_lat_deg": copy_binary.fixed(pieces.leg_end_deg[:, 1], "f8"),
+            "bearing_deg": copy_binary.fixed(pieces.bearing_deg, "f8"),
+        }
+    if pieces.changes:
+        columns["shape_to"] = _changed_shapes(pieces)
+    return columns
+
+
+def _changed_shapes(pieces: Pieces) -> copy_binary.Ragged:
+    """Return the shapes at the ends of legs; null where a piece keeps its shape."""
+    changed = np.zeros(len(pieces), dtype=np.bool_)
+    differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
+    changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = True
+    some = pieces.take(np.flatnonzero(changed))
+    wkb = copy_binary.polygons(*copy_binary.closed_rings(some.shape_to_xy, some.shape_offset), 0)
+    length = np.zeros(len(pieces), dtype=np.int64)
+    length[changed] = np.diff(wkb.offset)
+    return copy_binary.Ragged(wkb.data, copy_binary.offsets(length), ~changed)
+
+
+def find_candidates(conn: psycopg.Connection[Any], scene_id: int) -> int:
+    """Stage 1: find the pairs of pieces, one of a changed object at least, whose boxes meet; returns how many.
+
+    They stay in the database, for `find_intersections`.
+    """
+    return int(call(conn, "_find_candidates", scene_id)[0])
+
+
+def find_intersections(conn: psycopg.Connection[Any], scene_id: int, regions: bool) -> int:
+    """Stage 2: find the candidates whose hulls meet, and where if `regions`; returns how many.
+
+    They stay in the database, for `intersecting_pairs`.
+    """
+    return int(call(conn, "_find_intersections", scene_id, regions)[0])
+
+
+def intersecting_pairs(conn: psycopg.Connection[Any], scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
+    """Return the pieces that occur in pairs that passed stage 2, and these pairs.
+
+    Pieces come without hulls. Order, and which piece is a and which b, follow kind, key, part and turn, not the
+    database's numbering.
+    """
+    columns, strings = copy_binary.receive(
+        conn, "_intersecting_pieces", [scene_id], _PIECE_COLUMNS, ["shape", "shape_to"]
+    )
+    order = np.argsort(columns["rank"])
+    pieces = _pieces(columns, strings["shape"], strings["shape_to"]).take(order)
+    pair_columns = [("a", "i8"), ("b", "i8")]
+    region: list[bytes] = []
+    if regions:
+        pairs, ragged = copy_binary.receive(conn, "_intersecting_regions", [], pair_columns, ["region"])
+        region = ragged["region"]
+    else:
+        pairs, _ = copy_binary.receive(conn, "_intersecting_pairs", [], pair_columns)
+    by_id = np.argsort(pieces.piece_id)
+    ids = pieces.piece_id[by_id]
+    first, second = (by_id[np.searchsorted(ids, pairs[name])] for name in ("a", "b"))
+    a, b = np.minimum(first, second), np.maximum(first, second)
+    sequence = np.lexsort((b, a))
+    region_xy, region_offset = _regions([region[i] for i in sequence.tolist()] if regions else [], len(a))
+    return pieces, Pairs(a[sequence], b[sequence], region_xy, region_offset)
+
+
+def _regions(wkb: list[bytes], n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the vertices of regions of any geometry type, and offsets; none where there is no region."""
+    present = np.array([bool(item) for item in wkb], dtype=np.bool_)
+    count = np.zeros(n, dtype=np.int64)
+    if not present.any():
+        return np.empty((0, 2)), copy_binary.offsets(count)
+    xy, of = shapely.get_coordinates(shapely.from_wkb([item for item in wkb if item]), return_index=True)
+    count[np.flatnonzero(present)] = np.bincount(of, minlength=int(present.sum()))
+    return xy, copy_binary.offsets(count)
+
+
+def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes], changed: list[bytes]) -> Pieces:
+    if any(changed):
+        start, ring = copy_binary.vertices(shapes, copy_binary.WKB_POLYGON)
+        end, _ = copy_binary.vertices([b or a for a, b in zip(shapes, changed, strict=True)], copy_binary.WKB_POLYGON)
+        # Opened together: what is a line or a point at one end only keeps all its vertices.
+        both, shape_offset = copy_binary.open_rings(np.concatenate([start, end], axis=1), ring)
+        shape_xy, shape_to_xy = (np.ascontiguousarray(half) for half in np.split(both, 2, axis=1))
+    else:
+        shape_xy, shape_offset = decode_rings(shapes)
+        shape_to_xy = shape_xy
+    n = len(columns["piece_id"])
+    return Pieces(
+        piece_id=columns["piece_id"],
+        kind=columns["kind"].astype(np.int8),
+        object_id=columns["object_id"],
+        version=columns["version"],
+        part=columns["part"],
+        turn=columns["turn"],
+        start_us=copy_binary.microseconds(columns["start"]),
+        end_us=copy_binary.microseconds(columns["end"]),
+        end_inclusive=columns["end_inclusive"],
+        floor_m=columns["floor_m"],
+        ceiling_m=columns["ceiling_m"],
+        hull_xy=np.empty((0, 2)),
+        hull_offset=np.zeros(n + 1, dtype=np.int64),
+        shape_xy=shape_xy,
+        shape_to_xy=shape_to_xy,
+        shape_offset=shape_offset,
+        leg_start_us=copy_binary.microseconds(columns["leg_start"]),
+        leg_end_us=copy_binary.microseconds(columns["leg_end"]),
+        leg_start_deg=np.stack([columns["start_lon_deg"], columns["start_lat_deg"]], axis=1),
+        leg_end_deg=np.stack([columns["end_lon_deg"], columns["end_lat_deg"]], axis=1),
+        bearing_deg=columns["bearing_deg"],
+    )
+
+
+def write_run(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, conflicts: Conflicts) -> RunOutcome:
+    """Replace the conflicts of every pair with a changed member, record the run, clear the covered marks.
+
+    The caller commits; then listeners on channel conflictdb are told.
+    """
+    start = time.perf_counter()
+    call(conn, "_begin_write")
+    n = len(conflicts)
+    copy_binary.send(
+        conn,
+        "pg_temp.found",
+        {
+            "nr": copy_binary.fixed(np.arange(n), "i8"),
+            "a_kind": copy_binary.fixed(conflicts.a_kind, "i2"),
+            "a_id": copy_binary.fixed(conflicts.a_id, "i8"),
+            "a_version": copy_binary.fixed(conflicts.a_version, "i8"),
+            "b_kind": copy_binary.fixed(conflicts.b_kind, "i2"),
+            "b_id": copy_binary.fixed(conflicts.b_id, "i8"),
+            "b_version": copy_binary.fixed(conflicts.b_version, "i8"),
+            "verdict": copy_binary.Ragged.of([_VERDICT_NAMES[code] for code in conflicts.verdict.tolist()]),
+            "lon_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 0], "f8"),
+            "lat_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 1], "f8"),
+            "time_error_s": copy_binary.fixed(conflicts.time_error_s, "f8"),
+            "closest_at": copy_binary.instants(conflicts.closest_us),
+            "closest_m": copy_binary.fixed(conflicts.closest_m, "f8"),
+            "closest_error_m": copy_binary.fixed(conflicts.closest_error_m, "f8"),
+            "a_lon_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 0], "f8"),
+            "a_lat_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 1], "f8"),
+            "b_lon_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 0], "f8"),
+            "b_lat_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 1], "f8"),
+        },
+    )
+    copy_binary.send(
+        conn,
+        "pg_temp.found_period",
+        {
+            "nr": copy_binary.fixed(np.repeat(np.arange(n), np.diff(conflicts.period_offset)), "i8"),
+            "first_at": copy_binary.instants(conflicts.period_us[:, 0]),
+            "last_at": copy_binary.instants(conflicts.period_us[:, 1]),
+        },
+    )
+    record = run.as_json(write_s=time.perf_counter() - start)
+    return RunOutcome(*call(conn, "_write_run", scene_id, record))
+
+
+def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, error: str) -> int:
+    """Record a detection that failed, in a transaction of its own; conflicts and marks stay. Returns the run."""
+    with transaction(conn):
+        return int(call(conn, "_record_failure", scene_id, run.as_json(), error)[0])

@@ -1,0 +1,96 @@
+"""The lock that lets one detection of a scene work at a time: a row of `scene_lock`, kept to the end of a transaction.
+
+Only workers may lock rows of that table. A pooler that gives every transaction another session cannot lose the lock: it
+ends with the transaction. Whoever takes it counts up the row, so that a snapshot older than the end of the detection
+before is no longer good: the server says so (SQLSTATE 40001), and the transaction begins again.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import psycopg
+
+from conflictdb.db.store.connection import begin_snapshot, call, call_many, transaction
+from conflictdb.errors import LockTimeout, StoreError
+
+Say = Callable[[str], object]
+
+# A detection that waits for another one says so after this time, and looks whether it is still the same one.
+SAY_AFTER_S: Final = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Whoever holds a lock, as far as the server shows it to us; as a text, for people."""
+
+    pid: int
+    application: str
+    role: str
+    since: datetime | None
+
+    def __str__(self) -> str:
+        since = f", since {self.since.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if self.since else ""
+        application = f", {self.application!r}" if self.application else ""
+        return f"process {self.pid} of the server (user {self.role!r}{application}{since})"
+
+
+def begin_locked(
+    conn: psycopg.Connection[Any], scene_id: int, scene: str, lock_timeout_s: float | None, say: Say
+) -> int:
+    """Begin a transaction that sees one state of the database and holds a scene's lock; commit or roll back ends both.
+
+    Returns how often the lock was taken: two transactions between which nobody took it have numbers in sequence. Limits
+    of time that the role or the database sets do not hold for the transaction. `say` is told after 5 s who holds the
+    lock, and again when that is somebody else.
+
+    Raises LockTimeout, without an open transaction, if somebody else keeps it for `lock_timeout_s` (None: no limit).
+    """
+    start = time.monotonic()
+    said = ""
+    with transaction(conn):
+        call(conn, "_add_scene_lock", scene_id)
+    while True:
+        left_s = SAY_AFTER_S if lock_timeout_s is None else max(0.0, start + lock_timeout_s - time.monotonic())
+        taken = _begin(conn, scene_id, min(SAY_AFTER_S, left_s), lock_timeout_s)
+        if taken is not None:
+            return taken
+        holder = _holder(conn, scene_id)
+        waited_s = time.monotonic() - start
+        if lock_timeout_s is not None and waited_s >= lock_timeout_s:
+            waited = f"waited {lock_timeout_s:g} s: " if lock_timeout_s > 0.0 else ""
+            who = holder or "it has just ended"
+            raise LockTimeout(f"{waited}another detection of scene {scene!r} is at work: {who}")
+        if holder and holder != said:
+            say(f"waiting for another detection of scene {scene!r}: {holder}")
+            said = holder
+
+
+def _begin(conn: psycopg.Connection[Any], scene_id: int, wait_s: float, lock_timeout_s: float | None) -> int | None:
+    """Begin the transaction; returns None, with none open, if somebody else keeps the lock for `wait_s`."""
+    while True:
+        begin_snapshot(conn)
+        try:
+            # First, and by itself: a limit that is changed holds from the next statement on.
+            call(conn, "_lift_limits", lock_timeout_s)
+            (taken,) = call(conn, "_take_scene", scene_id, wait_s)
+        except LockTimeout:
+            conn.rollback()
+            return None
+        except StoreError as error:
+            conn.rollback()
+            if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
+                continue  # somebody had the lock, and gave it back, since the snapshot
+            raise
+        if taken is None:
+            conn.rollback()
+            return None
+        return int(taken)
+
+
+def _holder(conn: psycopg.Connection[Any], scene_id: int) -> str:
+    """Return who holds the lock of a scene, for people; empty if nobody does."""
+    with transaction(conn):
+        return " and ".join(str(Holder(*row)) for row in call_many(conn, "_scene_holders", scene_id))

@@ -1,0 +1,82 @@
+"""What a worker and `status` need of the server: its versions, its workers, and word of changes."""
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import psycopg
+from psycopg.conninfo import make_conninfo
+
+from conflictdb.db.store.connection import call, translated
+
+# By this name workers are counted; routine _service knows it too.
+WORKER_NAME: Final = "conflictdb worker"
+
+# Notifications arrive in milliseconds; where none does, a worker begins this much later.
+_HEARD_WITHIN_S: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """State of a server.
+
+    server_version, postgis_version : as they call themselves
+    worker_count : workers connected to this database
+    """
+
+    server_version: str
+    postgis_version: str
+    worker_count: int
+
+
+def service(conn: psycopg.Connection[Any]) -> Service:
+    """Return the state of the server."""
+    postgis_version, worker_count = call(conn, "_service")
+    server_version = conn.info.parameter_status("server_version") or "?"
+    return Service(server_version.partition(" ")[0], str(postgis_version), int(worker_count))
+
+
+def worker_dsn(dsn: str) -> str:
+    """Return a connection string by whose connections a worker is known."""
+    with translated():
+        return make_conninfo(dsn, application_name=WORKER_NAME)
+
+
+def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+    """Let this session be told of changes and requests; returns whether it will be. Commits.
+
+    A pooler that gives every transaction another session hands on no notifications. So where the session is not the
+    connection's own, one is sent on another connection, which `connect` opens, and must arrive.
+    """
+    with translated():
+        conn.execute("LISTEN conflictdb_request", prepare=False)
+        row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
+        conn.commit()
+        if row != (conn.info.backend_pid,) and not _is_heard(conn, connect):
+            # Maybe it is still the same session: it should not tell whoever has it next.
+            conn.execute("UNLISTEN conflictdb_request", prepare=False)
+            conn.commit()
+            return False
+        # It waits between changes, for as long as there are none.
+        conn.execute("SELECT set_config('idle_session_timeout', '0', false)", prepare=False)
+        conn.commit()
+        return True
+
+
+def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+    """Return whether a notification that another connection sends arrives at an idle connection."""
+    token = f"heard {uuid.uuid4()}"
+    with connect() as other:
+        other.execute("SELECT pg_notify('conflictdb_request', %s)", [token], prepare=False)
+        other.commit()
+        return any(notify.payload == token for notify in conn.notifies(timeout=_HEARD_WITHIN_S))
+
+
+def wait_for_change(conn: psycopg.Connection[Any], timeout_s: float) -> bool:
+    """Wait until something changed, or a detection was requested; return whether it did before the time was over.
+
+    Whatever came while nobody waited counts too. Raises StoreError if the connection is lost.
+    """
+    with translated():
+        return any(True for _ in conn.notifies(timeout=timeout_s, stop_after=1))

@@ -1,0 +1,177 @@
+"""Keeps all scenes current: detects again whatever changed, as soon as it changes.
+
+The marks that changes leave in the database are the queue, so a worker has no state of its own: it may be killed at any
+moment, and there may be as many as you like, on as many machines. It passes over a scene that somebody else detects at
+the moment and takes the next. It listens for changes (NOTIFY) and looks for marks now and then, in case a notification
+was lost with its connection.
+"""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import psycopg
+
+from conflictdb.db import detect, schema, store
+from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError
+
+_log = logging.getLogger(__name__)
+
+EVERY_S: Final = 60.0
+# After a lost connection: the first pause, doubled up to the longest.
+_PAUSE_S: Final = 1.0
+_LONGEST_PAUSE_S: Final = 60.0
+# While somebody else detects a scene that has changes: how often to look whether it is free, and after what time to say
+# who that is. Another worker at work is nothing to speak of, unless somebody waits for `once`.
+_BUSY_PAUSE_S: Final = 1.0
+_SAY_BUSY_AFTER_S: Final = 60.0
+# How often to look for changes where no notification arrives.
+_DEAF_PAUSE_S: Final = 2.0
+
+Connect = Callable[[], "psycopg.Connection[Any]"]
+Report = Callable[[str, "detect.Run | Exception"], None]
+
+
+@dataclass(slots=True)
+class _Busy:
+    """Since when somebody else has a scene that has changes (as of `time.monotonic`), and whether that was said."""
+
+    since_s: float
+    is_said: bool = False
+
+
+@dataclass(slots=True)
+class Worker:
+    """A worker; `run` works until it is interrupted.
+
+    connect : opens a connection of its own
+    report : told the outcome of each detection: the scene, and the run or the error
+    every_s : looks for changes at least this often, seconds; a scene that failed is left alone this long
+    jobs : processes to solve in, None for one per processor
+    lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
+    say : told who keeps a scene from being detected, and if nobody tells of changes
+    """
+
+    connect: Connect
+    report: Report
+    every_s: float = EVERY_S
+    jobs: int | None = None
+    lock_timeout_s: float | None = None
+    say: store.Say = _log.warning
+    _failed_at: dict[str, float] = field(default_factory=dict)
+    _busy: dict[str, _Busy] = field(default_factory=dict)
+    _deafness_is_said: bool = False
+
+    def once(self) -> bool:
+        """Detect every scene that has pending changes, or see that others do; return whether all went well."""
+        well = True
+        with self.connect() as connection:
+            _check(connection)
+            while True:
+                well &= self._round(connection, store.SAY_AFTER_S)
+                if not self._busy:
+                    return well
+                time.sleep(_BUSY_PAUSE_S)
+
+    def run(self) -> None:
+        """Keep scenes current until KeyboardInterrupt; survives the failure of a scene and the loss of the database.
+
+        Raises
+        ------
+        SchemaError
+            The schema is missing, or of another version than this program.
+        ReadOnlyDatabase
+            The database is a hot standby, or has become one.
+        ServerError, StoreError
+            The first connection fails.
+        """
+        pause_s = _PAUSE_S
+        connection = self.connect()
+        while True:
+            try:
+                with connection:
+                    _check(connection)
+                    every_s = self._listen(connection)
+                    pause_s = _PAUSE_S
+                    while True:
+                        self._round(connection, _SAY_BUSY_AFTER_S)
+                        store.wait_for_change(connection, min(every_s, _BUSY_PAUSE_S) if self._busy else every_s)
+            except (SchemaError, ReadOnlyDatabase):
+                raise
+            except ConflictDBError as error:
+                _log.warning("lost the database, trying again: %s", error)
+            connection, pause_s = self._reconnected(pause_s)
+
+    def _listen(self, connection: "psycopg.Connection[Any]") -> float:
+        """Listen for changes; return how often to look for them without being told, seconds."""
+        if store.listen(connection, self.connect):
+            return self.every_s
+        if not self._deafness_is_said:
+            self._deafness_is_said = True
+            self.say(
+                "notifications do not arrive on this connection, as through a pooler that gives every transaction "
+                f"another session: looking for changes every {min(self.every_s, _DEAF_PAUSE_S):g} s"
+            )
+        return min(self.every_s, _DEAF_PAUSE_S)
+
+    def _reconnected(self, pause_s: float) -> tuple["psycopg.Connection[Any]", float]:
+        while True:
+            time.sleep(pause_s)
+            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+            try:
+                return self.connect(), pause_s
+            except ConflictDBError as error:
+                _log.warning("no database yet, trying again in %g s: %s", pause_s, error)
+
+    def _round(self, connection: "psycopg.Connection[Any]", say_after_s: float) -> bool:
+        """Detect every scene that has pending changes, unless it failed a moment ago; return whether all went well.
+
+        Scenes that somebody else detects are left in `_busy`.
+        """
+        well = True
+        pending = store.pending_scenes(connection)
+        self._busy = {scene: busy for scene, busy in self._busy.items() if scene in pending}
+        for scene in pending:
+            if time.monotonic() < self._failed_at.get(scene, -self.every_s) + self.every_s:
+                continue
+            self._failed_at.pop(scene, None)
+            try:
+                run = detect.detect_pending(connection, scene, jobs=self.jobs)
+                self._busy.pop(scene, None)
+                if run is not None:
+                    self.report(scene, run)
+            except LockTimeout as error:
+                well &= self._passed_over(scene, error, say_after_s)
+            except Exception as error:  # whatever is wrong with one scene, the others want to be current
+                if connection.closed:
+                    raise
+                connection.rollback()
+                well = False
+                self._failed(scene, error)
+        return well
+
+    def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float) -> bool:
+        """Take note that somebody else has a scene; return whether that may still be."""
+        busy = self._busy.setdefault(scene, _Busy(time.monotonic()))
+        waited_s = time.monotonic() - busy.since_s
+        if self.lock_timeout_s is not None and waited_s >= self.lock_timeout_s:
+            self._failed(scene, error)
+            return False
+        if waited_s >= say_after_s and not busy.is_said:
+            busy.is_said = True
+            self.say(f"{scene}: {error}")
+        return True
+
+    def _failed(self, scene: str, error: Exception) -> None:
+        self._busy.pop(scene, None)
+        self._failed_at[scene] = time.monotonic()
+        _log.debug("scene %r failed", scene, exc_info=error)
+        self.report(scene, error)
+
+
+def _check(connection: "psycopg.Connection[Any]") -> None:
+    store.require_writable(connection)
+    with store.transaction(connection):
+        schema.check(connection)

@@ -1,0 +1,1 @@
+"""The ellipsoid and the sphere: distances and directions on them."""

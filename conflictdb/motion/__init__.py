@@ -1,0 +1,1 @@
+"""A polygon that moves along a track: the contract, and the planes in which its track is straight."""

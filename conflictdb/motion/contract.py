@@ -1,0 +1,269 @@
+"""Where the polygon of a piece is at an instant, and the plane it moves in: what every stage works on.
+
+A plane is where a scene's tracks and edges are straight; it makes the `Shapes` of its tracks. A further earth or kind
+of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `planes`.
+
+Arrays hold the pair or piece in their last axis: arithmetic then runs along contiguous memory, however few vertices
+there are.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from conflictdb.arrays.batches import Pieces
+from conflictdb.earth.geodesy import Floats, Sides
+from conflictdb.model import Kind
+
+# Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
+ROUNDING_ALLOWANCE_M: Final = 1e-6
+
+
+Rows = NDArray[np.int64] | slice
+
+
+class Shapes(Protocol):
+    """n convex polygons of v vertices each, as functions of time (seconds; each row has its own zero and origin)."""
+
+    @property
+    def vertex_count(self) -> int:
+        """Vertices per polygon."""
+
+    @property
+    def is_convex(self) -> bool:
+        """Whether the vertices are known to be in convex position in the plane (else their hull is meant)."""
+
+    def take(self, rows: Rows) -> "Shapes":
+        """Return the shapes of some rows; views of a slice."""
+
+    def positions(self, t: Floats) -> Floats:
+        """Return the vertices at times t (n,), (2, v, n) plane metres from the row's origin."""
+
+    def velocities(self, t: Floats) -> Floats:
+        """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
+
+    def bend(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2."""
+
+    def velocity(self, t: Floats) -> Floats:
+        """Return one velocity for each whole polygon at times t (n,), (2, n) plane metres per second."""
+
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on how far any vertex's velocity in [t0, t1] is from `velocity` in the middle."""
+
+
+class Havens(Shapes, Protocol):
+    """Shapes that ride along straight lines of the plane."""
+
+    def reference(self, t: Floats) -> Floats:
+        """Return the reference points at times t (n,), (2, n) plane metres from the row's origin."""
+
+    def departure(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) how far a vertex may leave the hull of the polygons at t0 and t1 in between, plane metres."""
+
+    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) the largest scale (see `Plane`) that any vertex or step reaches during [t0, t1]."""
+
+    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
+        """Return (n,) the fraction of the time from t0 to t1 gone at a fraction of the way in the plane."""
+
+
+class Plane(Protocol):
+    """Where the tracks and edges of a scene are straight; coordinates in metres, degrees at the border."""
+
+    @property
+    def turn_m(self) -> float:
+        """Plane metres of one turn of longitude; 0 where the plane has no seam."""
+
+    @property
+    def is_conformal(self) -> bool:
+        """Whether angles in the plane are those on the earth."""
+
+    def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
+        """Return plane x and y of longitudes and latitudes."""
+
+    def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Return longitudes (not wrapped) and latitudes of plane x and y."""
+
+    @property
+    def lines(self) -> str:
+        """What straight lines are on the earth, as errors call them."""
+
+    @property
+    def limit(self) -> str:
+        """How far the plane goes and what to do beyond, as errors say it: what `holds` is about."""
+
+    @property
+    def haven_limit(self) -> str:
+        """The same for havens: what `holds_havens` is about."""
+
+    def holds(self, lon_deg: Floats, lat_deg: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether corners of areas and waypoints may be there."""
+
+    def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
+        """Return (n,) whether the havens of track pieces stay in the plane during the whole leg."""
+
+    def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return lengths (metres) and bearings (degrees) at the start and end of legs.
+
+        start_deg, end_deg : (n, 2) longitude and latitude; longitudes run on from start to end. Where there is no way
+        to go the length is 0.
+        """
+
+    def largest_scale(self, points: Floats) -> Floats:
+        """Return (n,) the most plane metres per metre on the earth, any way, in the hulls of points (2, v, n)."""
+
+    def smallest_scale(self, points: Floats) -> Floats:
+        """Return (n,) the fewest plane metres per metre on the earth (>= 1) in the hulls of points (2, v, n)."""
+
+    def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return how many plane metres a distance may take up where the scale at its ends is at most this.
+
+        Half of it at the scale of each end is enough, too.
+        """
+
+    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
+        """Return the least distance that so many plane metres may be, where the scale at both ends is at most this."""
+
+    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
+        """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
+
+        speed : (n,) plane m/s of the points; scale : the largest they reach, at which the rate is brought to the plane
+        """
+
+    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return (n,) the largest angle, radians, between the line between two places and where distances grow fastest.
+
+        distance_m : of the places, at most; scale : the largest at either
+        """
+
+    def line_bend(self, scale: Floats) -> Floats:
+        """Return (n,) by how much lines that are straight and even in the plane bend on the earth, at most, 1/m.
+
+        In m/s^2 the acceleration on the earth (covariant) of a point that keeps its velocity in the plane is that times
+        the square of its speed in m/s, which is at most its speed in the plane over the smallest scale.
+        """
+
+    def distance_error_m(self, distance_m: Floats | float) -> Floats:
+        """Return by how much at most `distance_m` understates a distance that is this long."""
+
+    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
+        """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
+
+        The length of the shortest way (geodesic), any way round; never overstated, and understated by less than
+        `distance_error_m`.
+        """
+
+    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
+        """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array."""
+
+    def shapes(self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats) -> Havens:
+        """Return the havens of some track pieces; row i counts time from zero_us[i], metres from origin[:, i]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StaticShapes:
+    """Polygons that stand still; xy : (2, v, n) plane metres."""
+
+    xy: Floats
+
+    @property
+    def vertex_count(self) -> int:
+        return int(self.xy.shape[1])
+
+    @property
+    def is_convex(self) -> bool:
+        return True
+
+    def take(self, rows: Rows) -> "StaticShapes":
+        return StaticShapes(self.xy[:, :, rows])
+
+    def positions(self, t: Floats) -> Floats:
+        return self.xy
+
+    def velocities(self, t: Floats) -> Floats:
+        return np.zeros_like(self.xy)
+
+    def bend(self, t0: Floats, t1: Floats) -> Floats:
+        return np.zeros(self.xy.shape[2])
+
+    def velocity(self, t: Floats) -> Floats:
+        return np.zeros((2, self.xy.shape[2]))
+
+    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+        return np.zeros(self.xy.shape[2])
+
+
+def sides_of(count: int, *, convex: bool) -> Sides:
+    """Return the vertices that sides of polygons run between: any two, where the sides of their hull are not known.
+
+    A side starts at each vertex.
+    """
+    start = np.arange(count)
+    steps = np.arange(1, 2 if convex else max(count // 2 + 1, 2))
+    return np.tile(start, len(steps)), ((start + steps[:, None]) % count).reshape(-1)
+
+
+def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
+
+    Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
+    depend on the company it is in.
+    """
+    return _slots(np.diff(pieces.shape_offset))
+
+
+def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
+
+
+def likeness(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
+    return 2 * (vertex_slots(pieces) * 64 + plane.variety(pieces)) + pieces.kind
+
+
+def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:
+    """Return the shapes of some pieces of equal slots, (2, v, n); shorter ones repeat their last vertex.
+
+    at_end : at the end of the leg, not at its start
+    """
+    first = pieces.shape_offset[rows]
+    count = pieces.shape_offset[rows + 1] - first
+    slots = int(_slots(count).max(initial=1))
+    index = first + np.minimum(np.arange(slots)[:, None], count - 1)
+    xy = pieces.shape_to_xy if at_end else pieces.shape_xy
+    return np.stack([xy[index, 0], xy[index, 1]])
+
+
+def shapes_of(
+    plane: Plane, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats | None = None
+) -> Shapes:
+    """Return the shapes of pieces that are all of one kind.
+
+    Row i counts its time from instant zero_us[i], and its coordinates from origin[:, i] (the plane's own if None).
+    """
+    origin = np.zeros((2, len(rows))) if origin is None else origin
+    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK:
+        return plane.shapes(pieces, rows, zero_us, origin)
+    xy = shape_vertices(pieces, rows)
+    xy[0] += plane.turn_m * pieces.turn[rows]
+    return StaticShapes(xy - origin[:, None, :])
+
+
+def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
+    """Return (2, n) a plane point at or near each piece: coordinates counted from there keep their digits."""
+    x, y = pieces.shape_xy[pieces.shape_offset[rows]].T
+    leg_x, leg_y = plane.to_plane(pieces.leg_start_deg[rows, 0], pieces.leg_start_deg[rows, 1])
+    moves = pieces.kind[rows] == Kind.TRACK
+    return np.stack([np.where(moves, leg_x, x) + plane.turn_m * pieces.turn[rows], np.where(moves, leg_y, y)])
+
+
+def padding_m(plane: Plane, largest_scale: Floats, wanted_m: float) -> Floats:
+    """Return (n,) how far hulls are padded so that pieces within wanted_m metres of each other have hulls that meet.
+
+    That is half of it, at the largest scale each piece reaches. The scale is convex along the way between two points,
+    so that half of the way at either piece's largest scale covers it.
+    """
+    return np.asarray(0.5 * plane.span_m(wanted_m, largest_scale) + ROUNDING_ALLOWANCE_M)

@@ -1,0 +1,141 @@
+"""Pieces of objects; one that cannot be cut is covered whole, so that it stays in sight and stops nothing.
+
+The cover of an object is one piece as wide as the plane, during all of its time and at all of its heights, with the
+part number COVER. It comes near everything, and no solver looks at it: its pairs are `unresolved` while they share time
+and height. When the object is changed, its cover goes as other pieces do.
+"""
+
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.isolation import isolated
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats
+from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind, Scene
+from conflictdb.motion.contract import Plane
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import area_pieces, track_pieces
+
+# Part number of the piece that stands for an object that could not be cut.
+COVER: Final = -1
+# No object of a Mercator plane lies beyond this latitude wholly.
+_HIGHEST_DEG: Final = 89.5
+
+Batch = TypeVar("Batch", AreaBatch, TrackBatch)
+
+
+def pieces_of(scene: Scene, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of some objects; what cannot be cut is covered."""
+    return Pieces.concatenate(
+        [
+            *_pieces(scene, areas, areas.area_id, area_pieces, _area_covers),
+            *_pieces(scene, tracks, tracks.track_id, track_pieces, _track_covers),
+        ]
+    )
+
+
+def is_covered(pieces: Pieces, pairs: Pairs) -> NDArray[np.bool_]:
+    """Return (n,) whether a pair has a cover for a member: nothing but its time and heights is known."""
+    return (pieces.part[pairs.a] == COVER) | (pieces.part[pairs.b] == COVER)
+
+
+def _pieces(
+    scene: Scene,
+    batch: Batch,
+    ids: NDArray[np.int64],
+    cut: Callable[[Scene, Batch], Pieces],
+    covers: Callable[[Scene, Batch], Pieces],
+) -> list[Pieces]:
+    kind = "area" if isinstance(batch, AreaBatch) else "track"
+    every = np.arange(len(batch))
+
+    def cut_some(rows: NDArray[np.int64]) -> Pieces:
+        return cut(scene, batch.take(rows))
+
+    def cover(rows: NDArray[np.int64]) -> Pieces:
+        return covers(scene, batch.take(rows))
+
+    made = isolated(every, cut_some, cover, f"{kind} in row")
+    found = [cut_some(every[:0])]
+    for rows, pieces in made:
+        unsound = rows[~np.isin(ids[rows], _sound(pieces, ids[rows]))]
+        found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
+        if unsound.size:
+            found.append(cover(unsound))
+    return found
+
+
+def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return which objects have pieces, all of them of finite numbers: NaN would meet nothing, silently."""
+    bad = np.zeros(len(pieces), np.bool_)
+    for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
+        bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~np.isfinite(xy).all(axis=1)]] = True
+        bad |= np.diff(offset) == 0
+    return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
+
+
+def _area_covers(scene: Scene, areas: AreaBatch) -> Pieces:
+    spans = areas.start_us, areas.end_us
+    return _covers(plane_of(scene), Kind.AREA, areas, areas.area_id, *spans, areas.floor_m, areas.ceiling_m)
+
+
+def _track_covers(scene: Scene, tracks: TrackBatch) -> Pieces:
+    start, end = tracks.times_us[tracks.waypoint_offset[:-1]], tracks.times_us[tracks.waypoint_offset[1:] - 1]
+    # Of all its legs the lowest and the highest.
+    first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
+    floor_m = np.minimum.reduceat(tracks.floor_m, first_leg)
+    ceiling_m = np.maximum.reduceat(tracks.ceiling_m, first_leg)
+    return _covers(plane_of(scene), Kind.TRACK, tracks, tracks.track_id, start, end, floor_m, ceiling_m)
+
+
+def _covers(
+    plane: Plane,
+    kind: Kind,
+    batch: AreaBatch | TrackBatch,
+    ids: NDArray[np.int64],
+    start_us: NDArray[np.int64],
+    end_us: NDArray[np.int64],
+    floor_m: Floats,
+    ceiling_m: Floats,
+) -> Pieces:
+    n = len(ids)
+    corners = _whole(plane)
+    shape = corners if kind == Kind.AREA else np.zeros((1, 2))
+    shape_xy = np.tile(shape, (n, 1))
+    nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
+    is_track = kind == Kind.TRACK
+    return Pieces(
+        piece_id=np.full(n, -1, np.int64),
+        kind=np.full(n, kind, np.int8),
+        object_id=ids,
+        version=batch.version,
+        part=np.full(n, COVER, np.int32),
+        turn=np.zeros(n, np.int16),
+        start_us=start_us,
+        end_us=end_us,
+        end_inclusive=np.zeros(n, np.bool_),
+        floor_m=floor_m,
+        ceiling_m=ceiling_m,
+        hull_xy=np.tile(np.concatenate([corners, corners[:1]]), (n, 1)),
+        hull_offset=np.arange(n + 1, dtype=np.int64) * (len(corners) + 1),
+        shape_xy=shape_xy,
+        shape_to_xy=shape_xy,
+        shape_offset=np.arange(n + 1, dtype=np.int64) * len(shape),
+        leg_start_us=start_us if is_track else none_us,
+        leg_end_us=end_us if is_track else none_us,
+        leg_start_deg=nothing,
+        leg_end_deg=nothing,
+        bearing_deg=np.zeros(n),
+    )
+
+
+def _whole(plane: Plane) -> Floats:
+    """Return the corners (4, 2) of a box that all hulls of the plane meet, counter-clockwise, plane metres."""
+    if plane.turn_m:
+        x, y = 0.5 * plane.turn_m, float(plane.to_plane(0.0, _HIGHEST_DEG)[1])
+    else:
+        x = y = MEAN_RADIUS_M * float(np.tan(np.radians(MAX_FROM_CENTRE_DEG)))
+    return np.array([(-x, -y), (x, -y), (x, y), (-x, y)])

@@ -1,0 +1,433 @@
+"""Stage 4, closest approach: when, where and how close two objects come, metres on the earth.
+
+The distance is minimised over the whole span that a pair of pieces shares, by branch and bound: the distance in the
+middle of an interval bounds the least one from above, and three proofs bound what it may fall to within the interval.
+(1) Along the direction between the nearest points the gap of polygons whose vertices move straight is concave in time,
+so it is nowhere less than at the ends, but for what the vertices bend. (2) The distance cannot change faster than the
+points move towards each other: that is their relative velocity along that direction, and as much of the one across it
+as the direction of a shorter way can differ. (3) It cannot bend upwards faster than `_upward` says, and is nowhere less
+than its chord less what it may sag: that decides short intervals, however far apart and large the polygons are. What
+remains is split until the bounds meet, or the pair has had its share of the work: then the difference of the bounds is
+what the distance is stated with. Nothing is decided by sampling.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.batches import Pairs, Pieces
+from conflictdb.earth.geodesy import Floats, Sides, least_on_chord
+from conflictdb.model import SINCE_EVER_US, Kind, Scene
+from conflictdb.motion.contract import Plane, sides_of
+from conflictdb.motion.registry import plane_of
+from conflictdb.stage4.proofs import BRACKET_S, SHORTEST_INTERVAL_S, Leaf, not_clear
+from conflictdb.stage4.separation import TOUCH_M, Encounters, alike, gap_along, nearest, short_m
+
+# The distance is found to this, unless the work below is used up first, metres.
+APPROACH_M: Final = 1e-3
+# Distances that differ by less are equal, metres: of equal ones the earliest counts. Rounding is a tenth of it.
+TIE_M: Final = 1e-7
+# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
+# beyond it a distance is stated with the bound reached.
+MAX_INTERVALS: Final = 65_536
+MIN_INTERVALS_PER_PAIR: Final = 16
+MAX_INTERVALS_PER_PAIR: Final = 128
+MAX_LEVELS: Final = 48
+GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
+# How often the search for the first contact moves to an earlier one.
+MAX_ROUNDS: Final = 16
+# The nearest place on an edge is looked for about the nearest of so many, by so many steps of a golden section: they
+# shrink 1,000 km to less than a micrometre.
+EDGE_PLACES: Final = 9
+EDGE_STEPS: Final = 56
+# Where it is known to this it is found, plane metres.
+PLACE_M: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Approaches:
+    """The closest approach of n pairs of objects.
+
+    pair, at_s : (n,) the pair of pieces that comes closest, and the seconds after the start of its shared span; -1
+        where none is within what was asked
+    at_us : (n,) int64, the same in microseconds since 1970; SINCE_EVER_US for areas that are always there
+    distance_m : (n,) metres on the earth, 0 where they touch; infinite where they are not within what was asked
+    error_m : (n,) bound on how far distance_m is from the least distance, either way, metres
+    a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points; NaN where there are none
+    """
+
+    pair: NDArray[np.int64]
+    at_s: Floats
+    at_us: NDArray[np.int64]
+    distance_m: Floats
+    error_m: Floats
+    a_deg: Floats
+    b_deg: Floats
+
+
+@dataclass(slots=True)
+class _Search:
+    """Pairs of pieces that are searched together.
+
+    span_s : (n,) seconds of the shared span
+    limit_m : (n,) what need not be known: how much further than this the pieces are
+    least_m, at_s : (n,) the least distance seen, and when; floor_m : (n,) what it is nowhere below
+    first_m, last_m : (n,) the distances at both ends of the span
+    """
+
+    pairs: Encounters
+    span_s: Floats
+    limit_m: Floats
+    least_m: Floats
+    at_s: Floats
+    floor_m: Floats
+    first_m: Floats
+    last_m: Floats
+
+    @classmethod
+    def of(cls, pairs: Encounters, span_s: Floats) -> "_Search":
+        """Return a search that has seen the ends and the middle of the span."""
+        n = len(span_s)
+        everything = np.full(n, np.inf)
+        rows = np.arange(n)
+        first, middle, last = (_distance(pairs, rows, span_s * part) for part in (0.0, 0.5, 1.0))
+        search = cls(pairs, span_s, everything, everything.copy(), np.zeros(n), everything.copy(), first, last)
+        for part, distance in ((0.0, first), (0.5, middle), (1.0, last)):
+            search.see(rows, span_s * part, distance)
+        return search
+
+    def see(self, row: NDArray[np.int64], at_s: Floats, distance_m: Floats) -> None:
+        """Take note of distances; of equal ones the earliest counts."""
+        order = np.lexsort((at_s, distance_m, row))
+        first = order[np.unique(row[order], return_index=True)[1]]
+        better = first[distance_m[first] < self.least_m[row[first]]]
+        self.least_m[row[better]], self.at_s[row[better]] = distance_m[better], at_s[better]
+
+    def run(self) -> None:
+        """Search until the bounds meet."""
+        row = np.flatnonzero(self.span_s > 0.0)
+        still = np.flatnonzero(self.span_s <= 0.0)
+        self.floor_m[still] = self.least_m[still]
+        start, end, first, last = np.zeros(len(row)), self.span_s[row], self.first_m[row], self.last_m[row]
+        best = np.zeros(len(self.span_s))  # half the width of the interval in which the least was seen
+        best[row] = 0.5 * end
+        most = self.pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
+        for level in range(MAX_LEVELS):
+            if not len(row):
+                break
+            middle = 0.5 * (start + end)
+            distance, bound = self._bounds(row, start, middle, end, first, last)
+            before = self.least_m.copy()
+            self.see(row, middle, distance)
+            improved = np.flatnonzero(self.least_m < before)
+            best[improved] = (0.5 * self.span_s / 2.0**level)[improved]
+            enough = np.minimum(self.least_m, self.limit_m)[row] - APPROACH_M
+            open_ = bound < enough
+            crowded = np.bincount(row, open_, minlength=len(self.span_s))[row] > most[row]
+            done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | (level == MAX_LEVELS - 1)
+            np.minimum.at(self.floor_m, row[done], bound[done])
+            row, start, middle, end = row[~done], start[~done], middle[~done], end[~done]
+            first, distance, last = first[~done], distance[~done], last[~done]
+            row = np.concatenate([row, row])
+            start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
+            first, last = np.concatenate([first, distance]), np.concatenate([distance, last])
+        known = self.least_m - self.floor_m <= TIE_M
+        near = np.flatnonzero((self.least_m <= self.limit_m + APPROACH_M) & (best > 0.0) & ~known)
+        if near.size:
+            low, high = np.maximum(self.at_s - best, 0.0)[near], np.minimum(self.at_s + best, self.span_s)[near]
+            self._polish(near, low, high)
+
+    def _polish(self, rows: NDArray[np.int64], low: Floats, high: Floats) -> None:
+        """Look for a lesser distance between two instants, by golden section."""
+        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        at_left, at_right = _distance(self.pairs, rows, left), _distance(self.pairs, rows, right)
+        for _ in range(MAX_LEVELS):
+            # Each by itself: what is found of a pair does not depend on the company it is in.
+            k = np.flatnonzero(high - low > SHORTEST_INTERVAL_S)
+            if not k.size:
+                break
+            earlier = at_left[k] <= at_right[k]
+            low[k], high[k] = np.where(earlier, low[k], left[k]), np.where(earlier, right[k], high[k])
+            width = GOLDEN * (high[k] - low[k])
+            new = np.where(earlier, high[k] - width, low[k] + width)
+            at_new = _distance(self.pairs, rows[k], new)
+            left[k], right[k] = np.where(earlier, new, right[k]), np.where(earlier, left[k], new)
+            at_left[k], at_right[k] = np.where(earlier, at_new, at_right[k]), np.where(earlier, at_left[k], at_new)
+        self.see(rows, np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right))
+
+    def _bounds(
+        self, row: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, first: Floats, last: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return distances in the middle of intervals, and what they are nowhere below during them, metres.
+
+        first, last : (n,) distances at start and end
+        """
+        columns = (start, middle, end, first, last)
+        parts = [
+            _bounds(self.pairs.take(row[batch]), *(column[batch] for column in columns))
+            for batch in self.pairs.batches(len(row))
+        ]
+        distance, bound = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return distance, bound
+
+    def earliest(self, rows: NDArray[np.int64], level_m: Floats) -> Floats:
+        """Return the first instants, before those of the least distance, at which rows come as close as this, seconds.
+
+        level_m : (n,) at least the least distance; TOUCH_M: the first touch is proven to be the first
+        """
+        first = self._onset(rows, self.at_s[rows], level_m)
+        active = np.flatnonzero(level_m <= TOUCH_M)
+        for _ in range(MAX_ROUNDS):
+            active = active[first[active] > SHORTEST_INTERVAL_S]
+            if not active.size:
+                break
+            before = first[active] - SHORTEST_INTERVAL_S
+            leaves = not_clear(
+                self.pairs.take(rows[active]), np.arange(len(active)), np.zeros(len(active)), before, 0.0
+            )
+            touch = leaves.kind == Leaf.CONTACT
+            at = np.full(len(active), np.inf)
+            np.minimum.at(at, leaves.row[touch], leaves.at[touch])
+            active, at = active[np.isfinite(at)], at[np.isfinite(at)]
+            first[active] = self._onset(rows[active], at, level_m[active])
+        return first
+
+    def _onset(self, rows: NDArray[np.int64], at_s: Floats, level_m: Floats) -> Floats:
+        """Return instants from which on rows are as close as this, on the way to at_s, by bisection, seconds."""
+        outside, inside = np.zeros(len(rows)), at_s.copy()
+        near = _distance(self.pairs, rows, outside) <= level_m
+        inside[near] = 0.0
+        for _ in range(MAX_LEVELS):
+            active = np.flatnonzero(inside - outside > BRACKET_S)
+            if not active.size:
+                break
+            middle = 0.5 * (outside + inside)[active]
+            near = _distance(self.pairs, rows[active], middle) <= level_m[active]
+            inside[active] = np.where(near, middle, inside[active])
+            outside[active] = np.where(near, outside[active], middle)
+        return inside
+
+
+def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
+    """Return how close pairs of objects come during the time they share.
+
+    Both ends of that time count, as limits: how close they come just before an end that no longer belongs to it.
+
+    group : (n,) of which pair of objects each pair of pieces is
+    wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
+    """
+    plane = plane_of(scene)
+    searches = []
+    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
+        start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
+        end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
+        still = (pieces.kind[pairs.a[rows]] == Kind.AREA) & (pieces.kind[pairs.b[rows]] == Kind.AREA)
+        span = np.where(still, 0, end - np.where(still, end, start)) / 1e6
+        encounters = Encounters.of(plane, 0.0, pieces, pairs, rows, start)
+        searches.append((rows, start, _Search.of(encounters, span)))
+
+    # What is seen of one pair of pieces spares others of the same objects the search.
+    limit, least, floor = wanted_m.copy(), np.full(len(wanted_m), np.inf), np.full(len(wanted_m), np.inf)
+    for rows, _, search in searches:
+        np.minimum.at(limit, group[rows], search.least_m)
+    for rows, _, search in searches:
+        search.limit_m = limit[group[rows]]
+        search.run()
+        np.minimum.at(least, group[rows], search.least_m)
+        np.minimum.at(floor, group[rows], search.floor_m)
+    least[least > wanted_m] = np.inf
+    least[least <= TOUCH_M] = 0.0
+
+    # The earliest of the closest.
+    level = np.where(least == 0.0, TOUCH_M, least + TIE_M)
+    columns: list[tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.int64]]] = []
+    for rows, start, search in searches:
+        close = np.flatnonzero((search.least_m <= level[group[rows]]) & np.isfinite(level[group[rows]]))
+        at_s = search.earliest(close, level[group[rows[close]]])
+        zero = start[close]
+        columns.append((group[rows[close]], rows[close], at_s, zero + np.rint(at_s * 1e6).astype(np.int64)))
+    nothing = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
+    owner, pair, at_s, at_us = (np.concatenate(column) for column in zip(nothing, *columns, strict=True))
+    order = np.lexsort((pair, at_us, owner))
+    owner, first = np.unique(owner[order], return_index=True)
+    chosen = order[first]
+
+    found = Approaches(
+        np.full(len(least), -1),
+        np.zeros(len(least)),
+        np.full(len(least), SINCE_EVER_US),
+        least,
+        np.zeros(len(least)),
+        np.full((len(least), 2), np.nan),
+        np.full((len(least), 2), np.nan),
+    )
+    found.pair[owner], found.at_s[owner], found.at_us[owner] = pair[chosen], at_s[chosen], at_us[chosen]
+    apart = np.flatnonzero(np.isfinite(least) & (least > 0.0))
+    understated = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
+    found.error_m[apart] = np.maximum(least - floor, 0.0)[apart] + TOUCH_M + understated
+    some = pairs.take(found.pair[owner])
+    for rows in alike(plane, pieces, some, np.arange(len(some))):
+        start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
+        encounters = Encounters.of(plane, 0.0, pieces, some, rows, start)
+        one, other = _nearest_points(encounters, found.at_s[owner[rows]])
+        found.a_deg[owner[rows]], found.b_deg[owner[rows]] = _degrees(plane, one), _degrees(plane, other)
+    return found
+
+
+def _distance(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Floats:
+    """Return (n,) distances on the earth at times t, 0 where the polygons meet."""
+    return np.maximum(pairs.excess(rows, t), 0.0)
+
+
+def _bounds(
+    pairs: Encounters, start: Floats, middle: Floats, end: Floats, first: Floats, last: Floats
+) -> tuple[Floats, Floats]:
+    polygons = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
+    found = nearest(pairs, *polygons[1])
+    distance = np.maximum(found.excess_m, 0.0)
+    largest, smallest = pairs.scale(*polygons[0], *polygons[1], *polygons[2])
+    h, axis, plane = end - start, found.axis.T, pairs.plane
+    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+
+    gap = np.minimum(gap_along(axis, *polygons[0]), gap_along(axis, *polygons[2])) - bend * h**2 / 8.0
+    gap = np.maximum(gap - TOUCH_M * largest, 0.0)
+    by_gap = plane.least_m(gap, largest)
+
+    # While they are no further apart than in the middle, their nearest points are at most `reach` apart in the plane,
+    # and at least the gap along the axis: so the way between them is no more than an angle off the axis. On the earth
+    # it turns, and how fast that may be is the plane's slant.
+    reach = plane.span_m(distance, largest)
+    sine = np.sqrt(np.maximum(1.0 - (gap / np.where(reach > 0.0, reach, 1.0)) ** 2, 0.0))
+    sine = np.where((gap > 0.0) & (reach > 0.0), sine + plane.slant(distance, largest), 1.0)
+    a, b = pairs.a.velocities(middle), pairs.b.velocities(middle)
+    ahead = _fastest(axis[0] * a[0] + axis[1] * a[1], axis[0] * b[0] + axis[1] * b[1])
+    across = _fastest(axis[0] * a[1] - axis[1] * a[0], axis[0] * b[1] - axis[1] * b[0])
+    straight = np.hypot(ahead, across)
+    rate = np.minimum(ahead + sine * across, straight) if plane.is_conformal else straight
+    speed = np.maximum(np.hypot(a[0], a[1]).max(axis=0), np.hypot(b[0], b[1]).max(axis=0)) + bend * h
+    rate = rate + bend * h + plane.drift(distance, largest, speed)
+    by_rate = distance - 0.5 * rate * h / smallest - TOUCH_M
+    bound = np.maximum(by_gap, np.maximum(by_rate, 0.0))
+
+    far = np.flatnonzero(bound > 0.0)
+    if far.size:
+        upward = _upward(pairs, (a, b), bend, h, largest, smallest, bound)[far]
+        halves = [
+            least_on_chord(one[far], other[far], upward * (0.5 * h[far]) ** 2 / 8.0)
+            for one, other in ((first, distance), (distance, last))
+        ]
+        bound[far] = np.maximum(bound[far], np.minimum(*halves) - TOUCH_M)
+    return distance, bound
+
+
+def _upward(
+    pairs: Encounters,
+    velocities: tuple[Floats, Floats],
+    bend: Floats,
+    h: Floats,
+    largest: Floats,
+    smallest: Floats,
+    least_m: Floats,
+) -> Floats:
+    """Return (n,) a bound on the second derivative of distances during h seconds about instants, m/s^2.
+
+    velocities : (2, v, n) of the vertices in the middle; bend : on their second derivatives, plane m/s^2
+    largest, smallest : (n,) scales during that time; least_m : (n,) what the distance is nowhere below, > 0
+
+    A polygon is the same mixtures of its vertices at any time, so that the distance D of two polygons is the least of
+    the distances of two places that move with them. By the second variation of arc length, on a surface that curves
+    like the earth (its curvature is nowhere negative), the second derivative of one is at most (the speeds of both
+    ends)^2 / distance, for the way between them turned along with them, and the acceleration of both ends. Another way
+    may be shorter later, which only makes it less. D less t^2 / 2 times the bound is concave then, as the least
+    of concave functions is: D lies nowhere further below its chord over a time h than h^2 / 8 times the bound.
+
+    Reference: M. do Carmo, "Riemannian Geometry" (1992), chapter 9, formula of the second variation.
+    """
+    speeds = [(np.hypot(v[0], v[1]).max(axis=0) + 0.5 * bend * h) / smallest for v in velocities]
+    bent = pairs.plane.line_bend(largest) * (speeds[0] ** 2 + speeds[1] ** 2) + bend / smallest
+    return np.asarray((speeds[0] + speeds[1]) ** 2 / np.where(least_m > 0.0, least_m, np.inf) + bent)
+
+
+def _fastest(a: Floats, b: Floats) -> Floats:
+    """Return (n,) the largest difference between components of velocities (va, n) and (vb, n)."""
+    return np.asarray(np.maximum(b.max(axis=0) - a.min(axis=0), a.max(axis=0) - b.min(axis=0)))
+
+
+def _nearest_points(pairs: Encounters, t: Floats) -> tuple[Floats, Floats]:
+    """Return the nearest points on the earth at times t, (2, n) plane metres (not where polygons overlap)."""
+    origin = pairs.origin[:, None, :]
+    a, b = pairs.a.positions(t) + origin, pairs.b.positions(t) + origin
+    found = pairs.nearest(np.arange(len(t)), t)
+    one, other = found.point_a.T.copy(), found.point_b.T.copy()
+    # The nearest points of the plane may not be those of the earth.
+    far = np.flatnonzero(found.excess_m > short_m(pairs.plane))
+    if far.size:
+        sides_a, sides_b = pairs.sides
+        from_a, on_b, a_distance = _vertex_and_side(pairs.plane, a[:, :, far], b[:, :, far], sides_b)
+        from_b, on_a, b_distance = _vertex_and_side(pairs.plane, b[:, :, far], a[:, :, far], sides_a)
+        of_a = a_distance <= b_distance
+        one[:, far], other[:, far] = np.where(of_a, from_a, on_a), np.where(of_a, on_b, from_b)
+    return one, other
+
+
+def _vertex_and_side(plane: Plane, points: Floats, polygon: Floats, sides: Sides) -> tuple[Floats, Floats, Floats]:
+    """Return the vertex nearest to another polygon, its nearest point there, (2, n) plane metres, and their distance.
+
+    points, polygon : (2, v, n) and (2, w, n) plane metres
+    """
+    n = points.shape[2]
+    vertex, start, end, least = points[:, 0].copy(), polygon[:, 0].copy(), polygon[:, 0].copy(), np.full(n, np.inf)
+    for k in range(points.shape[1]):
+        for first, last in zip(*sides, strict=True):
+            distance = _apart(plane, points[:, [k]], polygon[:, [first, last]])
+            nearer = distance < least
+            least = np.where(nearer, distance, least)
+            vertex = np.where(nearer, points[:, k], vertex)
+            start, end = np.where(nearer, polygon[:, first], start), np.where(nearer, polygon[:, last], end)
+
+    def place(part: Floats) -> Floats:
+        return np.asarray(start + part * (end - start))
+
+    def distance_at(part: Floats) -> Floats:
+        return _apart(plane, vertex[:, None], place(part)[:, None])
+
+    # Golden section about the nearest of some places along the side.
+    sampled = np.linspace(0.0, 1.0, EDGE_PLACES)
+    nearest_of = np.stack([distance_at(np.full(n, part)) for part in sampled]).argmin(axis=0)
+    low, high = sampled[np.maximum(nearest_of - 1, 0)], sampled[np.minimum(nearest_of + 1, EDGE_PLACES - 1)]
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at_left, at_right = distance_at(left), distance_at(right)
+    length = np.hypot(*(end - start))
+    for _ in range(EDGE_STEPS):
+        # Each by itself, as in `_Search._polish`.
+        going = (high - low) * length > PLACE_M
+        if not going.any():
+            break
+        before = at_left <= at_right
+        low, high = np.where(going & ~before, left, low), np.where(going & before, right, high)
+        new = np.where(before, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        at_new = distance_at(new)
+        left, right = (
+            np.where(going, np.where(before, new, right), left),
+            np.where(going, np.where(before, left, new), right),
+        )
+        at_left, at_right = (
+            np.where(going, np.where(before, at_new, at_right), at_left),
+            np.where(going, np.where(before, at_left, at_new), at_right),
+        )
+    part = 0.5 * (low + high)
+    for end_of in (np.zeros(n), np.ones(n)):
+        part = np.where(distance_at(end_of) <= distance_at(part), end_of, part)
+    return vertex, place(part), distance_at(part)
+
+
+def _apart(plane: Plane, one: Floats, other: Floats) -> Floats:
+    """Return the distance on the earth of points or lines, (2, 1 or 2, n) plane metres each."""
+    return plane.distance_m(one, other, *(sides_of(xy.shape[1], convex=True) for xy in (one, other)))
+
+
+def _degrees(plane: Plane, xy: Floats) -> Floats:
+    lon, lat = plane.from_plane(xy[0], xy[1])
+    return np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)

@@ -1,0 +1,1 @@
+"""The method `exact`: a certified solver."""

@@ -1,0 +1,262 @@
+"""Proofs over intervals of time: that two polygons stay apart, and that they stay in contact; and where that changes.
+
+Apart: along a fixed direction n the gap min(n.b) - max(n.a) of polygons whose vertices move straight is concave in
+time, so its chord bounds it from below; a vertex departs from its chord by at most M h^2 / 8, M a bound on its second
+derivative. In contact: the signed separation of two polygons that move rigidly and uniformly is convex in time, so
+its chord bounds it from above; a vertex departs from such motion by at most K h, K how uneven velocities are.
+Intervals are split until one or the other holds. Nothing is decided by sampling.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.separation import TOUCH_M, Encounters, edges, gap_along, gaps_along, nearest
+
+# Intervals are not split below a microsecond, the resolution of a timestamp (seconds).
+SHORTEST_INTERVAL_S: Final = 1e-6
+# Halvings of a window; 64 reach a microsecond from a hundred thousand years.
+MAX_LEVELS: Final = 64
+# Ends are bracketed to this, seconds: a hundredth of what a timestamp can tell.
+BRACKET_S: Final = 1e-8
+# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
+# beyond it a pair is left undecided rather than let one take all memory and time.
+MAX_INTERVALS: Final = 65_536
+MIN_INTERVALS_PER_PAIR: Final = 64
+MAX_INTERVALS_PER_PAIR: Final = 4096
+# Distances beyond what is wanted by more than this need not be known, metres.
+NEAR_M: Final = 100.0
+
+
+class Leaf(IntEnum):
+    """Why an interval is not clear."""
+
+    CONTACT = 0  # closer than wanted at the instant `at`
+    NEAR = 1  # within the margin of it at the instant `at`
+    BORDER = 2  # neither shown, down to the shortest interval
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """m intervals that are not proven clear: row (m,), start, end, at (m,) seconds, kind (m,) Leaf values."""
+
+    row: NDArray[np.int64]
+    start: Floats
+    end: Floats
+    at: Floats
+    kind: NDArray[np.int8]
+
+
+def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats, margin_m: float) -> Leaves:
+    """Return what remains of [start, end] of rows where the pairs are not proven further apart than wanted + margin.
+
+    With a negative margin: not proven to overlap by less than that. Everything outside the leaves is proven clear. An
+    interval becomes a leaf as soon as its middle is found closer than that, so a leaf may hold more than is needed,
+    never less.
+    """
+    found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
+    rows, start, end = rows.copy(), start.copy(), end.copy()
+
+    def keep(mask: NDArray[np.bool_], at: Floats, kind: NDArray[np.int8]) -> None:
+        found.append((rows[mask], start[mask], end[mask], at[mask], kind[mask]))
+
+    most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
+    for _ in range(MAX_LEVELS):
+        if not len(rows):
+            break
+        middle = 0.5 * (start + end)
+        u, v, excess = _window(pairs, rows, start, middle, end, margin_m)
+        open_ = u <= v
+        close = open_ & (excess <= margin_m)
+        keep(close, middle, np.where(excess <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
+        short = open_ & ~close & (end - start <= SHORTEST_INTERVAL_S)
+        crowded = (np.bincount(rows)[rows] > most[rows]) & open_ & ~close & ~short
+        keep(short | crowded, middle, np.full(len(rows), Leaf.BORDER, np.int8))
+        split = open_ & ~close & ~short & ~crowded
+        width = (end - start)[split]
+        a, b, row = start[split] + u[split] * width, start[split] + v[split] * width, rows[split]
+        c = 0.5 * (a + b)
+        rows = np.concatenate([row, row])
+        start, end = np.concatenate([a, c]), np.concatenate([c, b])
+    else:
+        keep(np.ones(len(rows), np.bool_), 0.5 * (start + end), np.full(len(rows), Leaf.BORDER, np.int8))
+    return _leaves(found)
+
+
+def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> Leaves:
+    """Return what remains of [start, end] of rows where the pairs are not proven to be as close as wanted throughout.
+
+    Leaves of kind NEAR are apart at the instant `at`; those of kind BORDER may only touch, or were given up.
+    """
+    found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
+    most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
+    for _ in range(MAX_LEVELS):
+        if not len(rows):
+            break
+        middle, h = 0.5 * (start + end), end - start
+        sunk = _sunk(pairs, rows, middle, h)
+        held, apart = sunk < 0.0, sunk == np.inf
+        short = ~held & ~apart & (h <= SHORTEST_INTERVAL_S)
+        crowded = (np.bincount(rows)[rows] > most[rows]) & ~held & ~apart & ~short
+        leaf = apart | short | crowded
+        kind = np.where(apart, Leaf.NEAR, Leaf.BORDER).astype(np.int8)
+        found.append((rows[leaf], start[leaf], end[leaf], middle[leaf], kind[leaf]))
+        split = ~held & ~leaf
+        row, a, b, c = rows[split], start[split], end[split], middle[split]
+        rows = np.concatenate([row, row])
+        start, end = np.concatenate([a, c]), np.concatenate([c, b])
+    return _leaves(found)
+
+
+def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats) -> Floats:
+    """Return (n,) a bound on the excess during h seconds around instants, plane metres; inf where it is positive."""
+    parts = []
+    for batch in pairs.batches(len(rows)):
+        some, t, width = pairs.take(rows[batch]), middle[batch], h[batch]
+        a, b = some.a.positions(t), some.b.positions(t)
+        found = nearest(some, a, b)
+        bend = some.a.bend(t - 0.5 * width, t + 0.5 * width) + some.b.bend(t - 0.5 * width, t + 0.5 * width)
+        rate = _relative_speed(some, t) + bend * width
+        level = found.gap
+        if pairs.separation_m > 0.0:
+            ends = [shape.positions(at) for at in (t - 0.5 * width, t + 0.5 * width) for shape in (some.a, some.b)]
+            largest = some.scale(*ends)[0]
+            rate += pairs.plane.drift(some.separation_m, largest, _speed(some, t, bend * width))
+            # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
+            level = found.excess_m + pairs.distance_error_m(pairs.separation_m)
+        bound = level + 0.5 * rate * width
+        parts.append(np.where(found.excess_m > TOUCH_M, np.inf, bound))
+    return np.concatenate(parts)
+
+
+def crossing(
+    pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: Floats | float
+) -> tuple[Floats, Floats]:
+    """Return brackets (outer, inner) of where the excess crosses a level, no wider than BRACKET_S.
+
+    outside, inside : (n,) seconds, with excess > level at outside and <= level at inside (either may be the later).
+    A pair that is not above the level at `outside` gets `outside` for both.
+    """
+    outer, level_m = outside.copy(), np.broadcast_to(level_m, outside.shape)
+    above, below = pairs.excess(rows, outer) - level_m, pairs.excess(rows, inside) - level_m
+    inner = np.where(above > 0.0, inside, outer)
+    side = np.zeros(len(rows), np.int8)
+    for step in range(2 * MAX_LEVELS):
+        wide = (np.abs(outer - inner) > BRACKET_S) & (np.nextafter(outer, inner) != inner)
+        active = np.flatnonzero(wide)
+        if not active.size:
+            break
+        first, last, f0, f1 = outer[active], inner[active], above[active], below[active]
+        # Regula falsi, stepping over by less than a bracket so that the other end follows; every third time bisection.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = f0 / (f0 - f1)
+        share = np.where(np.isfinite(share) & (step % 3 < 2), share, 0.5)
+        over = 0.4 * BRACKET_S / np.abs(last - first) * np.where(side[active] > 0, 1.0, -1.0)
+        at = first + np.clip(share + np.where(step % 3 < 2, over, 0.0), 0.0, 1.0) * (last - first)
+        at = np.where((at == first) | (at == last), 0.5 * (first + last), at)
+        found = pairs.excess(rows[active], at) - level_m[active]
+        is_above = found > 0.0
+        again = side[active] == np.where(is_above, 1, -1)
+        outer[active] = np.where(is_above, at, first)
+        inner[active] = np.where(is_above, last, at)
+        above[active] = np.where(is_above, found, np.where(again, 0.5 * f0, f0))
+        below[active] = np.where(is_above, np.where(again, 0.5 * f1, f1), found)
+        side[active] = np.where(is_above, 1, -1)
+    return outer, inner
+
+
+def _leaves(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]]) -> Leaves:
+    if not found:
+        none = np.empty(0)
+        return Leaves(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
+    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return Leaves(*(column[order] for column in columns))
+
+
+def _window(
+    pairs: Encounters, rows: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, margin_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return (u, v, excess): fractions of [start, end] outside of which rows are proven clear, u > v if everywhere.
+
+    excess : (n,) at the middle, metres.
+    """
+    parts = [
+        _window_batch(pairs.take(rows[batch]), start[batch], middle[batch], end[batch], margin_m)
+        for batch in pairs.batches(len(rows))
+    ]
+    u, v, excess = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return u, v, excess
+
+
+def _window_batch(
+    pairs: Encounters, start: Floats, middle: Floats, end: Floats, margin_m: float
+) -> tuple[Floats, Floats, Floats]:
+    h = end - start
+    wanted_m = pairs.separation_m + margin_m
+    shapes = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
+    found = [nearest(pairs, *polygons, within_m=max(wanted_m, 0.0) + NEAR_M) for polygons in shapes]
+    largest, smallest = pairs.scale(*shapes[0], *shapes[1], *shapes[2])
+    # A depth is least in the plane where the scale is: it is nowhere below 1.
+    wanted = pairs.plane.span_m(wanted_m, largest) if wanted_m >= 0.0 else np.full(len(h), wanted_m)
+    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+    away = bend * h**2 / 8.0 + wanted + TOUCH_M * largest
+    u, v = np.zeros(len(h)), np.ones(len(h))
+    for nearest_then in found:
+        g0, g1 = (gap_along(nearest_then.axis.T, *shapes[k]) - away for k in (0, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zero = g0 / (g0 - g1)
+        u = np.maximum(u, np.where(g0 > 0.0, np.where(g1 > 0.0, 2.0, zero), 0.0))
+        v = np.minimum(v, np.where((g1 > 0.0) & (g0 <= 0.0), zero, 1.0))
+    excess = found[1].excess_m
+    if wanted_m > 0.0:
+        # The largest scale overstates what is wanted: the rate at which a distance in true metres can change decides
+        # short intervals. Of polygons that overlap it is not the depth that drifts.
+        distance = np.maximum(excess + pairs.separation_m, 0.0)
+        rate = _relative_speed(pairs, middle) + bend * h
+        rate += pairs.plane.drift(distance, largest, _speed(pairs, middle, bend * h))
+        u = np.where(excess > margin_m + 0.5 * rate * h / smallest + TOUCH_M, 2.0, u)
+    return u, v, excess
+
+
+def _relative_speed(pairs: Encounters, t: Floats) -> Floats:
+    """Return (n,) the greatest speed of a vertex of b relative to one of a, plane metres per second."""
+    a, b = pairs.a.velocities(t), pairs.b.velocities(t)
+    low = np.maximum(b.max(axis=1) - a.min(axis=1), a.max(axis=1) - b.min(axis=1))
+    return np.asarray(np.hypot(low[0], low[1]))
+
+
+def _speed(pairs: Encounters, t: Floats, more: Floats) -> Floats:
+    """Return (n,) the greatest speed of any vertex plus `more`, plane metres per second."""
+    fastest = [np.hypot(v[0], v[1]).max(axis=0) for v in (pairs.a.velocities(t), pairs.b.velocities(t))]
+    return np.asarray(np.maximum(*fastest) + more)
+
+
+def clear_window(a0: Floats, b0: Floats, a1: Floats, b1: Floats, slack: Floats) -> tuple[Floats, Floats]:
+    """Return (u, v): shares of the time between two instants outside of which the pairs are apart, u > v if throughout.
+
+    a0, b0, a1, b1 : (2, v, n) vertices at both instants, plane metres
+    slack : (n,) what gaps between vertices on their chords must exceed
+    """
+    n = a0.shape[2]
+    u, v = np.zeros(n), np.ones(n)
+    for mine0, mine1, other0, other1 in ((a0, a1, b0, b1), (b0, b1, a0, a1)):
+        middle = mine0 + mine1
+        for k, m in edges(mine0, other0, convex=True):
+            nx, ny = middle[1, m] - middle[1, k], middle[0, k] - middle[0, m]
+            wanted = slack * np.sqrt(nx * nx + ny * ny)
+            # Of a polygon that stands still, the edge itself is the furthest along its own normal.
+            still = mine0 is mine1 and mine0.shape[1] > 2
+            g0 = gaps_along(nx, ny, mine0, other0, k, convex=still) - wanted
+            g1 = gaps_along(nx, ny, mine1, other1, k, convex=still) - wanted
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zero = g0 / (g0 - g1)
+            before, after = g0 > 0.0, g1 > 0.0
+            np.maximum(u, np.where(before & ~after, zero, 0.0).max(axis=0), out=u)
+            np.minimum(v, np.where(after & ~before, zero, 1.0).min(axis=0), out=v)
+            u[(before & after).any(axis=0)] = 2.0
+    return u, v

@@ -1,0 +1,1 @@
+"""The method `nlp`: the published linear and nonlinear programs."""

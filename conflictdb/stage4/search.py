@@ -1,0 +1,318 @@
+"""Stage 4, search: any pair taken apart by branch and bound, with or without the help of a program's guess.
+
+For each pair and its window: (1) what is proven clear is left out; (2) the first and the last contact are bracketed on
+the true motion, between an instant proven clear and one of contact; where asked, the linear program (uniform motion)
+or the nonlinear one says where to look; (3) what lies outside of them is proven clear, or the search goes on there;
+(4) the contact in between is proven to hold throughout, or cut where the pair is apart; (5) a pair whose least
+separation is within the margin of zero is marked as grazing. What cannot be settled is `unresolved`: it stays in the
+answer with the time in which it might happen.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.batches import Contacts
+from conflictdb.earth.geodesy import Floats
+from conflictdb.model import Verdict
+from conflictdb.stage4.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, not_clear, not_held
+from conflictdb.stage4.published import linear_program, nonlinear_program
+from conflictdb.stage4.separation import TOUCH_M, Encounters
+
+CONFLICT: Final = Verdict.CONFLICT.code
+GRAZING: Final = Verdict.GRAZING.code
+UNRESOLVED: Final = Verdict.UNRESOLVED.code
+
+# A guess of the solver is bracketed within these steps, seconds; failing that, within the whole window.
+BRACKETS_S: Final = (1e-3, 0.1, 10.0)
+# Where a contact ends on the outer side the pair is this far apart, metres: clear of it beyond rounding.
+CLEAR_M: Final = 3.0 * TOUCH_M
+# How often the search moves to an earlier contact that was passed over, and how often a contact is cut.
+MAX_ROUNDS: Final = 16
+# A contact that begins this close to an instant that no longer belongs to the span is in it only if it is beyond doubt
+# at that instant: else it may begin there.
+END_RESOLUTION_S: Final = 5e-7
+
+
+@dataclass(slots=True)
+class Programs:
+    """Calls of each program, and calls that found nothing although a contact was there."""
+
+    lp_calls: int = 0
+    nlp_calls: int = 0
+    failed_calls: int = 0
+
+
+def nothing() -> Contacts:
+    """Return no contacts."""
+    none = np.empty(0)
+    return Contacts(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8), np.empty(0, np.bool_))
+
+
+def search(
+    pairs: Encounters, tolerance_m: float, low: Floats, high: Floats, beyond_s: Floats, programs: Programs | None
+) -> Contacts:
+    """Return the contacts of like pairs within [low, high], seconds.
+
+    beyond_s : (n,) the first instant that is no longer in the span; infinite where the last one is
+    programs : counts the calls of the programs that are asked for a guess; none are if there is no counter
+    """
+    return _Search(pairs, tolerance_m, low, high, beyond_s, programs).settle()
+
+
+class _Search:
+    """Pairs of like shapes, settled together; rows number them."""
+
+    def __init__(
+        self,
+        pairs: Encounters,
+        tolerance_m: float,
+        low: Floats,
+        high: Floats,
+        beyond_s: Floats,
+        programs: Programs | None,
+    ) -> None:
+        self.pairs = pairs
+        self.margin_m = max(tolerance_m, TOUCH_M)
+        # What is nearer than wanted by this is so for certain, whatever distances are understated by.
+        self.deep_m = self.margin_m if pairs.separation_m == 0.0 else max(self.margin_m, pairs.certainty_margin_m)
+        self.low = low
+        self.high = high
+        self.beyond_s = beyond_s
+        self.programs = programs
+        self.found: list[Contacts] = [nothing()]
+
+    def settle(self) -> Contacts:
+        n = len(self.low)
+        leaves = not_clear(self.pairs, np.arange(n), self.low, self.high, self.margin_m)
+        # Where only closeness was found, look for contact within those leaves.
+        touched = np.zeros(n, np.bool_)
+        touched[leaves.row[leaves.kind == Leaf.CONTACT]] = True
+        near = ~touched[leaves.row]
+        deeper = not_clear(self.pairs, leaves.row[near], leaves.start[near], leaves.end[near], 0.0)
+        touched[deeper.row[deeper.kind == Leaf.CONTACT]] = True
+        witnesses = [leaf.kind == Leaf.CONTACT for leaf in (leaves, deeper)]
+        row = np.concatenate([leaves.row[witnesses[0]], deeper.row[witnesses[1]]])
+        at = np.concatenate([leaves.at[witnesses[0]], deeper.at[witnesses[1]]])
+        rows = np.flatnonzero(touched)
+        if rows.size:
+            earliest, last = np.full(n, np.inf), np.full(n, -np.inf)
+            np.minimum.at(earliest, row, at)
+            np.maximum.at(last, row, at)
+            low, high = _hull(leaves, n)
+            self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], leaves)
+        # What could not be proven apart may be a touch, too short to be seen; the rest is only close.
+        unproven = np.zeros(n, np.bool_)
+        unproven[deeper.row] = True
+        self._closeness(deeper, unproven & ~touched, touches=True)
+        self._closeness(leaves, ~unproven & ~touched, touches=False)
+        return Contacts.concatenate(self.found)
+
+    def _closeness(self, leaves: Leaves, wanted: NDArray[np.bool_], *, touches: bool) -> None:
+        """Report pairs that come within the margin (or touch, if `touches`), but are not seen to meet.
+
+        They are grazing, or unresolved.
+        """
+        mine = wanted[leaves.row]
+        if not mine.any():
+            return
+        rows = np.unique(leaves.row[mine])
+        low, high = (ends[rows] for ends in _hull(leaves, len(wanted)))
+        # An interval that could not be settled down to a microsecond is within rounding of the margin. One that was
+        # given up earlier is as good if nothing in it is deeper than the margin; else it is unresolved.
+        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S) & mine
+        deep = not_clear(self.pairs, leaves.row[given_up], leaves.start[given_up], leaves.end[given_up], -self.margin_m)
+        unresolved = np.isin(rows, deep.row) | ~self._is_close(rows, leaves, mine)
+        near = leaves.kind == Leaf.NEAR
+        earliest, last = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
+        np.minimum.at(earliest, leaves.row[near], leaves.at[near])
+        np.maximum.at(last, leaves.row[near], leaves.at[near])
+        seen = np.isfinite(earliest[rows]) & ~unresolved
+        error = high - low
+        error[seen] = np.maximum(earliest[rows] - low, high - last[rows])[seen]
+        verdict = np.where(unresolved, UNRESOLVED, GRAZING).astype(np.int8)
+        self.found.append(Contacts(rows, low, high, error, verdict, np.full(len(rows), touches)))
+
+    def _is_close(self, rows: NDArray[np.int64], leaves: Leaves, mine: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return whether rows are certain to come within the margin, whatever distances are understated by."""
+        error_m = self.pairs.distance_error_m(self.pairs.separation_m + self.margin_m)
+        if self.pairs.separation_m == 0.0 or not len(rows):
+            return np.ones(len(rows), np.bool_)
+        close = not_clear(self.pairs, leaves.row[mine], leaves.start[mine], leaves.end[mine], self.margin_m - error_m)
+        return np.isin(rows, close.row[close.kind != Leaf.BORDER])
+
+    def _contact(
+        self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, leaves: Leaves
+    ) -> None:
+        """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
+        pairs = self.pairs.take(rows)
+        start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
+        start_error, end_error = _doubts(pairs, start, end, first, last)
+        grazes = pairs.excess(np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
+        shallow = np.flatnonzero(grazes)
+        if shallow.size:
+            deeper = not_clear(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
+            grazes[deeper.row[deeper.kind == Leaf.CONTACT]] = False
+        kept = self._belongs(rows, start, end)
+        self._leave_to_closeness(rows[~kept], leaves)
+        parts = np.flatnonzero(kept)
+        slot, start, end, error = self._parted(
+            pairs.take(parts), start[kept], end[kept], start_error[kept], end_error[kept]
+        )
+        # Where distances are not known to the tolerance, shallow contact may be none.
+        shallow_verdict = GRAZING if self.deep_m == self.margin_m else UNRESOLVED
+        verdict = np.where(grazes, shallow_verdict, CONFLICT).astype(np.int8)[parts[slot]]
+        self.found.append(Contacts(rows[parts[slot]], start, end, error, verdict, np.ones(len(slot), np.bool_)))
+
+    def _leave_to_closeness(self, rows: NDArray[np.int64], leaves: Leaves) -> None:
+        """Report pairs whose only contact is at an instant outside of the span as what they are within it: close."""
+        if rows.size and self.margin_m > TOUCH_M:
+            self._closeness(leaves, np.isin(np.arange(len(self.low)), rows), touches=False)
+
+    def _belongs(self, rows: NDArray[np.int64], start: Floats, end: Floats) -> NDArray[np.bool_]:
+        """Return whether a contact is within the span, not only at the first instant after it."""
+        belongs = np.ones(len(rows), np.bool_)
+        onset = np.flatnonzero((start > 0.0) & (end >= self.beyond_s[rows]))
+        if onset.size:
+            # Only an onset counts: what has been in touch since the span began is in it.
+            row = rows[onset]
+            excess = self.pairs.excess(row, self.beyond_s[row])
+            begins = crossing(self.pairs, row, start[onset], self.beyond_s[row], 0.0)[1]
+            early = (excess <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
+            belongs[onset] = early | (excess < -self.pairs.certainty_margin_m)
+        return belongs
+
+    def _parted(
+        self, pairs: Encounters, start: Floats, end: Floats, start_error: Floats, end_error: Floats
+    ) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+        """Return (slot, start, end, error) of contacts, cut where the pairs are apart; slots number the pairs.
+
+        Every contact is proven to hold throughout, but for what is within rounding of a touch.
+        """
+        done: list[tuple[NDArray[np.int64], Floats, Floats, Floats]] = []
+        slot = np.arange(len(pairs))
+        for _ in range(MAX_ROUNDS):
+            some = pairs.take(slot)
+            # What is in doubt at the very ends is their error.
+            first = start + start_error
+            last = np.maximum(end - end_error, first)
+            leaves = not_held(some, np.arange(len(slot)), first, last)
+            at = np.full(len(slot), np.nan)
+            at[leaves.row[leaves.kind == Leaf.NEAR]] = leaves.at[leaves.kind == Leaf.NEAR]
+            whole = np.isnan(at) | (last - first <= SHORTEST_INTERVAL_S)
+            done.append((slot[whole], start[whole], end[whole], np.maximum(start_error, end_error)[whole]))
+            cut = np.flatnonzero(~whole)
+            slot, start, end = slot[cut], start[cut], end[cut]
+            if not cut.size:
+                break
+            some, at = some.take(cut), at[cut]
+            before = self._end(some, at, first[cut], latest=True)
+            after = self._end(some, at, last[cut], latest=False)
+            earlier = _doubts(some, start, before, first[cut], before)
+            later = _doubts(some, after, end, after, last[cut])
+            slot = np.concatenate([slot, slot])
+            start, end = np.concatenate([start, after]), np.concatenate([before, end])
+            start_error, end_error = (np.concatenate(both) for both in zip(earlier, later, strict=True))
+        else:
+            done.append((slot, start, end, end - start))
+        slot, start, end, error = (np.concatenate(column) for column in zip(*done, strict=True))
+        order = np.lexsort((start, slot))
+        return slot[order], start[order], end[order], error[order]
+
+    def _end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> Floats:
+        """Return the first (or last) instant of contact on the outer side, seconds.
+
+        limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
+        """
+        outer, witness = limit.copy(), witness.copy()
+        active = np.flatnonzero(pairs.excess(np.arange(len(limit)), limit) > CLEAR_M)
+        for _ in range(MAX_ROUNDS):
+            if not active.size:
+                break
+            outside, inside = self._bracket(pairs, active, limit[active], witness[active], latest=latest)
+            outer[active] = crossing(pairs, active, outside, inside, CLEAR_M)[0]
+            ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
+            rest = not_clear(pairs, active, *ends, 0.0)
+            # Within rounding of a touch, next to the contact: it belongs to it.
+            border = rest.kind != Leaf.CONTACT
+            if latest:
+                np.maximum.at(outer, rest.row[border], rest.end[border])
+                np.maximum.at(witness, rest.row[~border], rest.at[~border])
+            else:
+                np.minimum.at(outer, rest.row[border], rest.start[border])
+                np.minimum.at(witness, rest.row[~border], rest.at[~border])
+            active = np.unique(rest.row[~border])
+        # Rounds used up with contacts still turning up further out: everything out to the limit counts.
+        outer[active] = limit[active]
+        return outer
+
+    def _bracket(
+        self, pairs: Encounters, rows: NDArray[np.int64], limit: Floats, witness: Floats, *, latest: bool
+    ) -> tuple[Floats, Floats]:
+        """Return (outside, inside) around the programs' extreme contact; the whole way to the limit without one."""
+        outside, inside = limit.copy(), witness.copy()
+        if self.programs is None:
+            return outside, inside
+        low, high = (witness, limit) if latest else (limit, witness)
+        guess = _guesses(pairs.take(rows), low, high, self.programs, latest=latest)
+        known = np.flatnonzero(np.isfinite(guess))
+        out = 1.0 if latest else -1.0
+        for step in BRACKETS_S:
+            if not known.size:
+                break
+            row, at = rows[known], guess[known]
+            outward = np.clip(at + out * step, low[known], high[known])
+            inward = np.clip(at - out * step, low[known], high[known])
+            good = (pairs.excess(row, outward) > CLEAR_M) & (pairs.excess(row, inward) <= TOUCH_M)
+            outside[known[good]], inside[known[good]] = outward[good], inward[good]
+            known = known[~good]
+        return outside, inside
+
+
+def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *, latest: bool) -> Floats:
+    """Return the programs' answers, NaN where they find none."""
+    uniform = linear_program.is_uniform(pairs, low, high)
+    answer = np.full(len(pairs), np.nan)
+    for k in range(len(pairs)):
+        program = linear_program if uniform[k] else nonlinear_program
+        pair = pairs.take(np.array([k]))
+        found = program.extreme_contact(pair, float(low[k]), float(high[k]), latest=latest)
+        if found is None:
+            programs.failed_calls += 1
+        else:
+            answer[k] = found
+    programs.lp_calls += int(uniform.sum())
+    programs.nlp_calls += int((~uniform).sum())
+    return answer
+
+
+def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) how far from the start, and from the end, of a contact it is beyond doubt, seconds.
+
+    The plane is rounded by less than TOUCH_M, and distances are understated by their error: a contact is beyond doubt
+    where it is deeper. If it is nowhere found to be, it is in doubt altogether.
+
+    first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
+    """
+    every = np.arange(len(start))
+    deep_m = np.full(len(start), -pairs.certainty_margin_m)
+    doubts = []
+    for outer, witness in ((start, first), (end, last)):
+        doubt = end - start
+        quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
+        for deep in (outer, *quarters, witness):
+            sunk = np.flatnonzero((pairs.excess(every, deep) <= deep_m) & (doubt >= end - start))
+            settled = crossing(pairs, sunk, outer[sunk], deep[sunk], deep_m[sunk])[1]
+            doubt[sunk] = np.abs(settled - outer[sunk])
+        doubts.append(doubt)
+    return doubts[0], doubts[1]
+
+
+def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:
+    """Return (n,) the first start and the last end of each row's leaves."""
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(low, leaves.row, leaves.start)
+    np.maximum.at(high, leaves.row, leaves.end)
+    return low, high

@@ -1,0 +1,336 @@
+"""How far apart two convex polygons are at an instant.
+
+The signed separation of two polygons is their distance where they are disjoint, and minus the depth of the shallowest
+way out where they overlap (separating axes). It is continuous in time.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.batches import Pairs, Pieces
+from conflictdb.earth.geodesy import Floats, Sides
+from conflictdb.motion.contract import Plane, Rows, Shapes, likeness, origins, shapes_of, sides_of
+
+# Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a miss.
+TOUCH_M: Final = 5e-8
+# Below this many metres on the earth the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude, so
+# that the nearest points in the plane are those on the earth.
+SHORT_M: Final = 1e-3
+# Pairs taken together: enough to fill the arrays, few enough to keep them in memory.
+PAIRS_AT_ONCE: Final = 20_000
+# Numbers held at once by one array of an evaluation (8 bytes each; there are a few such arrays): more do not fit the
+# processor's cache.
+BATCH_NUMBERS: Final = 100_000
+# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
+EDGE_NUMBERS: Final = 32_768
+
+
+@dataclass(frozen=True, slots=True)
+class Encounters:
+    """n pairs of shapes with a common time zero and origin, and the separation wanted between them, metres.
+
+    origin : (2, n) plane metres
+    company : (n,) with how many pairs each shares the work, see `Pairs`
+    """
+
+    plane: Plane
+    a: Shapes
+    b: Shapes
+    origin: Floats
+    separation_m: float
+    company: NDArray[np.int64] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        plane: Plane,
+        separation_m: float,
+        pieces: Pieces,
+        pairs: Pairs,
+        rows: NDArray[np.int64],
+        zero_us: NDArray[np.int64],
+    ) -> "Encounters":
+        """Return the encounters of some pairs of like pieces; row i counts its time from zero_us[i]."""
+        origin = origins(plane, pieces, pairs.a[rows])
+        a, b = (shapes_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
+        return cls(plane, a, b, origin, separation_m, None if pairs.company is None else pairs.company[rows])
+
+    def __len__(self) -> int:
+        return int(self.origin.shape[1])
+
+    def take(self, rows: Rows) -> Self:
+        """Return the encounters of some rows."""
+        company = None if self.company is None else self.company[rows]
+        a, b = self.a.take(rows), self.b.take(rows)
+        return type(self)(self.plane, a, b, self.origin[:, rows], self.separation_m, company)
+
+    def share(self, of: int, least: int, most: int) -> NDArray[np.int64]:
+        """Return (n,) what each pair has of something that the pairs of pieces of two objects share."""
+        company = np.ones(len(self), np.int64) if self.company is None else self.company
+        return np.clip(of // company, least, most)
+
+    def excess(self, rows: NDArray[np.int64], t: Floats) -> Floats:
+        """Return by how many metres rows are further apart than wanted at times t (negative: too close), (n,)."""
+        return self.nearest(rows, t).excess_m
+
+    def nearest(self, rows: NDArray[np.int64], t: Floats) -> "Nearest":
+        """Return how rows lie to each other at times t, (n,) each."""
+        parts = []
+        for batch in self.batches(len(rows)):
+            some = self.take(rows[batch])
+            parts.append(nearest(some, some.a.positions(t[batch]), some.b.positions(t[batch])))
+        return Nearest(*(np.concatenate([getattr(part, name) for part in parts]) for name in Nearest.__slots__))
+
+    def batches(self, n: int) -> list[slice]:
+        """Return slices of n rows that keep the arrays of an evaluation within bounds."""
+        step = max(1, BATCH_NUMBERS // (self.a.vertex_count + self.b.vertex_count))
+        return [slice(first, first + step) for first in range(0, max(n, 1), step)]
+
+    @property
+    def certainty_margin_m(self) -> float:
+        """How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth."""
+        return TOUCH_M + self.distance_error_m(self.separation_m)
+
+    def distance_error_m(self, distance_m: float) -> float:
+        """Return by how much a distance on the earth may be understated; those in the plane are as they are."""
+        return float(self.plane.distance_error_m(distance_m)) if distance_m > short_m(self.plane) else 0.0
+
+    @property
+    def sides(self) -> tuple[Sides, Sides]:
+        """Of a and of b, which vertices their sides run between."""
+        a, b = (sides_of(shape.vertex_count, convex=shape.is_convex) for shape in (self.a, self.b))
+        return a, b
+
+    def scale(self, *polygons: Floats) -> tuple[Floats, Floats]:
+        """Return (n,) the largest and smallest scale in the hulls of all vertices (2, v, n) of each of these pairs."""
+        points = np.concatenate(polygons, axis=1) + self.origin[:, None, :]
+        return self.plane.largest_scale(points), self.plane.smallest_scale(points)
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """How n pairs of polygons lie to each other.
+
+    gap : (n,) signed separation, plane metres
+    excess_m : (n,) signed separation less the separation wanted, metres on the earth
+    axis : (n, 2) unit vector from a to b along which the gap is measured
+    point_a, point_b : (n, 2) nearest points, plane metres (of no meaning where the polygons overlap)
+    """
+
+    gap: Floats
+    excess_m: Floats
+    axis: Floats
+    point_a: Floats
+    point_b: Floats
+
+
+def alike(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return batches of rows of pairs whose pieces can share arrays."""
+    if not len(rows):
+        return []
+    sort = likeness(plane, pieces)
+    _, group = np.unique(np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]]), axis=1, return_inverse=True)
+    batches = []
+    for g in range(int(group.max()) + 1):
+        same = rows[group == g]
+        batches += [same[first : first + PAIRS_AT_ONCE] for first in range(0, len(same), PAIRS_AT_ONCE)]
+    return batches
+
+
+def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -> Nearest:
+    """Return how the pairs lie to each other with vertices at a (2, va, n) and b (2, vb, n), metres from the origin.
+
+    within_m : pairs proven further apart than this on the earth are said to be this far apart, which is cheaper
+    """
+    gap, axis, point_a, point_b = _nearest_in_plane(pairs, a, b)
+    point_a += pairs.origin
+    point_b += pairs.origin
+    distance_m = _distance_m(pairs, a, b, gap, point_a, point_b, within_m)
+    return Nearest(gap, distance_m - pairs.separation_m, axis.T, point_a.T, point_b.T)
+
+
+def plane_distance(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) the signed separation in the plane, metres, and its axis (2, n) from a to b."""
+    return _nearest_in_plane(pairs, a, b)[:2]
+
+
+def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return (gap, axis, point_a, point_b) in the plane, points from the origin (see `Nearest`)."""
+    gap, axis = widest_gap(pairs, a, b)
+    apart = np.flatnonzero(gap > 0.0)
+    point_a, point_b = a.mean(axis=1), b.mean(axis=1)
+    if apart.size:
+        one, other = a[:, :, apart], b[:, :, apart]
+        point_a[:, apart], point_b[:, apart] = _nearest_points(one, other, *pairs.sides)
+        between = point_b[:, apart] - point_a[:, apart]
+        distance = np.hypot(between[0], between[1])
+        # The way between points that are close has hardly a direction: then that of an edge separates better.
+        way = between / np.where(distance > 0.0, distance, 1.0)
+        better = gap_along(way, one, other) > gap[apart]
+        axis[:, apart] = np.where(better, way, axis[:, apart])
+        gap[apart] = np.where(distance > 0.0, distance, gap[apart])
+    return gap, axis, point_a, point_b
+
+
+def _distance_m(
+    pairs: Encounters, a: Floats, b: Floats, gap: Floats, point_a: Floats, point_b: Floats, within_m: float
+) -> Floats:
+    """Return (n,) gaps in the plane as metres on the earth, by the shortest way where the pairs are apart."""
+    plane = pairs.plane
+    metres = 2.0 * gap / (plane.largest_scale(point_a[:, None, :]) + plane.largest_scale(point_b[:, None, :]))
+    apart = np.flatnonzero(metres > short_m(plane))
+    if not apart.size:
+        return np.asarray(metres)
+    if np.isfinite(within_m):
+        far = gap[apart] > plane.span_m(within_m, pairs.take(apart).scale(a[:, :, apart], b[:, :, apart])[0])
+        metres[apart[far]] = within_m
+        apart = apart[~far]
+    # The scale may differ from that at the nearest points of the plane, so that others are nearer on the earth.
+    origin = pairs.origin[:, None, apart]
+    metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin, *pairs.sides)
+    return np.asarray(metres)
+
+
+def short_m(plane: Plane) -> float:
+    """Return up to how many metres on the earth the nearest points in the plane are those on the earth.
+
+    In a plane that does not keep angles they never are: only what touches is no nearer for that.
+    """
+    return SHORT_M if plane.is_conformal else TOUCH_M
+
+
+def gap_along(axis: Floats, a: Floats, b: Floats) -> Floats:
+    """Return (n,) min of b less max of a along axes (2, n), plane metres."""
+    ahead = (axis[0] * b[0] + axis[1] * b[1]).min(axis=0)
+    ahead -= (axis[0] * a[0] + axis[1] * a[1]).max(axis=0)
+    return np.asarray(ahead)
+
+
+def widest_gap(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) the widest gap over the separating axes (negative: they overlap) and (2, n) its axis from a to b.
+
+    Axes are the normals of the edges, and the line between the middles. A polygon of two vertices is a line: its
+    direction separates it from what lies ahead of it.
+    """
+    axis = b.mean(axis=1) - a.mean(axis=1)
+    length = np.hypot(axis[0], axis[1])
+    axis = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), np.array([[1.0], [0.0]]))
+    gap = gap_along(axis, a, b)
+    for normal, found, real in edge_gaps(pairs, a, b):
+        axes = [(normal, found)]
+        if 2 in (a.shape[1], b.shape[1]):
+            along = np.stack([-normal[1], normal[0]])
+            axes.append((along, np.stack([gap_along(along[:, e], a, b) for e in range(along.shape[1])])))
+        for candidate, width in axes:
+            _take_wider(gap, axis, candidate, np.where(real, width, -np.inf))
+    return gap, axis
+
+
+def _take_wider(gap: Floats, axis: Floats, normal: Floats, found: Floats) -> None:
+    """Put in place the widest of gaps (e, n) along normals (2, e, n) where it is wider."""
+    best = found.argmax(axis=0)
+    every = np.arange(len(gap))
+    widest = found[best, every]
+    wider = widest > gap
+    np.copyto(gap, widest, where=wider)
+    np.copyto(axis, normal[:, best, every], where=wider)
+
+
+def edge_gaps(pairs: Encounters, a: Floats, b: Floats) -> list[tuple[Floats, Floats, NDArray[np.bool_]]]:
+    """Return for edges of both polygons unit normals from a to b (2, e, n), gaps along them (e, n), if they are real.
+
+    In blocks of as many edges as fit the processor's cache.
+    """
+    found = []
+    for mine, other, convex, sign in ((a, b, pairs.a.is_convex, 1.0), (b, a, pairs.b.is_convex, -1.0)):
+        for k, m in edges(mine, other, convex=convex):
+            normal = np.stack([mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]])
+            length = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
+            real = length > 0.0
+            normal /= np.where(real, length, 1.0)
+            found.append((sign * normal, gaps_along(normal[0], normal[1], mine, other, k, convex=convex), real))
+    return found
+
+
+def gaps_along(nx: Floats, ny: Floats, mine: Floats, other: Floats, k: NDArray[np.int64], *, convex: bool) -> Floats:
+    """Return (e, n) gaps along normals nx, ny (e, n) of edges that start at vertices k of `mine`."""
+    gap = _along(nx, ny, other).min(axis=1)
+    if convex and mine.shape[1] > 2:
+        # The edge itself is the furthest of a convex polygon along its own normal.
+        gap -= nx * mine[0, k] + ny * mine[1, k]
+    else:
+        gap -= _along(nx, ny, mine).max(axis=1)
+    return np.asarray(gap)
+
+
+def _along(nx: Floats, ny: Floats, polygon: Floats) -> Floats:
+    """Return (e, v, n) vertices along directions nx, ny (e, n)."""
+    return np.asarray(nx[:, None] * polygon[0] + ny[:, None] * polygon[1])
+
+
+def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
+    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation.
+
+    NaN where neither polygon has an edge, for both have yet to grow from a point.
+    """
+    widest = np.full(a.shape[2], -np.inf)
+    for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
+        for k, m in edges(mine, other, convex=convex):
+            nx, ny = mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]
+            gap = gaps_along(nx, ny, mine, other, k, convex=convex)
+            length = nx * nx + ny * ny
+            # No edge between vertices that coincide.
+            gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
+            np.fmax(widest, np.fmax.reduce(gap, axis=0), out=widest)
+    return np.where(widest > -np.inf, widest, np.nan)
+
+
+def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return the widest gap along the normals of the edges, and its axis (2, n) from a to b."""
+    widest, axis = np.full(a.shape[2], -np.inf), np.zeros((2, a.shape[2]))
+    for normal, gap, real in edge_gaps(pairs, a, b):
+        _take_wider(widest, axis, normal, np.where(real, gap, -np.inf))
+    return widest, axis
+
+
+def edges(mine: Floats, other: Floats, *, convex: bool) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Return blocks of vertices (k, m) that edges of `mine` run between: any two, where edges are not known."""
+    count = mine.shape[1]
+    if count == 1:
+        return []
+    first = np.arange(count)
+    if convex:
+        k, m = first, np.roll(first, -1)
+    else:
+        k, m = np.divmod(np.arange(count * count), count)
+        k, m = k[k != m], m[k != m]
+    width = max(count, other.shape[1]) * mine.shape[2]
+    size = max(1, EDGE_NUMBERS // max(width, 1))
+    return [(k[i : i + size], m[i : i + size]) for i in range(0, len(k), size)]
+
+
+def _nearest_points(a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> tuple[Floats, Floats]:
+    """Return the nearest points of disjoint polygons, (2, n) each."""
+    on_b, foot_b, from_a = _vertex_to_side(a, b, sides_b)
+    on_a, foot_a, from_b = _vertex_to_side(b, a, sides_a)
+    first = on_b <= on_a
+    return np.where(first, from_a, foot_a), np.where(first, foot_b, from_b)
+
+
+def _vertex_to_side(points: Floats, polygon: Floats, sides: Sides) -> tuple[Floats, Floats, Floats]:
+    """Return (squared distance, foot on the polygon's sides, vertex) of the vertex nearest to the sides, (..., n)."""
+    start = polygon[:, sides[0]]
+    edge = polygon[:, sides[1]] - start
+    square = edge[0] ** 2 + edge[1] ** 2
+    way = points[:, :, None, :] - start[:, None]
+    along = (way[0] * edge[0] + way[1] * edge[1]) / np.where(square > 0.0, square, 1.0)
+    off = way - np.clip(along, 0.0, 1.0) * edge[:, None, :, :]
+    distance = (off[0] ** 2 + off[1] ** 2).reshape(-1, points.shape[2])
+    best = distance.argmin(axis=0)
+    rows = np.arange(points.shape[2])
+    p, e = np.divmod(best, len(sides[0]))
+    vertex = points[:, p, rows]
+    return distance[best, rows], vertex - off[:, p, e, rows], vertex
