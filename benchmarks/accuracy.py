@@ -43,7 +43,10 @@ from verdicts import ROUNDING_S, TOUCH_M, Reported, compare
 from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict
-from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.methods import Method

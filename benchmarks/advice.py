@@ -22,7 +22,8 @@ from workloads import PAPER, throw
 import conflictdb
 from conflictdb import Method
 from conflictdb.advice.estimates import Setting
-from conflictdb.arrays.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 

@@ -44,7 +44,10 @@ from scenes import T0_US
 from tables import markdown, put_into
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
-from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
 from conflictdb.methods import Method
 from conflictdb.model import METRES_PER_NMI, EarthModel, Kind

@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
-from conflictdb.arrays.batches import Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import EarthModel, Scene, Track

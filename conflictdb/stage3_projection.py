@@ -15,7 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Pairs, Pieces, ragged_rows
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Kind, Scene
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m

@@ -41,7 +41,9 @@ from conflictdb.advice.estimates import (
     wrongness,
 )
 from conflictdb.advice.sample import Frame, Objects
-from conflictdb.arrays.batches import Conflicts, Pairs, Pieces
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import candidates, intersections

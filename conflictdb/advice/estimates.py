@@ -12,7 +12,7 @@ import numpy as np
 import scipy.special  # scipy.optimize of stage 4 has loaded it already
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Conflicts
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import Method
 from conflictdb.model import EarthModel, Verdict

@@ -14,7 +14,9 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.advice.estimates import Count, Sampling, object_error, whole
-from conflictdb.arrays.batches import AreaBatch, Conflicts, Pieces, TrackBatch
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.in_memory import candidates, hulls_of
 from conflictdb.model import Area, Kind, Scene, Track
 from conflictdb.pieces.covers import pieces_of

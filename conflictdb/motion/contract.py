@@ -13,7 +13,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.arrays.batches import Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
 from conflictdb.model import Kind
 

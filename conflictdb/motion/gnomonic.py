@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.arrays.batches import Pieces, ragged_rows
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.arcs import least_chord
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, Sides, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind

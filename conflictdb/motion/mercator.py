@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.arrays.batches import Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth import rhumb_distance
 from conflictdb.earth.geodesy import Earth, Floats, Sides, direction_of
 from conflictdb.earth.rhumb_distance import BLOCK_NUMBERS, NEARBY

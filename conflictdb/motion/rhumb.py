@@ -19,7 +19,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Pieces, ragged_rows
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Earth, Floats, direction_of
 from conflictdb.model import Kind
 from conflictdb.motion.contract import Rows, shape_vertices

@@ -11,8 +11,10 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
 from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind, Scene
 from conflictdb.motion.contract import Plane

@@ -13,7 +13,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import AreaBatch, Pieces, TrackBatch, ragged_rows
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Kind, Scene, Track

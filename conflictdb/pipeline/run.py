@@ -9,8 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Conflicts, Contacts, Pairs, Pieces
+from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Scene, Verdict

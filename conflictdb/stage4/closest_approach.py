@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Pairs, Pieces
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides, least_on_chord
 from conflictdb.model import SINCE_EVER_US, Kind, Scene
 from conflictdb.motion.contract import Plane, sides_of

@@ -1,8 +1,8 @@
 """Stage 4: when exactly do two pieces interfere.
 
 Pairs are taken together where their shapes can share arrays. Method `exact` settles most of them at once
-(`stage4.exact.solver`) and takes the rest apart (`stage4.search`); method `nlp` takes every pair apart, and asks the published
-programs where to look.
+(`stage4.exact.solver`) and takes the rest apart (`stage4.search`); method `nlp` takes every pair apart, and asks the
+published programs where to look.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Contacts, Pairs, Pieces
+from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene

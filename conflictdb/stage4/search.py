@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Contacts
+from conflictdb.arrays.answers import Contacts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Verdict
 from conflictdb.stage4.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, not_clear, not_held

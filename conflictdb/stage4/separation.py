@@ -10,7 +10,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import Pairs, Pieces
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
 from conflictdb.motion.contract import Plane, Rows, Shapes, likeness, origins, shapes_of, sides_of
 

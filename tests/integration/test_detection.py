@@ -7,7 +7,8 @@ import shapely
 from scenes import T0_US
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
-from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.pieces import covers

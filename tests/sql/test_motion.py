@@ -11,7 +11,7 @@ from oracle_motion import grown
 from piecework import load
 from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
-from conflictdb.arrays.batches import TrackBatch
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces

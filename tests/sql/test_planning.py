@@ -13,7 +13,7 @@ import pytest
 import shapely
 from piecework import load, refresh
 
-from conflictdb.arrays.batches import Conflicts
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.model import SINCE_EVER_US, Area, Scene
 

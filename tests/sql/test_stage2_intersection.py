@@ -10,7 +10,8 @@ import shapely
 from piecework import load, refresh, stored_pieces
 from workloads import PAPER, SEAM, Workload, throw
 
-from conflictdb.arrays.batches import Pairs, Pieces
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.model import Area, EarthModel, Scene
 

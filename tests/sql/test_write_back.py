@@ -13,7 +13,7 @@ import shapely
 from piecework import load, refresh
 from psycopg.pq import TransactionStatus
 
-from conflictdb.arrays.batches import Conflicts
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, Verdict, rectangle_outline_m
@@ -226,7 +226,7 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
 
 def refresh_rest(conn: Conn, scene_id: int) -> None:
     """Finish transaction 1 on the snapshot that is open."""
-    from conflictdb.arrays.batches import Pieces
+    from conflictdb.arrays.pieces import Pieces
     from conflictdb.pieces.cutting import area_pieces, track_pieces
 
     settings = store.read_settings(conn, scene_id)

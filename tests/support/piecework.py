@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 import shapely
 
-from conflictdb.arrays.batches import Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.model import Area, Scene, Track
 from conflictdb.pieces.cutting import area_pieces, track_pieces

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
-from conflictdb.arrays.batches import TrackBatch
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.pieces.cutting import MAX_BENT_SLICES, MAX_SLICES, track_pieces
 from conflictdb.pipeline import run

@@ -13,7 +13,8 @@ from scenes import HOUR_S
 from workloads import GROWING_CIRCLES, throw
 
 from conflictdb import InvalidInput, solve
-from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.model import Motion, Scene, Track
 from conflictdb.motion.gnomonic import Gnomonic

@@ -11,7 +11,7 @@ from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, rectangle_outline_m, solve
 from conflictdb.advice.advise import advise
-from conflictdb.arrays.batches import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.io.scene_file import read_scene, scene_text

@@ -13,7 +13,8 @@ from scenes import HOUR_S
 from workloads import GROWING, PAPER, throw
 
 from conflictdb import InvalidInput, solve
-from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.contract import StaticShapes, likeness

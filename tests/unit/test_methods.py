@@ -7,7 +7,9 @@ import pytest
 import scenes
 import shapely
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Solver, Steps
 from conflictdb.model import EarthModel, Scene, Verdict

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
-from conflictdb.arrays.batches import Pieces, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.contract import padding_m

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from oracle_motion import grown, outlines
 from workloads import GROWING, throw
 
-from conflictdb.arrays.batches import TrackBatch
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of

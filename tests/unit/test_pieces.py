@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import WORKLOADS, Workload, throw
 
-from conflictdb.arrays.batches import AreaBatch, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.errors import InvalidInput
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track

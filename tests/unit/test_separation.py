@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from workloads import HIGH_LATITUDE, PAPER, throw
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.model import EarthModel, Motion, Scene
 from conflictdb.motion.contract import StaticShapes

@@ -5,7 +5,9 @@ import pytest
 import scenes
 import shapely
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stage3_projection import shared_span, windows

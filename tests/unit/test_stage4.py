@@ -9,7 +9,9 @@ import scenes
 import shapely
 from verdicts import solved
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces

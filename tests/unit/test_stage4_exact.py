@@ -8,7 +8,9 @@ import scenes
 import shapely
 from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
-from conflictdb.arrays.batches import AreaBatch, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import Area, EarthModel, Scene, Track

@@ -19,7 +19,10 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import AreaBatch, Conflicts, Pairs, Pieces, TrackBatch
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, transaction
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings

@@ -12,7 +12,7 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.batches import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
 from conflictdb.errors import InvalidInput

@@ -1,0 +1,82 @@
+"""Answers as arrays: when pairs of pieces are in contact, and what is stored of pairs of objects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """m intervals during which pairs of pieces interfere, or might.
+
+    pair : (m,) int64          row number of the pair, not decreasing
+    start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
+    error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
+    verdict : (m,) int8        Verdict.code
+    touches : (m,) bool        whether they meet during it, not only come within the tolerance
+    """
+
+    pair: NDArray[np.int64]
+    start_s: NDArray[np.float64]
+    end_s: NDArray[np.float64]
+    error_s: NDArray[np.float64]
+    verdict: NDArray[np.int8]
+    touches: NDArray[np.bool_]
+
+    def of_pairs(self, rows: NDArray[np.int64]) -> "Contacts":
+        """Return the same contacts where pair k is number rows[k] elsewhere."""
+        return replace(self, pair=rows[self.pair])
+
+    def __len__(self) -> int:
+        return len(self.pair)
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
+        """Return all contacts in one, sorted by pair and start; at least one batch."""
+        columns = [np.concatenate([getattr(batch, column.name) for batch in batches]) for column in fields(cls)]
+        order = np.lexsort((columns[1], columns[0]))
+        return cls(*(column[order] for column in columns))
+
+
+@dataclass(frozen=True, slots=True)
+class Conflicts:
+    """n pairs of objects that interfere, or might, or come near each other (these have no periods).
+
+    The order of a and b within a pair is free: the store puts the area, else the smaller key, first.
+
+    a_kind, b_kind : (n,) int8
+    a_id, b_id, a_version, b_version : (n,) int64
+    period_us, period_offset : (p, 2) int64, (n + 1,) int64   inclusive, increasing, disjoint; SINCE_EVER_US and
+        FOR_EVER_US where unbounded
+    verdict : (n,) int8            Verdict.code
+    first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
+    time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
+    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US where there is none
+    closest_m, closest_error_m : (n,) float64   distance then, metres on the earth, and how much less the least distance
+        may be; NaN if not computed
+    closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
+        computed
+    """
+
+    a_kind: NDArray[np.int8]
+    a_id: NDArray[np.int64]
+    a_version: NDArray[np.int64]
+    b_kind: NDArray[np.int8]
+    b_id: NDArray[np.int64]
+    b_version: NDArray[np.int64]
+    period_us: NDArray[np.int64]
+    period_offset: NDArray[np.int64]
+    verdict: NDArray[np.int8]
+    first_contact_deg: NDArray[np.float64]
+    time_error_s: NDArray[np.float64]
+    closest_us: NDArray[np.int64]
+    closest_m: NDArray[np.float64]
+    closest_error_m: NDArray[np.float64]
+    closest_a_deg: NDArray[np.float64]
+    closest_b_deg: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.a_id)

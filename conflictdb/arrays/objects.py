@@ -1,0 +1,169 @@
+"""Areas and tracks as arrays, as they are read from the database or made of objects.
+
+Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragged (`ragged`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Track
+from conflictdb.outlines import mitred
+
+
+@dataclass(frozen=True, slots=True)
+class AreaBatch:
+    """n areas as arrays.
+
+    area_id, version : (n,) int64
+    footprint : (n,) object, shapely MultiPolygon in degrees
+    start_us, end_us : (n,) int64, SINCE_EVER_US and FOR_EVER_US where unbounded
+    floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    """
+
+    area_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    footprint: NDArray[np.object_]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.area_id)
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the areas of some rows."""
+        return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))
+
+    @classmethod
+    def of(cls, areas: Sequence[Area]) -> "AreaBatch":
+        """Return the batch of some areas, numbered from 0."""
+        footprint = np.empty(len(areas), dtype=object)
+        footprint[:] = [area.footprint for area in areas]
+        return cls(
+            np.arange(len(areas), dtype=np.int64),
+            np.ones(len(areas), dtype=np.int64),
+            footprint,
+            np.array([SINCE_EVER_US if a.start_us is None else a.start_us for a in areas], dtype=np.int64),
+            np.array([FOR_EVER_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
+            np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
+            np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackBatch:
+    """n tracks as arrays; waypoints and outlines are concatenated, track i owning [offset[i], offset[i + 1]).
+
+    track_id, version : (n,) int64
+    waypoint_offset : (n + 1,) int64
+    positions_deg : (w, 2) float64, longitude and latitude
+    times_us : (w,) int64
+    outline_offset : (n + 1,) int64
+    outline_m : (v, 2) float64, starboard and forward
+    floor_m, ceiling_m : (w - n,) float64, of each leg, -inf and +inf where unbounded
+    grow_mps : (n,) float64, outward speed of every side; 0 where the haven does not grow
+    outlines_offset : (n + 1,) int64
+    outlines_m : (u, 2) float64, the outlines of tracks that have one per waypoint, one after the other; else no rows
+    """
+
+    track_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    waypoint_offset: NDArray[np.int64]
+    positions_deg: NDArray[np.float64]
+    times_us: NDArray[np.int64]
+    outline_offset: NDArray[np.int64]
+    outline_m: NDArray[np.float64]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+    grow_mps: NDArray[np.float64]
+    outlines_offset: NDArray[np.int64]
+    outlines_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.track_id)
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the tracks of some rows."""
+        legs = ragged_rows(self.waypoint_offset - np.arange(len(self) + 1), rows)[1]
+        positions_deg, waypoint_offset = ragged_take(self.waypoint_offset, self.positions_deg, rows)
+        outline_m, outline_offset = ragged_take(self.outline_offset, self.outline_m, rows)
+        outlines_m, outlines_offset = ragged_take(self.outlines_offset, self.outlines_m, rows)
+        return type(self)(
+            self.track_id[rows],
+            self.version[rows],
+            waypoint_offset,
+            positions_deg,
+            self.times_us[ragged_rows(self.waypoint_offset, rows)[1]],
+            outline_offset,
+            outline_m,
+            self.floor_m[legs],
+            self.ceiling_m[legs],
+            self.grow_mps[rows],
+            outlines_offset,
+            outlines_m,
+        )
+
+    @classmethod
+    def of(cls, tracks: Sequence[Track]) -> "TrackBatch":
+        """Return the batch of some tracks, numbered from 0."""
+        heights = [t.heights_m() for t in tracks]
+        return cls(
+            np.arange(len(tracks), dtype=np.int64),
+            np.ones(len(tracks), dtype=np.int64),
+            offsets([len(t.times_us) for t in tracks]),
+            stacked([t.positions_deg for t in tracks]),
+            np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
+            offsets([len(t.outline_m) for t in tracks]),
+            stacked([t.outline_m for t in tracks]),
+            np.concatenate([np.empty(0), *(floors_m for floors_m, _ in heights)]),
+            np.concatenate([np.empty(0), *(ceilings_m for _, ceilings_m in heights)]),
+            np.array([t.grow_mps for t in tracks], dtype=np.float64),
+            offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
+            stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
+        )
+
+    def outlines_on(
+        self, track: NDArray[np.int64], waypoint: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the outlines of havens at both ends of legs: offset (m + 1,), start and end (s, 2) metres.
+
+        Vertex i of a start moves straight to vertex i of the end. Where nothing changes on any leg the end is the same
+        array as the start.
+
+        track, waypoint : (m,) rows of the legs' tracks, and of their first waypoints
+        """
+        if not self.grow_mps.any() and not len(self.outlines_m):
+            offset, index = ragged_rows(self.outline_offset, track)
+            start = self.outline_m[index]
+            return offset, start, start
+        grows = self.grow_mps > 0.0
+        growing, steady = np.flatnonzero(grows), np.flatnonzero(~grows)
+        corners, rate, corner_offset = mitred(*ragged_take(self.outline_offset, self.outline_m, growing))
+        count = np.diff(self.outline_offset)
+        count[growing] = np.diff(corner_offset)
+        body = offsets(count)
+        of_growing, of_steady = (ragged_rows(body, rows)[1] for rows in (growing, steady))
+        outline, speed = np.empty((body[-1], 2)), np.zeros((body[-1], 2))
+        outline[of_growing], outline[of_steady] = corners, ragged_take(self.outline_offset, self.outline_m, steady)[0]
+        speed[of_growing] = rate * np.repeat(self.grow_mps[growing], count[growing])[:, None]
+
+        offset, index = ragged_rows(body, track)
+        leg = np.repeat(np.arange(len(track)), np.diff(offset))
+        first = self.waypoint_offset[track]
+        ends = []
+        for at in (waypoint, waypoint + 1):
+            age_s = (self.times_us[at] - self.times_us[first]) / 1e6
+            vertices = outline[index] + speed[index] * age_s[leg, None]
+            given = np.flatnonzero((np.diff(self.outlines_offset)[track] > 0)[leg])
+            of = leg[given]
+            nth = given - offset[of] + (at - first)[of] * count[track[of]]
+            vertices[given] = self.outlines_m[self.outlines_offset[track[of]] + nth]
+            ends.append(vertices)
+        start, end = ends
+        return offset, start, start if np.array_equal(start, end) else end

@@ -1,0 +1,36 @@
+"""Pairs of pieces as arrays: what stage 2 leaves for stage 4."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.ragged import ragged_rows
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """n pairs of pieces that passed stage 2.
+
+    a, b : (n,) int64   row numbers in a `Pieces` batch (not database ids)
+    region_xy, region_offset : (r, 2) float64, (n + 1,) int64   vertices of the intersection of the two hulls, plane
+        coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
+    company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
+        these; None is one each
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    region_xy: NDArray[np.float64]
+    region_offset: NDArray[np.int64]
+    company: NDArray[np.int64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return some of the pairs."""
+        offset, index = ragged_rows(self.region_offset, rows)
+        company = None if self.company is None else self.company[rows]
+        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset, company)

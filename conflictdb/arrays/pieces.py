@@ -1,0 +1,96 @@
+"""Pieces as arrays: the convex parts of areas and the slices of tracks that the stages work on.
+
+Units: metres, degrees for longitude, latitude and bearings, microseconds since 1970. Hulls and
+shapes are ragged (`ragged`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.ragged import ragged_rows
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """n pieces: the unit that stages 1 to 4 work on.
+
+    piece_id : (n,) int64         database id; -1 before it has one
+    kind : (n,) int8              Kind of the object: 0 area, 1 track
+    object_id, version : (n,) int64
+    part : (n,) int32             number of the piece within its object, from 0; the seam copy shares it
+    turn : (n,) int16             0, or -1, -2, ... for a seam copy: shifted by this many whole turns of longitude
+    start_us, end_us : (n,) int64 SINCE_EVER_US, FOR_EVER_US where unbounded
+    end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's
+        end: no)
+    floor_m, ceiling_m : (n,) float64   -inf, +inf where unbounded
+    hull_xy, hull_offset : (h, 2) float64, (n + 1,) int64   padded convex hull of everything the piece covers, closed
+        ring, plane coordinates in metres, shifted by `turn`
+    shape_xy, shape_offset : (s, 2) float64, (n + 1,) int64  open ring, counter-clockwise, not shifted. Area: the exact
+        convex part in the plane, metres. Track: the outline (starboard, forward) at the start of the leg, metres
+    shape_to_xy : (s, 2) float64  the same vertices at the end of the leg; the very same array where nothing changes
+    leg_start_us, leg_end_us : (n,) int64   tracks: the whole leg that the slice is cut from (areas: 0)
+    leg_start_deg, leg_end_deg : (n, 2) float64   tracks: longitude (unwrapped, not shifted) and latitude (areas: 0)
+    bearing_deg : (n,) float64    tracks: heading of the haven, clockwise from north (areas: 0)
+    """
+
+    piece_id: NDArray[np.int64]
+    kind: NDArray[np.int8]
+    object_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    part: NDArray[np.int32]
+    turn: NDArray[np.int16]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    end_inclusive: NDArray[np.bool_]
+    floor_m: NDArray[np.float64]
+    ceiling_m: NDArray[np.float64]
+    hull_xy: NDArray[np.float64]
+    hull_offset: NDArray[np.int64]
+    shape_xy: NDArray[np.float64]
+    shape_to_xy: NDArray[np.float64]
+    shape_offset: NDArray[np.int64]
+    leg_start_us: NDArray[np.int64]
+    leg_end_us: NDArray[np.int64]
+    leg_start_deg: NDArray[np.float64]
+    leg_end_deg: NDArray[np.float64]
+    bearing_deg: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.piece_id)
+
+    @property
+    def changes(self) -> bool:
+        """Whether any haven has another outline at the end of its leg than at the start."""
+        return self.shape_to_xy is not self.shape_xy
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the pieces of some rows."""
+        columns: dict[str, Any] = {}
+        for column in fields(self):
+            if column.name.endswith("_offset"):
+                ragged = column.name.replace("_offset", "_xy")
+                columns[column.name], index = ragged_rows(getattr(self, column.name), rows)
+                columns[ragged] = getattr(self, ragged)[index]
+                if ragged == "shape_xy":
+                    columns["shape_to_xy"] = self.shape_to_xy[index] if self.changes else columns[ragged]
+            elif not column.name.endswith("_xy"):
+                columns[column.name] = getattr(self, column.name)[rows]
+        return type(self)(**columns)
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Pieces"]) -> Self:
+        """Return the pieces of all batches in one; at least one batch."""
+        columns: dict[str, Any] = {}
+        for column in fields(cls):
+            parts = [getattr(batch, column.name) for batch in batches]
+            if column.name.endswith("_offset"):
+                ends = np.cumsum([0, *(part[-1] for part in parts)])
+                parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
+            columns[column.name] = np.concatenate(parts)
+        if not any(batch.changes for batch in batches):
+            columns["shape_to_xy"] = columns["shape_xy"]
+        return cls(**columns)

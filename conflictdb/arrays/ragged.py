@@ -1,0 +1,31 @@
+"""Ragged data: items of varying number for each row, concatenated; row i owns items [offset[i], offset[i + 1])."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where the items of each row begin, and where the last end: (n + 1,) for the lengths of n rows."""
+    return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
+
+
+def ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the offsets of some rows of ragged data, and where their items stand."""
+    length = offset[rows + 1] - offset[rows]
+    taken = offsets(length)
+    return taken, np.repeat(offset[rows] - taken[:-1], length) + np.arange(taken[-1])
+
+
+def ragged_take(
+    offset: NDArray[np.int64], items: NDArray[np.float64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the items of some rows, and their offsets."""
+    of_rows, index = ragged_rows(offset, rows)
+    return items[index], of_rows
+
+
+def stacked(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the rows (k, 2) of all arrays one after the other; none of no arrays."""
+    return np.concatenate([np.empty((0, 2)), *arrays])
