@@ -1,6 +1,6 @@
 """Speed against accuracy: what each method and tolerance costs, and how wrong its answer is, held to brute force.
 
-    ./.venv/bin/python benchmarks/accuracy.py [--document docs/accuracy.md] [--figure docs/accuracy.svg]
+    ./.venv/bin/python benchmarks/accuracy.py [--document docs/explanation/accuracy.md] [--figure FILE.svg]
 
 The paper's workload, a high-latitude one and one of long legs (tests/support/workloads.py), on the sphere and on WGS84,
 through every method at tolerances of 1000, 10, 1 and 0 m; and, on the sphere, the paper's formulas of stage 3 as
@@ -19,7 +19,7 @@ first or after the last contact. False is a pair that is called a conflict altho
 although they stay further apart than the tolerance; `screen` and `window` call what they report unresolved.
 
 Brute force takes minutes: --truth FILE keeps what it found and reads it next time. --results FILE keeps the numbers;
-with --redraw, they are read from there and nothing is measured. The figure needs matplotlib (docs/accuracy.md).
+with --redraw, they are read from there and nothing is measured. The figure needs matplotlib (CONTRIBUTING.md).
 """
 
 import argparse

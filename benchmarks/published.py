@@ -1,6 +1,6 @@
 """The published formulas of stage 3, as printed and with their signs mended, against the truth.
 
-    ./.venv/bin/python benchmarks/published.py [--pairs 400] [--checked 50] [--document docs/accuracy.md]
+    ./.venv/bin/python benchmarks/published.py [--pairs 400] [--checked 50] [--document docs/explanation/accuracy.md]
 
 A. Bienkowski, D. Sidoti, K. R. Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
 section IV-C, calls the projection exact for an area and a track. Nothing in the package uses what is below.

@@ -109,11 +109,3 @@ def test_integration_sql_runs_as_printed(conn: psycopg.Connection) -> None:
         for block in blocks(document, "sql"):
             for statement in filter(str.strip, block.split(";\n")):
                 conn.execute(statement.encode())
-
-
-@pytest.mark.parametrize("document", sorted(p.name for p in (ROOT / "docs").glob("*.md")))
-def test_links_lead_somewhere(document: str) -> None:
-    """Every relative link of a document names a file that is there."""
-    for path in (ROOT / "docs" / document, ROOT / "README.md"):
-        for target in re.findall(r"\]\(([^)#:]+?)(?:#[^)]*)?\)", path.read_text()):
-            assert (path.parent / target).exists(), f"{path.name}: {target}"

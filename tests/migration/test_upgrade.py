@@ -23,7 +23,7 @@ from conflictdb.db import schema
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
 ROOT = Path(schema.__file__).resolve().parents[2]
-SNAPSHOT = ROOT / "docs" / "schema.sql"
+SNAPSHOT = ROOT / "docs" / "reference" / "schema.sql"
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ BEGIN ATOMIC SELECT format('%s :x', s.note) FROM scene s WHERE s.name = p_scene;
 
 
 def test_fresh_schema_is_the_documented_one(dsn: str) -> None:
-    """docs/schema.sql is reviewed as a diff."""
+    """docs/reference/schema.sql is reviewed as a diff."""
     found, _ = catalog(dsn)
     if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT"):
         SNAPSHOT.write_text(found)

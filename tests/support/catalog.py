@@ -1,4 +1,4 @@
-"""Describes a schema from the catalog: what docs/schema.sql shows, and what must not depend on how it came about."""
+"""Describes a schema from the catalog, for docs/reference/schema.sql: all that must not depend on how it came about."""
 
 from typing import Any
 
@@ -83,7 +83,7 @@ ORDER BY 1
 
 
 def describe(conn: psycopg.Connection[Any]) -> str:
-    """Return the description that docs/schema.sql holds: everything but the bodies of routines."""
+    """Return the description that docs/reference/schema.sql holds: everything but the bodies of routines."""
     conn.execute("SET LOCAL search_path = conflictdb, public")
     parts = []
     for query, gap in ((RELATIONS, "\n\n"), (CONSTRAINTS, "\n"), (INDEXES, "\n"), (TRIGGERS, "\n"), (ROUTINES, "\n\n")):

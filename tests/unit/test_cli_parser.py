@@ -11,7 +11,7 @@ from conflictdb.cli import codes
 from conflictdb.cli.parser import FORMATS, build, count, duration_s, instant, metres, speed_kn
 from conflictdb.methods import Method
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "cli.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "cli.md"
 
 
 def commands(parser: argparse.ArgumentParser, path: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:
@@ -23,7 +23,7 @@ def commands(parser: argparse.ArgumentParser, path: str = "") -> Iterator[tuple[
 
 
 def sections() -> dict[str, str]:
-    """Return the text of docs/cli.md by command; several commands may share a section."""
+    """Return the text of docs/reference/cli.md by command; several commands may share a section."""
     found: dict[str, str] = {}
     for part in DOCUMENT.read_text().split("\n## "):
         title, _, text = part.partition("\n")
