@@ -50,9 +50,10 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
 from conflictdb.methods import Method
-from conflictdb.model import METRES_PER_NMI, EarthModel, Kind
+from conflictdb.model import METRES_PER_NMI, EarthModel
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.pipeline.run import settle
+from conflictdb.results import Kind
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def published_windows(earth: Earth, pieces: Pieces, pairs: Pairs, *, mended: boo
     first, last = np.zeros(len(pairs)), (end - start) / 1e6
     region = np.repeat(np.arange(len(pairs)), np.diff(pairs.region_offset))
     for member in (pairs.a, pairs.b):
-        moves = pieces.kind[member] == Kind.TRACK
+        moves = pieces.kind[member] == Kind.TRACK.code
         one, other = _fractions(earth, pieces, member, region, pairs.region_xy, mended=mended)
         leg_s = (pieces.leg_end_us[member] - pieces.leg_start_us[member]) / 1e6
         gone = (pieces.leg_start_us[member] - start) / 1e6
@@ -129,7 +130,7 @@ def _fractions(
     owner = np.repeat(np.arange(len(member)), vertices)
     index = np.arange(len(owner)) - np.repeat(np.cumsum(vertices) - vertices, vertices)
     outline = pieces.shape_xy[pieces.shape_offset[member][owner] + index]
-    outline = np.where((pieces.kind[member] == Kind.TRACK)[owner][:, None], outline, 0.0)
+    outline = np.where((pieces.kind[member] == Kind.TRACK.code)[owner][:, None], outline, 0.0)
     bearing = pieces.bearing_deg[member][owner]
     ahead = rhumb_direct(earth, *pieces.leg_start_deg[member][owner].T, bearing, outline[:, 1])
     corner = np.stack(earth.to_plane(*rhumb_direct(earth, *ahead, bearing + 90.0, outline[:, 0])), axis=1)
@@ -254,7 +255,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
     """Return the pieces, and the pairs of area i and a slice of track i whose hulls meet."""
     n = len(areas)
     pieces = Pieces.concatenate([area_pieces(SCENE, AreaBatch.of(areas)), track_pieces(SCENE, TrackBatch.of(tracks))])
-    if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA).any() or (pieces.kind[n:] != Kind.TRACK).any():
+    if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA.code).any() or (pieces.kind[n:] != Kind.TRACK.code).any():
         raise AssertionError("an area in parts, or a copy at the seam")
     owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
     hulls = shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner))

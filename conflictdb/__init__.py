@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from conflictdb.in_memory import Interference, solve
     from conflictdb.io import Contents, Remark, Skipped, read
     from conflictdb.methods import Method
-    from conflictdb.model import Area, EarthModel, Motion, Scene, Track, Verdict, rectangle_outline_m
+    from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+    from conflictdb.results import Verdict
 
 __all__ = [
     "Advice",
@@ -89,9 +90,10 @@ _HOME: Final = {
     **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
     **dict.fromkeys(("Approach", "Conflict", "Listing", "SceneState"), "conflictdb.db.store"),
     **dict.fromkeys(
-        ("Area", "EarthModel", "Motion", "Scene", "Track", "Verdict", "rectangle_outline_m"),
+        ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model",
     ),
+    **dict.fromkeys(("Verdict",), "conflictdb.results"),
 }
 
 

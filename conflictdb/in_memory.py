@@ -13,11 +13,12 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Kind, Scene, Track, Verdict
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
 from conflictdb.motion.registry import centred
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.run import settle
+from conflictdb.results import Kind, Verdict
 
 Object = TypeVar("Object", Area, Track)
 
@@ -81,14 +82,14 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
         pairs_in_memory(pieces, regions=METHODS[scene.method].projects_regions),
         lambda numbers: batch.footprint[numbers],
     )
-    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA: areas, Kind.TRACK: tracks}
+    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA.code: areas, Kind.TRACK.code: tracks}
     answer = []
     for k in range(len(found)):
         pair = [
-            (Kind(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
+            (Kind.of_code(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
             for kind, number in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         ]
-        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0], member[1].encode()))
+        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0].code, member[1].encode()))
         ends_deg = [found.closest_a_deg[k], found.closest_b_deg[k]]
         if (a_kind, a_key) != pair[0]:
             ends_deg.reverse()
@@ -111,7 +112,7 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
                 _point(ends_deg[1]),
             )
         )
-    return sorted(answer, key=lambda one: (one.a_kind, one.a_key.encode(), one.b_key.encode()))
+    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
 
 
 def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
@@ -169,7 +170,7 @@ def intersections(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64], *,
     hulls = hulls_of(pieces)
     met = shapely.intersects(hulls[a], hulls[b])
     a, b = a[met], b[met]
-    moving = (pieces.kind[a] == Kind.TRACK) | (pieces.kind[b] == Kind.TRACK)
+    moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
     region = np.full(len(a), None, dtype=object)
     if regions:
         region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])

@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -60,37 +60,6 @@ class EarthModel(StrEnum):
 
 # A scene that does not say gets the earth of its motion.
 _BY_MOTION: Final = cast(EarthModel, None)
-
-
-class Verdict(StrEnum):
-    """What is known of a pair that is reported."""
-
-    CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
-    GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
-    UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
-    NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
-
-    @property
-    def code(self) -> int:
-        """The number that stands for it in arrays."""
-        return _VERDICT_CODES[self]
-
-    @classmethod
-    def of_code(cls, code: int) -> "Verdict":
-        """Return the verdict that a number stands for."""
-        return _VERDICTS[code]
-
-
-# Given, not counted: they stay what they are whatever the order of the names. The database knows names only.
-_VERDICT_CODES: Final = {Verdict.CONFLICT: 0, Verdict.GRAZING: 1, Verdict.UNRESOLVED: 2, Verdict.NEAR: 3}
-_VERDICTS: Final = {code: verdict for verdict, code in _VERDICT_CODES.items()}
-
-
-class Kind(IntEnum):
-    """Kind of an object."""
-
-    AREA = 0
-    TRACK = 1
 
 
 @dataclass(frozen=True, slots=True)

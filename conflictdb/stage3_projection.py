@@ -19,9 +19,10 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
-from conflictdb.model import Kind, Scene
+from conflictdb.model import Scene
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m
 from conflictdb.motion.registry import plane_of
+from conflictdb.results import Kind
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
 _OUTWARD_SHARE: Final = 1e-11
@@ -48,7 +49,7 @@ def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0
     for member in (pairs.a, pairs.b):
-        rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK))
+        rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code))
         if rows.size:
             one, other = _track_window(scene, plane, pieces, member[rows], pairs, rows)
             gone = (pieces.start_us[member[rows]] - start[rows]) / 1e6

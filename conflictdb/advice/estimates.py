@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import Method
-from conflictdb.model import EarthModel, Verdict
+from conflictdb.model import EarthModel
+from conflictdb.results import Verdict
 
 # What is saved counts from this share of the cost, and from this time: less is within what timing itself varies by.
 WORTH_SHARE: Final = 0.1

@@ -18,8 +18,9 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.in_memory import candidates, hulls_of
-from conflictdb.model import Area, Kind, Scene, Track
+from conflictdb.model import Area, Scene, Track
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.results import Kind
 
 # Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
 PROBE: Final = 400
@@ -65,7 +66,8 @@ class Objects:
         self, a_kind: NDArray[np.int8], a: NDArray[np.int64], b_kind: NDArray[np.int8], b: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         one, other = (
-            number + np.where(kind == Kind.TRACK, len(self.areas), 0) for kind, number in ((a_kind, a), (b_kind, b))
+            number + np.where(kind == Kind.TRACK.code, len(self.areas), 0)
+            for kind, number in ((a_kind, a), (b_kind, b))
         )
         return np.minimum(one, other) * len(self) + np.maximum(one, other)
 

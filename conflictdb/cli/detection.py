@@ -10,7 +10,7 @@ from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.database import Database
 from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.io.conflict_text import near_pair
-from conflictdb.model import Verdict
+from conflictdb.results import Verdict
 
 
 def detect(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
-from conflictdb.model import Kind
+from conflictdb.results import Kind
 
 # Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
 ROUNDING_ALLOWANCE_M: Final = 1e-6
@@ -245,7 +245,7 @@ def shapes_of(
     Row i counts its time from instant zero_us[i], and its coordinates from origin[:, i] (the plane's own if None).
     """
     origin = np.zeros((2, len(rows))) if origin is None else origin
-    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK:
+    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK.code:
         return plane.shapes(pieces, rows, zero_us, origin)
     xy = shape_vertices(pieces, rows)
     xy[0] += plane.turn_m * pieces.turn[rows]
@@ -256,7 +256,7 @@ def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
     """Return (2, n) a plane point at or near each piece: coordinates counted from there keep their digits."""
     x, y = pieces.shape_xy[pieces.shape_offset[rows]].T
     leg_x, leg_y = plane.to_plane(pieces.leg_start_deg[rows, 0], pieces.leg_start_deg[rows, 1])
-    moves = pieces.kind[rows] == Kind.TRACK
+    moves = pieces.kind[rows] == Kind.TRACK.code
     return np.stack([np.where(moves, leg_x, x) + plane.turn_m * pieces.turn[rows], np.where(moves, leg_y, y)])
 
 

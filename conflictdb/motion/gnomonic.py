@@ -19,7 +19,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.arcs import least_chord
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, Sides, direction_of, great_circle_step, shorter_way_deg
-from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind
+from conflictdb.model import MAX_FROM_CENTRE_DEG
 from conflictdb.motion.contract import likeness, shape_vertices
 from conflictdb.motion.great_circles import (
     LEAST_UP,
@@ -28,6 +28,7 @@ from conflictdb.motion.great_circles import (
     GreatCircleShapes,
     great_circle_shapes,
 )
+from conflictdb.results import Kind
 
 # A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
 _DISTANCE_ROUNDING_M: Final = 1e-8
@@ -171,7 +172,7 @@ class Gnomonic:
     def variety(self, pieces: Pieces) -> NDArray[np.int64]:
         """Return (n,) 1 for havens that may not be convex, else 0; and _CHANGES more for those that change."""
         variety = np.zeros(len(pieces), np.int64)
-        rows = np.flatnonzero(pieces.kind == Kind.TRACK)
+        rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
         if rows.size:
             offset, index = ragged_rows(pieces.shape_offset, rows)
             outline = pieces.shape_xy[index] / MEAN_RADIUS_M

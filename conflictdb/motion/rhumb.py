@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Earth, Floats, direction_of
-from conflictdb.model import Kind
 from conflictdb.motion.contract import Rows, shape_vertices
+from conflictdb.results import Kind
 
 # The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
 # and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
@@ -389,7 +389,7 @@ def variety(earth: Earth, pieces: Pieces) -> NDArray[np.int64]:
     convex, plus CHANGES if it changes on its leg.
     """
     found = np.zeros(len(pieces), np.int64)
-    rows = np.flatnonzero(pieces.kind == Kind.TRACK)
+    rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
     if rows.size:
         ends = earth.rectifying(np.radians(np.stack([pieces.leg_start_deg[rows, 1], pieces.leg_end_deg[rows, 1]])))
         highest = np.abs(ends).max(axis=0)

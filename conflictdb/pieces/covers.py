@@ -16,10 +16,11 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats
-from conflictdb.model import MAX_FROM_CENTRE_DEG, Kind, Scene
+from conflictdb.model import MAX_FROM_CENTRE_DEG, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.results import Kind
 
 # Part number of the piece that stands for an object that could not be cut.
 COVER: Final = -1
@@ -105,13 +106,13 @@ def _covers(
 ) -> Pieces:
     n = len(ids)
     corners = _whole(plane)
-    shape = corners if kind == Kind.AREA else np.zeros((1, 2))
+    shape = corners if kind is Kind.AREA else np.zeros((1, 2))
     shape_xy = np.tile(shape, (n, 1))
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
-    is_track = kind == Kind.TRACK
+    is_track = kind is Kind.TRACK
     return Pieces(
         piece_id=np.full(n, -1, np.int64),
-        kind=np.full(n, kind, np.int8),
+        kind=np.full(n, kind.code, np.int8),
         object_id=ids,
         version=batch.version,
         part=np.full(n, COVER, np.int32),

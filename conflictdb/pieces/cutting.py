@@ -18,10 +18,11 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Area, Kind, Scene, Track
+from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Havens, Plane, likeness, padding_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.convex import convex_parts, is_thread
+from conflictdb.results import Kind
 
 # A slice is about this many haven lengths long: shorter ones cost more pieces and windows than their boxes save
 # (benchmarks/slicing.py).
@@ -104,7 +105,7 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
-        kind=np.full(n, Kind.AREA, np.int8),
+        kind=np.full(n, Kind.AREA.code, np.int8),
         object_id=areas.area_id[owner],
         version=areas.version[owner],
         part=_numbered(owner),
@@ -173,7 +174,7 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
     changes = legs.outline_to_m is not legs.outline_m
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
-        kind=np.full(n, Kind.TRACK, np.int8),
+        kind=np.full(n, Kind.TRACK.code, np.int8),
         object_id=tracks.track_id[track],
         version=tracks.version[track],
         part=_numbered(track),

@@ -15,12 +15,13 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Kind, Scene, Verdict
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane, likeness, shapes_of
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pieces.cutting import planar
 from conflictdb.pipeline.processes import computed
+from conflictdb.results import Kind, Verdict
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4.closest_approach import Approaches, approaches
 from conflictdb.stage4.contacts import (
@@ -80,7 +81,7 @@ def settle(
     started = time.perf_counter()
     pairs = replace(pairs, company=_company(pieces, pairs))
     covered = is_covered(pieces, pairs)
-    still = (pieces.kind[pairs.a] == Kind.AREA) & (pieces.kind[pairs.b] == Kind.AREA)
+    still = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     rows = np.flatnonzero(still & ~covered)
     verdict = still_pairs(scene, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
@@ -424,7 +425,7 @@ def _deep(
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
     members = pairs.a[found.pair[rows]], pairs.b[found.pair[rows]]
     every = np.concatenate(members)
-    numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA]])
+    numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
     wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
     cores = np.array([_core(scene, plane, whole) for whole in wholes], dtype=object)
     shapely.prepare(cores)
@@ -435,7 +436,7 @@ def _deep(
     for share in (0.0, 0.5, 1.0):
         at = (1.0 - share) * first + share * last
         for area, other in (members, members[::-1]):
-            some = np.flatnonzero((pieces.kind[area] == Kind.AREA) & ~is_deep[owner])
+            some = np.flatnonzero((pieces.kind[area] == Kind.AREA.code) & ~is_deep[owner])
             mine = cores[np.searchsorted(numbers, pieces.object_id[area[some]])]
             reaches = _meet(mine, plane, _polygons(plane, pieces, other[some], at[some], zero[some]))
             is_deep[owner[some[reaches]]] = True

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides, least_on_chord
-from conflictdb.model import SINCE_EVER_US, Kind, Scene
+from conflictdb.model import SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane, sides_of
 from conflictdb.motion.registry import plane_of
+from conflictdb.results import Kind
 from conflictdb.stage4.proofs import BRACKET_S, SHORTEST_INTERVAL_S, Leaf, not_clear
 from conflictdb.stage4.separation import TOUCH_M, Encounters, alike, gap_along, nearest, short_m
 
@@ -224,7 +225,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
         start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
-        still = (pieces.kind[pairs.a[rows]] == Kind.AREA) & (pieces.kind[pairs.b[rows]] == Kind.AREA)
+        still = (pieces.kind[pairs.a[rows]] == Kind.AREA.code) & (pieces.kind[pairs.b[rows]] == Kind.AREA.code)
         span = np.where(still, 0, end - np.where(still, end, start)) / 1e6
         encounters = Encounters.of(plane, 0.0, pieces, pairs, rows, start)
         searches.append((rows, start, _Search.of(encounters, span)))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.earth.geodesy import Floats
-from conflictdb.model import Verdict
+from conflictdb.results import Verdict
 from conflictdb.stage4.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, not_clear, not_held
 from conflictdb.stage4.published import linear_program, nonlinear_program
 from conflictdb.stage4.separation import TOUCH_M, Encounters

@@ -16,7 +16,7 @@ from scenes import T0_US
 from verdicts import Reported, solved, stored
 
 from conflictdb import connect, io
-from conflictdb.model import Verdict
+from conflictdb.results import Verdict
 
 WITHIN_S = 60.0
 

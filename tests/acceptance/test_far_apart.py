@@ -12,7 +12,8 @@ from scenes import HOUR_S, area, track
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import Interference, solve
-from conflictdb.model import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track, Verdict
+from conflictdb.model import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track
+from conflictdb.results import Verdict
 
 GEODESICS = {
     EarthModel.WGS84: Geod(a=WGS84_RADIUS_M, f=WGS84_FLATTENING),

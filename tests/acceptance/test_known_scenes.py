@@ -8,7 +8,7 @@ from scenes import T0_US, Known, known_scenes
 from verdicts import Reported, solved, stored
 
 from conflictdb import connect
-from conflictdb.model import Verdict
+from conflictdb.results import Verdict
 
 ROUNDING_S = 3e-6
 KNOWN = known_scenes()

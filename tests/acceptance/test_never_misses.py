@@ -14,7 +14,8 @@ from workloads import WORKLOADS, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
+from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.results import Verdict
 
 OBJECTS = 8  # areas, and as many tracks, per scene
 WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch

@@ -16,7 +16,8 @@ from psycopg.pq import TransactionStatus
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.methods import Method
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, Verdict, rectangle_outline_m
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.results import Verdict
 
 Conn = psycopg.Connection[Any]
 

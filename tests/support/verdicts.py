@@ -12,7 +12,8 @@ import pytest
 
 from conflictdb import solve
 from conflictdb.db import store
-from conflictdb.model import Area, Method, Motion, Scene, Track, Verdict
+from conflictdb.model import Area, Method, Motion, Scene, Track
+from conflictdb.results import Verdict
 
 # Methods whose answers are certain; the reference one is slow.
 CERTIFIED: Final = [

@@ -10,8 +10,9 @@ from verdicts import Reported
 from workloads import PAPER
 
 from conflictdb import Scene, Verdict, solve
-from conflictdb.model import EarthModel, Kind, Method
+from conflictdb.model import EarthModel, Method
 from conflictdb.pipeline.run import settle
+from conflictdb.results import Kind
 
 EPOCH_US = 1_000_000
 MEETS = oracle.Meeting(EPOCH_US, ((10.0, 20.0), (30.0, 40.0)), 0.0, 10.0)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 import conflictdb
 from conflictdb.arrays.isolation import isolated
-from conflictdb.model import Area, Method, Motion, Scene, Track, Verdict, rectangle_outline_m
+from conflictdb.model import Area, Method, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.pieces import covers
 from conflictdb.pipeline import run
+from conflictdb.results import Verdict
 from conflictdb.stage4 import contacts
 
 T0_US = 1_700_000_000_000_000

@@ -12,8 +12,9 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Solver, Steps
-from conflictdb.model import EarthModel, Scene, Verdict
+from conflictdb.model import EarthModel, Scene
 from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.results import Verdict
 from conflictdb.stage4.contacts import contacts
 
 

@@ -12,9 +12,10 @@ from verdicts import solved
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.model import Area, EarthModel, Method, Scene, Track, Verdict
+from conflictdb.model import Area, EarthModel, Method, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.results import Verdict
 from conflictdb.stage4.published import linear_program, nonlinear_program
 from conflictdb.stage4.separation import Encounters
 

@@ -26,7 +26,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, transaction
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
-from conflictdb.model import Kind, Verdict
+from conflictdb.results import Kind, Verdict
 
 _AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -150,7 +150,7 @@ def replace_pieces(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces)
     """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered."""
     (srid,) = call(conn, "_begin_pieces", scene_id)
     for kind in Kind:
-        rows = np.flatnonzero(pieces.kind == kind)
+        rows = np.flatnonzero(pieces.kind == kind.code)
         if rows.size:
             copy_binary.send(conn, "conflictdb.piece", _piece_columns(pieces.take(rows), scene_id, srid, kind))
     call(conn, "_end_pieces", len(pieces))
@@ -172,7 +172,7 @@ def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict
         "ceiling_m": copy_binary.fixed(pieces.ceiling_m, "f8"),
         "shape": copy_binary.polygons(shape_xy, shape_offset, 0),
     }
-    if kind == Kind.TRACK:
+    if kind is Kind.TRACK:
         columns |= {
             "leg_start": copy_binary.instants(pieces.leg_start_us),
             "leg_end": copy_binary.instants(pieces.leg_end_us),
