@@ -33,11 +33,13 @@ from conflictdb.motion.contract import likeness
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage3_projection import shared_span
+from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import contacts
+from conflictdb.stage4.distance import edge_gaps
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.solver import BLOCK, Work, settle_exactly
 from conflictdb.stage4.exact.touching import Touching, closed_form
 from conflictdb.stage4.published.nonlinear_program import extreme_contact
-from conflictdb.stage4.separation import TOUCH_M, Encounters, edge_gaps
 
 ROUNDS = 5
 

@@ -24,6 +24,7 @@ from conflictdb.pipeline.processes import computed
 from conflictdb.results import Kind, Verdict
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4.closest_approach import Approaches, approaches
+from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import (
     CONFLICT,
     GRAZING,
@@ -33,7 +34,6 @@ from conflictdb.stage4.contacts import (
     meeting_points,
     still_pairs,
 )
-from conflictdb.stage4.separation import TOUCH_M
 
 # Told how many pairs are settled, and of how many.
 Progress = Callable[[int, int], None]

@@ -24,28 +24,26 @@ from conflictdb.model import SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane, sides_of
 from conflictdb.motion.registry import plane_of
 from conflictdb.results import Kind
-from conflictdb.stage4.proofs import BRACKET_S, SHORTEST_INTERVAL_S, Leaf, not_clear
-from conflictdb.stage4.separation import TOUCH_M, Encounters, alike, gap_along, nearest, short_m
+from conflictdb.stage4.constants import (
+    APPROACH_M,
+    BRACKET_S,
+    EDGE_PLACES,
+    EDGE_STEPS,
+    MAX_APPROACH_INTERVALS,
+    MAX_APPROACH_LEVELS,
+    MAX_INTERVALS,
+    MAX_ROUNDS,
+    MIN_APPROACH_INTERVALS,
+    PLACE_M,
+    SHORTEST_INTERVAL_S,
+    TIE_M,
+    TOUCH_M,
+)
+from conflictdb.stage4.distance import clearance_m, gap_along, nearest, nearest_at
+from conflictdb.stage4.encounters import Encounters, alike, short_m
+from conflictdb.stage4.proofs import Leaf, not_clear
 
-# The distance is found to this, unless the work below is used up first, metres.
-APPROACH_M: Final = 1e-3
-# Distances that differ by less are equal, metres: of equal ones the earliest counts. Rounding is a tenth of it.
-TIE_M: Final = 1e-7
-# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
-# beyond it a distance is stated with the bound reached.
-MAX_INTERVALS: Final = 65_536
-MIN_INTERVALS_PER_PAIR: Final = 16
-MAX_INTERVALS_PER_PAIR: Final = 128
-MAX_LEVELS: Final = 48
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
-# How often the search for the first contact moves to an earlier one.
-MAX_ROUNDS: Final = 16
-# The nearest place on an edge is looked for about the nearest of so many, by so many steps of a golden section: they
-# shrink 1,000 km to less than a micrometre.
-EDGE_PLACES: Final = 9
-EDGE_STEPS: Final = 56
-# Where it is known to this it is found, plane metres.
-PLACE_M: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +113,8 @@ class _Search:
         start, end, first, last = np.zeros(len(row)), self.span_s[row], self.first_m[row], self.last_m[row]
         best = np.zeros(len(self.span_s))  # half the width of the interval in which the least was seen
         best[row] = 0.5 * end
-        most = self.pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
-        for level in range(MAX_LEVELS):
+        most = self.pairs.share(MAX_INTERVALS, MIN_APPROACH_INTERVALS, MAX_APPROACH_INTERVALS)
+        for level in range(MAX_APPROACH_LEVELS):
             if not len(row):
                 break
             middle = 0.5 * (start + end)
@@ -128,7 +126,7 @@ class _Search:
             enough = np.minimum(self.least_m, self.limit_m)[row] - APPROACH_M
             open_ = bound < enough
             crowded = np.bincount(row, open_, minlength=len(self.span_s))[row] > most[row]
-            done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | (level == MAX_LEVELS - 1)
+            done = ~open_ | crowded | (end - start <= SHORTEST_INTERVAL_S) | (level == MAX_APPROACH_LEVELS - 1)
             np.minimum.at(self.floor_m, row[done], bound[done])
             row, start, middle, end = row[~done], start[~done], middle[~done], end[~done]
             first, distance, last = first[~done], distance[~done], last[~done]
@@ -145,7 +143,7 @@ class _Search:
         """Look for a lesser distance between two instants, by golden section."""
         left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         at_left, at_right = _distance(self.pairs, rows, left), _distance(self.pairs, rows, right)
-        for _ in range(MAX_LEVELS):
+        for _ in range(MAX_APPROACH_LEVELS):
             # Each by itself: what is found of a pair does not depend on the company it is in.
             k = np.flatnonzero(high - low > SHORTEST_INTERVAL_S)
             if not k.size:
@@ -201,7 +199,7 @@ class _Search:
         outside, inside = np.zeros(len(rows)), at_s.copy()
         near = _distance(self.pairs, rows, outside) <= level_m
         inside[near] = 0.0
-        for _ in range(MAX_LEVELS):
+        for _ in range(MAX_APPROACH_LEVELS):
             active = np.flatnonzero(inside - outside > BRACKET_S)
             if not active.size:
                 break
@@ -280,7 +278,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
 
 def _distance(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Floats:
     """Return (n,) distances on the earth at times t, 0 where the polygons meet."""
-    return np.maximum(pairs.excess(rows, t), 0.0)
+    return np.maximum(clearance_m(pairs, rows, t), 0.0)
 
 
 def _bounds(
@@ -288,7 +286,7 @@ def _bounds(
 ) -> tuple[Floats, Floats]:
     polygons = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
     found = nearest(pairs, *polygons[1])
-    distance = np.maximum(found.excess_m, 0.0)
+    distance = np.maximum(found.clearance_m, 0.0)
     largest, smallest = pairs.scale(*polygons[0], *polygons[1], *polygons[2])
     h, axis, plane = end - start, found.axis.T, pairs.plane
     bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
@@ -361,10 +359,10 @@ def _nearest_points(pairs: Encounters, t: Floats) -> tuple[Floats, Floats]:
     """Return the nearest points on the earth at times t, (2, n) plane metres (not where polygons overlap)."""
     origin = pairs.origin[:, None, :]
     a, b = pairs.a.positions(t) + origin, pairs.b.positions(t) + origin
-    found = pairs.nearest(np.arange(len(t)), t)
+    found = nearest_at(pairs, np.arange(len(t)), t)
     one, other = found.point_a.T.copy(), found.point_b.T.copy()
     # The nearest points of the plane may not be those of the earth.
-    far = np.flatnonzero(found.excess_m > short_m(pairs.plane))
+    far = np.flatnonzero(found.clearance_m > short_m(pairs.plane))
     if far.size:
         sides_a, sides_b = pairs.sides
         from_a, on_b, a_distance = _vertex_and_side(pairs.plane, a[:, :, far], b[:, :, far], sides_b)

@@ -20,10 +20,12 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
+from conflictdb.stage4.constants import END_RESOLUTION_S, TOUCH_M
+from conflictdb.stage4.distance import clearance_m, nearest_at
+from conflictdb.stage4.encounters import Encounters, alike
 from conflictdb.stage4.exact.solver import Settled, Work, settle_exactly
 from conflictdb.stage4.exact.touching import depth_of
-from conflictdb.stage4.search import CONFLICT, END_RESOLUTION_S, GRAZING, UNRESOLVED, Programs, nothing, search
-from conflictdb.stage4.separation import TOUCH_M, Encounters, alike
+from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "still_pairs"]
 
@@ -164,18 +166,18 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
 
     def judge(rows: NDArray[np.int64]) -> NDArray[np.int8]:
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
-        excess = encounters.excess(np.arange(len(rows)), np.zeros(len(rows)))
+        clearance = clearance_m(encounters, np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
         # The distance may be more than it is found to be, by this.
         error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
         doubt_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
-        close = excess + error_m <= margin
+        close = clearance + error_m <= margin
         verdicts = np.select(
-            [excess > margin, excess < -max(margin, doubt_m), close & (excess >= -margin)],
+            [clearance > margin, clearance < -max(margin, doubt_m), close & (clearance >= -margin)],
             [-1, CONFLICT, GRAZING],
             UNRESOLVED,
         )
-        return np.where(np.isnan(excess), UNRESOLVED, verdicts).astype(np.int8)
+        return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8)
 
     def leave(rows: NDArray[np.int64]) -> NDArray[np.int8]:
         return np.full(len(rows), UNRESOLVED, np.int8)
@@ -197,7 +199,7 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
     def meet(rows: NDArray[np.int64]) -> Floats:
         zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
-        found = encounters.nearest(np.arange(len(rows)), at_s[rows])
+        found = nearest_at(encounters, np.arange(len(rows)), at_s[rows])
         point = 0.5 * (found.point_a + found.point_b)
         overlap = np.flatnonzero(found.gap <= 0.0)
         if overlap.size:

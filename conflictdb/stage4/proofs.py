@@ -9,27 +9,23 @@ Intervals are split until one or the other holds. Nothing is decided by sampling
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.stage4.separation import TOUCH_M, Encounters, edges, gap_along, gaps_along, nearest
-
-# Intervals are not split below a microsecond, the resolution of a timestamp (seconds).
-SHORTEST_INTERVAL_S: Final = 1e-6
-# Halvings of a window; 64 reach a microsecond from a hundred thousand years.
-MAX_LEVELS: Final = 64
-# Ends are bracketed to this, seconds: a hundredth of what a timestamp can tell.
-BRACKET_S: Final = 1e-8
-# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most:
-# beyond it a pair is left undecided rather than let one take all memory and time.
-MAX_INTERVALS: Final = 65_536
-MIN_INTERVALS_PER_PAIR: Final = 64
-MAX_INTERVALS_PER_PAIR: Final = 4096
-# Distances beyond what is wanted by more than this need not be known, metres.
-NEAR_M: Final = 100.0
+from conflictdb.stage4.constants import (
+    BRACKET_S,
+    MAX_INTERVALS,
+    MAX_INTERVALS_PER_PAIR,
+    MAX_LEVELS,
+    MIN_INTERVALS_PER_PAIR,
+    NEAR_M,
+    SHORTEST_INTERVAL_S,
+    TOUCH_M,
+)
+from conflictdb.stage4.distance import clearance_m, edges, gap_along, gaps_along, nearest
+from conflictdb.stage4.encounters import Encounters
 
 
 class Leaf(IntEnum):
@@ -69,10 +65,10 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
         if not len(rows):
             break
         middle = 0.5 * (start + end)
-        u, v, excess = _window(pairs, rows, start, middle, end, margin_m)
+        u, v, clearance = _window(pairs, rows, start, middle, end, margin_m)
         open_ = u <= v
-        close = open_ & (excess <= margin_m)
-        keep(close, middle, np.where(excess <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
+        close = open_ & (clearance <= margin_m)
+        keep(close, middle, np.where(clearance <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
         short = open_ & ~close & (end - start <= SHORTEST_INTERVAL_S)
         crowded = (np.bincount(rows)[rows] > most[rows]) & open_ & ~close & ~short
         keep(short | crowded, middle, np.full(len(rows), Leaf.BORDER, np.int8))
@@ -113,7 +109,7 @@ def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Flo
 
 
 def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats) -> Floats:
-    """Return (n,) a bound on the excess during h seconds around instants, plane metres; inf where it is positive."""
+    """Return (n,) a bound on the clearance during h seconds around instants, plane metres; inf where it is positive."""
     parts = []
     for batch in pairs.batches(len(rows)):
         some, t, width = pairs.take(rows[batch]), middle[batch], h[batch]
@@ -127,22 +123,22 @@ def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats)
             largest = some.scale(*ends)[0]
             rate += pairs.plane.drift(some.separation_m, largest, _speed(some, t, bend * width))
             # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
-            level = found.excess_m + pairs.distance_error_m(pairs.separation_m)
+            level = found.clearance_m + pairs.distance_error_m(pairs.separation_m)
         bound = level + 0.5 * rate * width
-        parts.append(np.where(found.excess_m > TOUCH_M, np.inf, bound))
+        parts.append(np.where(found.clearance_m > TOUCH_M, np.inf, bound))
     return np.concatenate(parts)
 
 
 def crossing(
     pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: Floats | float
 ) -> tuple[Floats, Floats]:
-    """Return brackets (outer, inner) of where the excess crosses a level, no wider than BRACKET_S.
+    """Return brackets (outer, inner) of where the clearance crosses a level, no wider than BRACKET_S.
 
-    outside, inside : (n,) seconds, with excess > level at outside and <= level at inside (either may be the later).
+    outside, inside : (n,) seconds, with clearance > level at outside and <= level at inside (either may be the later).
     A pair that is not above the level at `outside` gets `outside` for both.
     """
     outer, level_m = outside.copy(), np.broadcast_to(level_m, outside.shape)
-    above, below = pairs.excess(rows, outer) - level_m, pairs.excess(rows, inside) - level_m
+    above, below = clearance_m(pairs, rows, outer) - level_m, clearance_m(pairs, rows, inside) - level_m
     inner = np.where(above > 0.0, inside, outer)
     side = np.zeros(len(rows), np.int8)
     for step in range(2 * MAX_LEVELS):
@@ -158,7 +154,7 @@ def crossing(
         over = 0.4 * BRACKET_S / np.abs(last - first) * np.where(side[active] > 0, 1.0, -1.0)
         at = first + np.clip(share + np.where(step % 3 < 2, over, 0.0), 0.0, 1.0) * (last - first)
         at = np.where((at == first) | (at == last), 0.5 * (first + last), at)
-        found = pairs.excess(rows[active], at) - level_m[active]
+        found = clearance_m(pairs, rows[active], at) - level_m[active]
         is_above = found > 0.0
         again = side[active] == np.where(is_above, 1, -1)
         outer[active] = np.where(is_above, at, first)
@@ -181,16 +177,16 @@ def _leaves(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray
 def _window(
     pairs: Encounters, rows: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, margin_m: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return (u, v, excess): fractions of [start, end] outside of which rows are proven clear, u > v if everywhere.
+    """Return (u, v, clearance): fractions of [start, end] outside of which rows are proven clear, u > v if everywhere.
 
-    excess : (n,) at the middle, metres.
+    clearance : (n,) at the middle, metres.
     """
     parts = [
         _window_batch(pairs.take(rows[batch]), start[batch], middle[batch], end[batch], margin_m)
         for batch in pairs.batches(len(rows))
     ]
-    u, v, excess = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return u, v, excess
+    u, v, clearance = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return u, v, clearance
 
 
 def _window_batch(
@@ -212,15 +208,15 @@ def _window_batch(
             zero = g0 / (g0 - g1)
         u = np.maximum(u, np.where(g0 > 0.0, np.where(g1 > 0.0, 2.0, zero), 0.0))
         v = np.minimum(v, np.where((g1 > 0.0) & (g0 <= 0.0), zero, 1.0))
-    excess = found[1].excess_m
+    clearance = found[1].clearance_m
     if wanted_m > 0.0:
         # The largest scale overstates what is wanted: the rate at which a distance in true metres can change decides
         # short intervals. Of polygons that overlap it is not the depth that drifts.
-        distance = np.maximum(excess + pairs.separation_m, 0.0)
+        distance = np.maximum(clearance + pairs.separation_m, 0.0)
         rate = _relative_speed(pairs, middle) + bend * h
         rate += pairs.plane.drift(distance, largest, _speed(pairs, middle, bend * h))
-        u = np.where(excess > margin_m + 0.5 * rate * h / smallest + TOUCH_M, 2.0, u)
-    return u, v, excess
+        u = np.where(clearance > margin_m + 0.5 * rate * h / smallest + TOUCH_M, 2.0, u)
+    return u, v, clearance
 
 
 def _relative_speed(pairs: Encounters, t: Floats) -> Floats:

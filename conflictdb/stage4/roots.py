@@ -6,24 +6,12 @@ bisection where that hardly narrows the bracket, as where the measure only just 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
-
-# Steps of one search. Bisection takes 60 to the last digit of float64, and every fourth step is one
-# at worst: with fewer, brackets stay wide and pairs are left to the search.
-MAX_STEPS: Final = 300
-# Steps that may fail to halve a bracket before it is bisected: with none, ordinary ends take more steps; with more,
-# ends of shallow contacts do.
-SLOW_STEPS: Final = 3
-# An end is beyond doubt where the measure is between one and so many times what rounding is worth: with less, more
-# steps are needed to get there; with more, bounds are wider.
-MOST_TOUCHES: Final = 3.0
-# Instants nearer to each other than so many spacings of float64 are not told apart.
-RESOLVED_SPACINGS: Final = 4.0
+from conflictdb.stage4.constants import MAX_ROOT_STEPS, MOST_TOUCHES, RESOLVED_SPACINGS, SLOW_STEPS
 
 # Of rows (numbers) at instants, how much further apart than wanted they are.
 Measure = Callable[[NDArray[np.int64], Floats], Floats]
@@ -118,7 +106,7 @@ def _narrowed(
     at[first], value[first], is_found[first] = a[first], fa[first], True
     is_wide = ~is_found & _resolved(a, b)
     active = np.flatnonzero(is_wide)
-    for step in range(MAX_STEPS):
+    for step in range(MAX_ROOT_STEPS):
         if not active.size:
             break
         x0, x1, g0, g1 = a[active], b[active], ga[active], gb[active]

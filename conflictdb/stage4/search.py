@@ -17,23 +17,22 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Contacts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.results import Verdict
-from conflictdb.stage4.proofs import SHORTEST_INTERVAL_S, Leaf, Leaves, crossing, not_clear, not_held
+from conflictdb.stage4.constants import (
+    CLEAR_M,
+    END_RESOLUTION_S,
+    GUESS_BRACKETS_S,
+    MAX_ROUNDS,
+    SHORTEST_INTERVAL_S,
+    TOUCH_M,
+)
+from conflictdb.stage4.distance import clearance_m
+from conflictdb.stage4.encounters import Encounters
+from conflictdb.stage4.proofs import Leaf, Leaves, crossing, not_clear, not_held
 from conflictdb.stage4.published import linear_program, nonlinear_program
-from conflictdb.stage4.separation import TOUCH_M, Encounters
 
 CONFLICT: Final = Verdict.CONFLICT.code
 GRAZING: Final = Verdict.GRAZING.code
 UNRESOLVED: Final = Verdict.UNRESOLVED.code
-
-# A guess of the solver is bracketed within these steps, seconds; failing that, within the whole window.
-BRACKETS_S: Final = (1e-3, 0.1, 10.0)
-# Where a contact ends on the outer side the pair is this far apart, metres: clear of it beyond rounding.
-CLEAR_M: Final = 3.0 * TOUCH_M
-# How often the search moves to an earlier contact that was passed over, and how often a contact is cut.
-MAX_ROUNDS: Final = 16
-# A contact that begins this close to an instant that no longer belongs to the span is in it only if it is beyond doubt
-# at that instant: else it may begin there.
-END_RESOLUTION_S: Final = 5e-7
 
 
 @dataclass(slots=True)
@@ -150,7 +149,7 @@ class _Search:
         pairs = self.pairs.take(rows)
         start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
         start_error, end_error = _doubts(pairs, start, end, first, last)
-        grazes = pairs.excess(np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
+        grazes = clearance_m(pairs, np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
             deeper = not_clear(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
@@ -178,10 +177,10 @@ class _Search:
         if onset.size:
             # Only an onset counts: what has been in touch since the span began is in it.
             row = rows[onset]
-            excess = self.pairs.excess(row, self.beyond_s[row])
+            clearance = clearance_m(self.pairs, row, self.beyond_s[row])
             begins = crossing(self.pairs, row, start[onset], self.beyond_s[row], 0.0)[1]
-            early = (excess <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
-            belongs[onset] = early | (excess < -self.pairs.certainty_margin_m)
+            early = (clearance <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
+            belongs[onset] = early | (clearance < -self.pairs.certainty_margin_m)
         return belongs
 
     def _parted(
@@ -227,7 +226,7 @@ class _Search:
         limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
         """
         outer, witness = limit.copy(), witness.copy()
-        active = np.flatnonzero(pairs.excess(np.arange(len(limit)), limit) > CLEAR_M)
+        active = np.flatnonzero(clearance_m(pairs, np.arange(len(limit)), limit) > CLEAR_M)
         for _ in range(MAX_ROUNDS):
             if not active.size:
                 break
@@ -259,13 +258,13 @@ class _Search:
         guess = _guesses(pairs.take(rows), low, high, self.programs, latest=latest)
         known = np.flatnonzero(np.isfinite(guess))
         out = 1.0 if latest else -1.0
-        for step in BRACKETS_S:
+        for step in GUESS_BRACKETS_S:
             if not known.size:
                 break
             row, at = rows[known], guess[known]
             outward = np.clip(at + out * step, low[known], high[known])
             inward = np.clip(at - out * step, low[known], high[known])
-            good = (pairs.excess(row, outward) > CLEAR_M) & (pairs.excess(row, inward) <= TOUCH_M)
+            good = (clearance_m(pairs, row, outward) > CLEAR_M) & (clearance_m(pairs, row, inward) <= TOUCH_M)
             outside[known[good]], inside[known[good]] = outward[good], inward[good]
             known = known[~good]
         return outside, inside
@@ -303,7 +302,7 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
         doubt = end - start
         quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
         for deep in (outer, *quarters, witness):
-            sunk = np.flatnonzero((pairs.excess(every, deep) <= deep_m) & (doubt >= end - start))
+            sunk = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (doubt >= end - start))
             settled = crossing(pairs, sunk, outer[sunk], deep[sunk], deep_m[sunk])[1]
             doubt[sunk] = np.abs(settled - outer[sunk])
         doubts.append(doubt)

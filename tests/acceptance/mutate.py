@@ -42,7 +42,8 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "motion.rhumb", "motion.great_circles", "earth.arcs", "motion.mercator", "motion.gnomonic",
-    "motion.contract", "stage4.separation", "stage4.proofs", "stage4.roots", "earth.rhumb_distance", "pieces.cutting",
+    "motion.contract", "stage4.encounters", "stage4.distance", "stage4.proofs", "stage4.roots",
+    "earth.rhumb_distance", "pieces.cutting",
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "stage3_projection", "stage4.contacts",
     "stage4.exact.solver", "stage4.exact.windows", "stage4.exact.touching", "stage4.exact.separated", "stage4.search",

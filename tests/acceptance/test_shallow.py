@@ -15,7 +15,7 @@ from verdicts import CERTIFIED, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, METRES_PER_DEGREE, PAPER, Workload, throw
 
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
-from conflictdb.stage4.separation import TOUCH_M
+from conflictdb.stage4.constants import TOUCH_M
 
 RESOLUTION_S = 1e-6
 # A bound is no wider than so many times the rounding of positions takes at the closing speed.

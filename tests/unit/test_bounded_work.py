@@ -13,6 +13,7 @@ from conflictdb.in_memory import pairs_in_memory
 from conflictdb.pieces.cutting import MAX_BENT_SLICES, MAX_SLICES, track_pieces
 from conflictdb.pipeline import run
 from conflictdb.stage4 import proofs
+from conflictdb.stage4.constants import MAX_INTERVALS
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000
@@ -77,7 +78,7 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work(monkeypatch: 
     scene = Scene("s", tolerance_m=0.0)
     (found,) = solve([still], [Area("A", shapely.MultiPolygon([shapely.box(-180.0, -89.0, 180.0, 89.0)]))], scene)
     assert found.verdict == Verdict.GRAZING
-    assert proofs.MAX_INTERVALS < searched() < 8 * proofs.MAX_INTERVALS
+    assert MAX_INTERVALS < searched() < 8 * MAX_INTERVALS
 
 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:

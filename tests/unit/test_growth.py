@@ -21,9 +21,10 @@ from conflictdb.motion.contract import StaticShapes, likeness
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import check_plane, track_pieces
+from conflictdb.stage4.distance import separation
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.solver import settle_exactly
 from conflictdb.stage4.exact.windows import Work
-from conflictdb.stage4.separation import Encounters, separation
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65

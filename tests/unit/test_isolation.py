@@ -138,7 +138,7 @@ def test_a_failing_pair_costs_others_nothing(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(contacts.Encounters, "excess", failing_for(contacts.Encounters.excess, lambda *_: True))
+    monkeypatch.setattr(contacts, "clearance_m", failing_for(contacts.clearance_m, lambda *_: True))
     assert answer(Scene("s"))["A0", "A1"].verdict == Verdict.UNRESOLVED
 
 

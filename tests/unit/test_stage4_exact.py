@@ -18,10 +18,12 @@ from conflictdb.motion.contract import likeness
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stage3_projection import shared_span
+from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
+from conflictdb.stage4.distance import clearance_m
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.solver import Work, settle_exactly
 from conflictdb.stage4.search import search
-from conflictdb.stage4.separation import TOUCH_M, Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 
@@ -107,7 +109,7 @@ def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_
             every = np.arange(len(rows))
             slow = np.zeros(len(rows), np.bool_)
             for end in (settled.start_s[rows], settled.end_s[rows]):
-                slow |= np.abs(some.excess(every, end + 1.0) - some.excess(every, end - 1.0)) < 1.5
+                slow |= np.abs(clearance_m(some, every, end + 1.0) - clearance_m(some, every, end - 1.0)) < 1.5
             assert slow.all()
     assert solved >= 50
 

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.constants import TOUCH_M
+from conflictdb.stage4.distance import nearest, plane_distance
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.windows import Block, Window
 from conflictdb.stage4.roots import roots
-from conflictdb.stage4.separation import TOUCH_M, Encounters, nearest, plane_distance
 
 # The zone is left where the polygons are nearer than at the smallest scale by this share of the distance wanted.
 _INTO_SHARE = 1e-3
@@ -42,7 +44,7 @@ class Separated(Block):
 
     def _excess_m(self, pairs: Encounters, t: Floats) -> Floats:
         self.work.evaluations += len(t)
-        return nearest(pairs, pairs.a.positions(t), pairs.b.positions(t)).excess_m
+        return nearest(pairs, pairs.a.positions(t), pairs.b.positions(t)).clearance_m
 
     def _solve(self, window: Window) -> None:
         n = len(window.rows)

@@ -20,10 +20,10 @@ from typing import Final
 import numpy as np
 
 from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.separated import Separated
 from conflictdb.stage4.exact.touching import Touching
 from conflictdb.stage4.exact.windows import Settled, Work
-from conflictdb.stage4.separation import Encounters
 
 __all__ = ["Settled", "Work", "settle_exactly"]
 

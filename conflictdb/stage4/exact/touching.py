@@ -4,10 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.constants import TOUCH_M
+from conflictdb.stage4.distance import edge_gaps, gap_along, separation, separation_and_axis
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.windows import Block, Window
 from conflictdb.stage4.proofs import clear_window
 from conflictdb.stage4.roots import roots
-from conflictdb.stage4.separation import TOUCH_M, Encounters, edge_gaps, gap_along, separation, separation_and_axis
 
 
 class Touching(Block):

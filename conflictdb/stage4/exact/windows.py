@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.constants import TOUCH_M
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.proofs import clear_window
-from conflictdb.stage4.separation import TOUCH_M, Encounters
 
 # Halvings that prove a conflict to hold.
 MAX_HALVINGS: Final = 12

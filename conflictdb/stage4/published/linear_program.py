@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import Shapes
-from conflictdb.stage4.separation import Encounters
+from conflictdb.stage4.encounters import Encounters
 
 # A pair counts as uniform if no vertex leaves uniform motion by more than this in its window, plane metres. The answer
 # is a guess that is refined on the true motion, so this decides the cost, not the accuracy.

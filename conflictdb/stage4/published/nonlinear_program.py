@@ -17,7 +17,8 @@ import numpy as np
 import scipy.optimize
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.stage4.separation import Encounters
+from conflictdb.stage4.distance import nearest_at
+from conflictdb.stage4.encounters import Encounters
 
 # Fractions of the window from which the solver starts, in order, until one start succeeds.
 STARTS: Final = (0.5, 0.1, 0.9)
@@ -94,6 +95,6 @@ def _wanted(pair: Encounters, t: float) -> float:
     """Return the separation wanted in plane metres, at the latitude where the pair is nearest at time t."""
     if pair.separation_m == 0.0:
         return 0.0
-    nearest = pair.nearest(np.zeros(1, np.int64), np.array([t]))
+    nearest = nearest_at(pair, np.zeros(1, np.int64), np.array([t]))
     middle = 0.5 * (nearest.point_a + nearest.point_b)
     return float(pair.separation_m * pair.plane.smallest_scale(middle.T[:, None, :])[0])

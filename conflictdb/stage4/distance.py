@@ -5,110 +5,13 @@ way out where they overlap (separating axes). It is continuous in time.
 """
 
 from dataclasses import dataclass
-from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
-from conflictdb.motion.contract import Plane, Rows, Shapes, likeness, origins, shapes_of, sides_of
-
-# Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a miss.
-TOUCH_M: Final = 5e-8
-# Below this many metres on the earth the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude, so
-# that the nearest points in the plane are those on the earth.
-SHORT_M: Final = 1e-3
-# Pairs taken together: enough to fill the arrays, few enough to keep them in memory.
-PAIRS_AT_ONCE: Final = 20_000
-# Numbers held at once by one array of an evaluation (8 bytes each; there are a few such arrays): more do not fit the
-# processor's cache.
-BATCH_NUMBERS: Final = 100_000
-# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
-EDGE_NUMBERS: Final = 32_768
-
-
-@dataclass(frozen=True, slots=True)
-class Encounters:
-    """n pairs of shapes with a common time zero and origin, and the separation wanted between them, metres.
-
-    origin : (2, n) plane metres
-    company : (n,) with how many pairs each shares the work, see `Pairs`
-    """
-
-    plane: Plane
-    a: Shapes
-    b: Shapes
-    origin: Floats
-    separation_m: float
-    company: NDArray[np.int64] | None = None
-
-    @classmethod
-    def of(
-        cls,
-        plane: Plane,
-        separation_m: float,
-        pieces: Pieces,
-        pairs: Pairs,
-        rows: NDArray[np.int64],
-        zero_us: NDArray[np.int64],
-    ) -> "Encounters":
-        """Return the encounters of some pairs of like pieces; row i counts its time from zero_us[i]."""
-        origin = origins(plane, pieces, pairs.a[rows])
-        a, b = (shapes_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
-        return cls(plane, a, b, origin, separation_m, None if pairs.company is None else pairs.company[rows])
-
-    def __len__(self) -> int:
-        return int(self.origin.shape[1])
-
-    def take(self, rows: Rows) -> Self:
-        """Return the encounters of some rows."""
-        company = None if self.company is None else self.company[rows]
-        a, b = self.a.take(rows), self.b.take(rows)
-        return type(self)(self.plane, a, b, self.origin[:, rows], self.separation_m, company)
-
-    def share(self, of: int, least: int, most: int) -> NDArray[np.int64]:
-        """Return (n,) what each pair has of something that the pairs of pieces of two objects share."""
-        company = np.ones(len(self), np.int64) if self.company is None else self.company
-        return np.clip(of // company, least, most)
-
-    def excess(self, rows: NDArray[np.int64], t: Floats) -> Floats:
-        """Return by how many metres rows are further apart than wanted at times t (negative: too close), (n,)."""
-        return self.nearest(rows, t).excess_m
-
-    def nearest(self, rows: NDArray[np.int64], t: Floats) -> "Nearest":
-        """Return how rows lie to each other at times t, (n,) each."""
-        parts = []
-        for batch in self.batches(len(rows)):
-            some = self.take(rows[batch])
-            parts.append(nearest(some, some.a.positions(t[batch]), some.b.positions(t[batch])))
-        return Nearest(*(np.concatenate([getattr(part, name) for part in parts]) for name in Nearest.__slots__))
-
-    def batches(self, n: int) -> list[slice]:
-        """Return slices of n rows that keep the arrays of an evaluation within bounds."""
-        step = max(1, BATCH_NUMBERS // (self.a.vertex_count + self.b.vertex_count))
-        return [slice(first, first + step) for first in range(0, max(n, 1), step)]
-
-    @property
-    def certainty_margin_m(self) -> float:
-        """How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth."""
-        return TOUCH_M + self.distance_error_m(self.separation_m)
-
-    def distance_error_m(self, distance_m: float) -> float:
-        """Return by how much a distance on the earth may be understated; those in the plane are as they are."""
-        return float(self.plane.distance_error_m(distance_m)) if distance_m > short_m(self.plane) else 0.0
-
-    @property
-    def sides(self) -> tuple[Sides, Sides]:
-        """Of a and of b, which vertices their sides run between."""
-        a, b = (sides_of(shape.vertex_count, convex=shape.is_convex) for shape in (self.a, self.b))
-        return a, b
-
-    def scale(self, *polygons: Floats) -> tuple[Floats, Floats]:
-        """Return (n,) the largest and smallest scale in the hulls of all vertices (2, v, n) of each of these pairs."""
-        points = np.concatenate(polygons, axis=1) + self.origin[:, None, :]
-        return self.plane.largest_scale(points), self.plane.smallest_scale(points)
+from conflictdb.stage4.constants import EDGE_NUMBERS
+from conflictdb.stage4.encounters import Encounters, short_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,29 +19,33 @@ class Nearest:
     """How n pairs of polygons lie to each other.
 
     gap : (n,) signed separation, plane metres
-    excess_m : (n,) signed separation less the separation wanted, metres on the earth
+    clearance_m : (n,) signed separation less the separation wanted, metres on the earth
     axis : (n, 2) unit vector from a to b along which the gap is measured
     point_a, point_b : (n, 2) nearest points, plane metres (of no meaning where the polygons overlap)
     """
 
     gap: Floats
-    excess_m: Floats
+    clearance_m: Floats
     axis: Floats
     point_a: Floats
     point_b: Floats
 
 
-def alike(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return batches of rows of pairs whose pieces can share arrays."""
-    if not len(rows):
-        return []
-    sort = likeness(plane, pieces)
-    _, group = np.unique(np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]]), axis=1, return_inverse=True)
-    batches = []
-    for g in range(int(group.max()) + 1):
-        same = rows[group == g]
-        batches += [same[first : first + PAIRS_AT_ONCE] for first in range(0, len(same), PAIRS_AT_ONCE)]
-    return batches
+def clearance_m(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Floats:
+    """Return (n,) the clearance of rows at times t, metres on the earth: distance less the separation wanted.
+
+    Negative is a loss of separation.
+    """
+    return nearest_at(pairs, rows, t).clearance_m
+
+
+def nearest_at(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Nearest:
+    """Return how rows lie to each other at times t, (n,) each."""
+    parts = []
+    for batch in pairs.batches(len(rows)):
+        some = pairs.take(rows[batch])
+        parts.append(nearest(some, some.a.positions(t[batch]), some.b.positions(t[batch])))
+    return Nearest(*(np.concatenate([getattr(part, name) for part in parts]) for name in Nearest.__slots__))
 
 
 def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -> Nearest:
@@ -193,14 +100,6 @@ def _distance_m(
     origin = pairs.origin[:, None, apart]
     metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin, *pairs.sides)
     return np.asarray(metres)
-
-
-def short_m(plane: Plane) -> float:
-    """Return up to how many metres on the earth the nearest points in the plane are those on the earth.
-
-    In a plane that does not keep angles they never are: only what touches is no nearer for that.
-    """
-    return SHORT_M if plane.is_conformal else TOUCH_M
 
 
 def gap_along(axis: Floats, a: Floats, b: Floats) -> Floats:

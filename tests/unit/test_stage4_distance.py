@@ -18,8 +18,10 @@ from conflictdb.model import EarthModel, Motion, Scene
 from conflictdb.motion.contract import StaticShapes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stage4.constants import TOUCH_M
+from conflictdb.stage4.distance import clearance_m, nearest
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.proofs import Leaf, crossing, not_clear
-from conflictdb.stage4.separation import TOUCH_M, Encounters, nearest
 
 SPHERE = plane_of(Scene("sphere", earth=EarthModel.SPHERE))
 ROW = np.zeros(1, np.int64)
@@ -157,10 +159,10 @@ def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float
         )
         if shapely.Polygon(a).distance(shapely.Polygon(b)) < 0.2 * distance_m * scale:
             continue
-        found = float(still(a, b).excess(ROW, AT)[0])
+        found = float(clearance_m(still(a, b), ROW, AT)[0])
         true = least_on_sphere_m(a, b)
         assert true - float(SPHERE.distance_error_m(true)) - 5e-6 <= found <= true + 1e-6
-        assert still(a, b, 500.0).excess(ROW, AT)[0] == pytest.approx(found - 500.0, abs=1e-6)
+        assert clearance_m(still(a, b, 500.0), ROW, AT)[0] == pytest.approx(found - 500.0, abs=1e-6)
 
 
 def encounters(scene: Scene, pieces: Pieces, a: int, b: int) -> tuple[Encounters, float]:
@@ -183,20 +185,20 @@ def test_what_is_not_a_leaf_is_clear(workload: object, earth: EarthModel, margin
         for a in range(b):
             if max(pieces.start_us[a], pieces.start_us[b]) < min(pieces.end_us[a], pieces.end_us[b]):
                 pair, span_s = encounters(scene, pieces, a, b)
-                pairs.append((float(pair.excess(ROW, np.array([span_s / 2]))[0]), a, b))
+                pairs.append((float(clearance_m(pair, ROW, np.array([span_s / 2]))[0]), a, b))
     leaves_seen = 0
     for _, a, b in sorted(pairs)[:40]:
         pair, span_s = encounters(scene, pieces, a, b)
         leaves = not_clear(pair, ROW, np.zeros(1), np.array([span_s]), margin_m)
         seconds = np.linspace(0.0, span_s, 400)
-        excess = pair.excess(np.zeros(400, np.int64), seconds)
+        clearance = clearance_m(pair, np.zeros(400, np.int64), seconds)
         inside = np.zeros(400, bool)
         for k in range(len(leaves.row)):
             inside |= (leaves.start[k] <= seconds) & (seconds <= leaves.end[k])
-            said = float(pair.excess(ROW, leaves.at[k : k + 1])[0])
+            said = float(clearance_m(pair, ROW, leaves.at[k : k + 1])[0])
             assert leaves.kind[k] != Leaf.CONTACT or said <= TOUCH_M
             assert leaves.kind[k] != Leaf.NEAR or said <= margin_m
-        assert (excess[~inside] > margin_m).all()
+        assert (clearance[~inside] > margin_m).all()
         leaves_seen += len(leaves.row)
     assert leaves_seen >= 5
 
@@ -252,7 +254,7 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
                 continue
             dented += len(hull) < len(np.unique(vertices, axis=0))
             as_hull = Encounters(pair.plane, pair.a, StaticShapes(columns(hull)), pair.origin, 0.0)
-            assert pair.excess(ROW, AT)[0] == pytest.approx(as_hull.excess(ROW, AT)[0], abs=1e-6)
+            assert clearance_m(pair, ROW, AT)[0] == pytest.approx(clearance_m(as_hull, ROW, AT)[0], abs=1e-6)
             found = nearest(pair, one, other)
             assert np.hypot(*(found.point_b - found.point_a)[0]) == pytest.approx(found.gap[0], abs=1e-6)
             assert found.gap[0] == pytest.approx(nearest(as_hull, one, columns(hull)).gap[0], abs=1e-6)

@@ -1,0 +1,93 @@
+"""The numbers that tune stage 4, each with its unit and what breaks when it is changed.
+
+Lengths are metres on the earth where nothing else is said. Those of the published programs stand with them.
+"""
+
+from typing import Final
+
+# --- What counts as the same -----------------------------------------------------------------------------------------
+
+# Polygons this close touch. Coordinates are rounded to 1e-8 m: with less, a touch may become a miss; with more, ends of
+# contacts are stated with more doubt.
+TOUCH_M: Final = 5e-8
+# Up to this distance the nearest points in a conformal plane are those on the earth: the scale differs along it by a
+# share of 1e-8 at 89 degrees of latitude. With more, a distance may be overstated; with less, more pairs are measured
+# along geodesics, which is slower.
+SHORT_M: Final = 1e-3
+# Where a contact ends the pair is this far apart on the outer side: clear of a touch beyond rounding. With less, an end
+# may lie within rounding; with more, contacts are stated longer than they are.
+CLEAR_M: Final = 3.0 * TOUCH_M
+# A distance that is more than this above what is asked need not be known, so that cheaper bounds will do. With less,
+# more intervals are split; with more, more distances are measured along geodesics.
+NEAR_M: Final = 100.0
+
+# --- Instants, seconds -----------------------------------------------------------------------------------------------
+
+# Intervals are not split below a microsecond, the resolution of a timestamp. With more, grazing contacts stay
+# undecided.
+SHORTEST_INTERVAL_S: Final = 1e-6
+# Ends are bracketed to this: a hundredth of what a timestamp can tell. With more, ends may be rounded to other
+# microseconds.
+BRACKET_S: Final = 1e-8
+# A contact that begins this close to an instant that no longer belongs to the span counts only if it is beyond doubt at
+# that instant: half a microsecond, since it would be rounded to it.
+END_RESOLUTION_S: Final = 5e-7
+# A guess of the published programs is bracketed within these steps; failing that, within the whole window. They decide
+# the cost alone.
+GUESS_BRACKETS_S: Final = (1e-3, 0.1, 10.0)
+
+# --- Work that is done at most ---------------------------------------------------------------------------------------
+
+# Halvings of a window: 64 reach a microsecond from a hundred thousand years. With fewer, long windows stay undecided.
+MAX_LEVELS: Final = 64
+# How often the search moves to an earlier contact that it passed over, and how often it cuts a contact. With fewer, the
+# bounds of pairs that meet many times are wider.
+MAX_ROUNDS: Final = 16
+# Intervals under way for two objects, shared by their pairs of pieces, and for one pair of pieces at least and at most.
+# Beyond it a pair is left undecided rather than let one take all memory and time.
+MAX_INTERVALS: Final = 65_536
+MIN_INTERVALS_PER_PAIR: Final = 64
+MAX_INTERVALS_PER_PAIR: Final = 4096
+
+# --- Roots (`roots`) -------------------------------------------------------------------------------------------------
+
+# Steps of one search. Bisection takes 60 to the last digit of float64, and every fourth step is one at worst: with
+# fewer, brackets stay wide and pairs are left to the search.
+MAX_ROOT_STEPS: Final = 300
+# Steps that may fail to halve a bracket before it is bisected: with none, ordinary ends take more steps; with more,
+# ends of shallow contacts do.
+SLOW_STEPS: Final = 3
+# An end is beyond doubt where the measure is between one and so many times what rounding is worth: with less, more
+# steps are needed to get there; with more, bounds are wider.
+MOST_TOUCHES: Final = 3.0
+# Instants nearer to each other than so many spacings of float64 are not told apart. With less, a search may not end
+# before its steps are used up.
+RESOLVED_SPACINGS: Final = 4.0
+
+# --- Closest approach ------------------------------------------------------------------------------------------------
+
+# The distance is found to this, unless its share of the work is used up first. With less, more work.
+APPROACH_M: Final = 1e-3
+# Distances that differ by less are equal, and of equal ones the earliest counts. Rounding is a tenth of it: with less,
+# which instant counts would be chance.
+TIE_M: Final = 1e-7
+# As those above, for the closest approach: beyond it a distance is stated with the bound that was reached.
+MIN_APPROACH_INTERVALS: Final = 16
+MAX_APPROACH_INTERVALS: Final = 128
+MAX_APPROACH_LEVELS: Final = 48
+# The nearest place on an edge is looked for about the nearest of so many, by so many steps of a golden section, which
+# shrink 1,000 km to less than a micrometre. With fewer places, the wrong one of two minima may be found.
+EDGE_PLACES: Final = 9
+EDGE_STEPS: Final = 56
+# A place on an edge that is known to this is found, plane metres.
+PLACE_M: Final = 1e-6
+
+# --- Arrays ----------------------------------------------------------------------------------------------------------
+
+# None of these changes an answer: they keep arrays within memory and the processor's cache.
+# Pairs taken together: enough to fill the arrays, few enough to keep them in memory.
+PAIRS_AT_ONCE: Final = 20_000
+# Numbers held at once by one array of an evaluation (8 bytes each; there are a few such arrays).
+BATCH_NUMBERS: Final = 100_000
+# The same of gaps between edges and vertices: polygons of thousands of vertices are taken some edges at a time.
+EDGE_NUMBERS: Final = 32_768
