@@ -24,7 +24,7 @@ WAIT_S = 60.0
 # Detects, and says on standard output how far it is; then waits to be killed where it was told to.
 VICTIM = """
 import sys, time
-import conflictdb.detect, conflictdb.db.store as store
+import conflictdb.db.detect, conflictdb.db.store as store
 from conflictdb.db.detect import detect
 
 def stop(where):
