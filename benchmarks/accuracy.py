@@ -52,7 +52,7 @@ from conflictdb.in_memory import pairs_in_memory
 from conflictdb.methods import Method
 from conflictdb.model import EarthModel
 from conflictdb.pieces.cutting import area_pieces, track_pieces
-from conflictdb.pipeline.run import settle
+from conflictdb.pipeline.run import run_stages
 
 WORKLOADS: Final = (PAPER, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)
@@ -235,7 +235,7 @@ def rows_of(
 def timed(scene: Scene, batch: tuple[Pieces, Pairs], scenes: Scenes) -> tuple[Conflicts, float]:
     """Return the answer of stages 3 and 4, and the seconds of processor time they took."""
     started = time.process_time()
-    found, _ = settle(scene, *batch, scenes.footprints)
+    found, _ = run_stages(scene, *batch, scenes.footprints)
     return found, time.process_time() - started
 
 

@@ -52,7 +52,7 @@ from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
 from conflictdb.methods import Method
 from conflictdb.model import METRES_PER_NMI, EarthModel
 from conflictdb.pieces.cutting import area_pieces, track_pieces
-from conflictdb.pipeline.run import settle
+from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind
 
 
@@ -222,7 +222,7 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     footprints = AreaBatch.of(areas).footprint
 
     def answer(method: Method, pieces: Pieces, pairs: Pairs) -> Conflicts:
-        return settle(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
+        return run_stages(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
 
     certified = answer(Method.EXACT, *one_pair_each(areas, tracks))
     with whole_legs():

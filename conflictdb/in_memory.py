@@ -17,7 +17,7 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
 from conflictdb.motion.registry import centred
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
-from conflictdb.pipeline.run import settle
+from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind, Verdict
 
 Object = TypeVar("Object", Area, Track)
@@ -76,7 +76,7 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     batch = AreaBatch.of(areas)
     pieces = pieces_of(scene, batch, TrackBatch.of(tracks))
-    found, _ = settle(
+    found, _ = run_stages(
         scene,
         pieces,
         pairs_in_memory(pieces, regions=METHODS[scene.method].projects_regions),

@@ -50,7 +50,7 @@ from conflictdb.in_memory import candidates, intersections
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred
-from conflictdb.pipeline.run import settle
+from conflictdb.pipeline.run import run_stages
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
 
@@ -297,13 +297,13 @@ class _Measure:
         started = time.process_time()
         pairs = intersections(pieces, a[some], b[some], regions=regions)
         region_s = time.process_time() - started if regions else 0.0
-        conflicts, solved, once = self._settled(scene, pieces, pairs)
+        conflicts, solved, once = self._run_stages(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
         copies, more = 1, once
         if is_timed and scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
             copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
-            more = self._settled(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]
+            more = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]
         return conflicts, _Pass(
             candidates=np.bincount(drawn, minlength=len(self._drawn)),
             met=met_of,
@@ -315,11 +315,11 @@ class _Measure:
             more=more,
         )
 
-    def _settled(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, int, "_Seconds"]:
+    def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, int, "_Seconds"]:
         """Return the conflicts of pairs, how many were given to stage 4, and the processor time of stages 3 and 4."""
         footprint = self._objects.footprint
         started = time.process_time()
-        conflicts, funnel = settle(scene, pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)])
+        conflicts, funnel = run_stages(scene, pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)])
         # The funnel goes by the clock on the wall: only how the time is shared is taken from it.
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
         return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)

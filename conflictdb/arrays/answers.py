@@ -80,3 +80,15 @@ class Conflicts:
 
     def __len__(self) -> int:
         return len(self.a_id)
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Conflicts"]) -> Self:
+        """Return the conflicts of all batches in one; at least one batch."""
+        columns = {}
+        for column in fields(cls):
+            parts = [getattr(batch, column.name) for batch in batches]
+            if column.name == "period_offset":
+                ends = np.cumsum([0, *(part[-1] for part in parts)])
+                parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
+            columns[column.name] = np.concatenate(parts)
+        return cls(**columns)

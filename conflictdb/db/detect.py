@@ -28,7 +28,7 @@ from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Scene
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import Progress, settle
+from conflictdb.pipeline.run import Progress, run_stages
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
@@ -80,6 +80,7 @@ def detect(
     progress: Progress | None = None,
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
+    pairs_per_job: int | None = None,
 ) -> Run:
     """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
@@ -88,10 +89,11 @@ def detect(
     conn : psycopg connection without an open transaction
     full : compute everything again, also what did not change
     jobs : processes that stage 4 may use; None is one per processor
-    progress : told now and then how many pairs stage 4 has settled, and of how many
+    progress : told now and then how many pairs stage 4 has decided, and of how many
     lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
         for as long as it takes
     say : told after 5 s of waiting for another detection who that is
+    pairs_per_job : pairs of pieces that a process gets at a time; None is the method's own
 
     Raises
     ------
@@ -102,7 +104,7 @@ def detect(
     StoreError
         The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
-    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say))
+    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, pairs_per_job))
 
 
 def detect_pending(conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None) -> Run | None:
@@ -124,6 +126,7 @@ class _Way:
     progress: Progress | None
     lock_timeout_s: float | None
     say: store.Say
+    pairs_per_job: int | None = None
     only_pending: bool = False
 
 
@@ -202,7 +205,15 @@ def _refresh_conflicts(
     def footprints(area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return store.footprints(conn, area_ids)
 
-    conflicts, funnel = settle(settings, pieces, pairs, footprints, jobs=way.jobs, progress=way.progress)
+    conflicts, funnel = run_stages(
+        settings,
+        pieces,
+        pairs,
+        footprints,
+        jobs=way.jobs,
+        progress=way.progress,
+        pairs_per_job=way.pairs_per_job,
+    )
     record = replace(
         record,
         settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},

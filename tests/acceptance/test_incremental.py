@@ -10,9 +10,7 @@ from workloads import EQUATOR, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.methods import METHODS
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.pipeline import run
 
 EDITS = 6
 NEAR_M = 20_000.0
@@ -118,14 +116,13 @@ def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
         assert answer(conn, scene) == fresh_answer(conn, scene, areas, tracks)
 
 
-def test_number_of_processes_does_not_matter(conn: psycopg.Connection[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_processes_does_not_matter(conn: psycopg.Connection[Any]) -> None:
     scene, areas, tracks = throw(EQUATOR, 2, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     alone = answer(conn, scene)
-    monkeypatch.setattr(run, "METHODS", {m: replace(steps, pairs_per_job=7) for m, steps in METHODS.items()})
     told: list[tuple[int, int]] = []
-    detect(conn, scene.name, jobs=2, full=True, progress=lambda done, of: told.append((done, of)))
+    detect(conn, scene.name, jobs=2, full=True, progress=lambda *counts: told.append(counts), pairs_per_job=7)
     assert answer(conn, scene) == alone
     assert told, "progress is told"
     assert told[-1][0] == told[-1][1]

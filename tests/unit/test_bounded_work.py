@@ -11,7 +11,8 @@ from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.pieces.cutting import MAX_BENT_SLICES, MAX_SLICES, track_pieces
-from conflictdb.pipeline import run
+from conflictdb.pipeline import whole_areas
+from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.stage4 import proofs
 from conflictdb.stage4.constants import MAX_INTERVALS
 
@@ -63,7 +64,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
 
 def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point that goes along the edge of an area: all of its pieces are looked at, in few calls."""
-    shaped = counted_calls(monkeypatch, run, "shapes_of")
+    shaped = counted_calls(monkeypatch, whole_areas, "shapes_of")
     along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
     (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
     assert found.verdict == Verdict.GRAZING
@@ -86,4 +87,4 @@ def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
     pieces = track_pieces(scene, TrackBatch.of(tracks))
     pairs = pairs_in_memory(pieces, regions=False)
-    assert run._company(pieces, pairs).tolist() == [len(pairs)] * len(pairs)
+    assert company_of(pieces, pairs).tolist() == [len(pairs)] * len(pairs)

@@ -13,7 +13,7 @@ import conflictdb
 from conflictdb.arrays.isolation import isolated
 from conflictdb.model import Area, Method, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.pieces import covers
-from conflictdb.pipeline import run
+from conflictdb.pipeline import closest_approaches, whole_areas
 from conflictdb.results import Verdict
 from conflictdb.stage4 import contacts
 
@@ -146,7 +146,7 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
     """A conflict stays one without it; a pair that may come near, and has no other row, is unresolved."""
     scene = SCENES[1]
     expected = answer(scene)
-    monkeypatch.setattr(run, "approaches", failing_for(run.approaches, lambda *_: True))
+    monkeypatch.setattr(closest_approaches, "approaches", failing_for(closest_approaches.approaches, lambda *_: True))
     found = answer(scene)
     assert set(found) >= set(expected)
     for pair, one in expected.items():
@@ -158,5 +158,5 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
 def test_a_depth_that_cannot_be_found_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
     areas = [area("A", 4.0), area("B", 4.5)]  # side by side: grazing
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.GRAZING]
-    monkeypatch.setattr(run, "_core", failing_for(run._core, lambda *_: True))
+    monkeypatch.setattr(whole_areas, "_core", failing_for(whole_areas._core, lambda *_: True))
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.UNRESOLVED]

@@ -1,0 +1,122 @@
+"""The closest approach of pairs of objects that come near each other, added to their conflicts."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.geodesy import Floats
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.pieces.covers import is_covered
+from conflictdb.pipeline.object_pairs import object_keys, ordered_members
+from conflictdb.results import Verdict
+from conflictdb.stage3_projection import shared_span
+from conflictdb.stage4.closest_approach import Approaches, approaches
+from conflictdb.stage4.contacts import CONFLICT, UNRESOLVED, meeting_points
+
+
+def with_closest_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts) -> Conflicts:
+    """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
+    pairs = pairs.take(np.flatnonzero(~is_covered(pieces, pairs)))
+    # Objects that meet are closest when they first do.
+    meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
+    a, b, swapped = ordered_members(pieces, pairs)
+    if scene.nearest_m == 0.0:
+        # At most the pairs of conflicts are asked for.
+        likely = np.flatnonzero(
+            np.isin(pieces.object_id[a], conflicts.a_id[~meets]) & np.isin(pieces.object_id[b], conflicts.b_id[~meets])
+        )
+        pairs, swapped, a, b = pairs.take(likely), swapped[likely], a[likely], b[likely]
+    known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
+    keys = np.concatenate([known, object_keys(pieces, a, b)], axis=1)
+    objects, number = np.unique(keys, axis=1, return_inverse=True)
+    known_number, number = number[: len(conflicts)], number[len(conflicts) :]
+
+    wanted = np.full(objects.shape[1], scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
+    wanted[known_number] = np.where(meets, -np.inf, np.inf)
+    rows = np.flatnonzero(wanted[number] >= 0.0)
+    asked, group = np.unique(number[rows], return_inverse=True)
+    candidates = pairs.take(rows)
+    nearest = _approaches(scene, pieces, candidates, group, wanted[asked])
+    of_b = swapped[rows[nearest.pair]] if len(asked) else np.zeros(0, np.bool_)
+    touch = np.flatnonzero(nearest.distance_m == 0.0)
+    where = meeting_points(scene, pieces, candidates.take(nearest.pair[touch]), nearest.at_s[touch])
+    nearest.a_deg[touch] = nearest.b_deg[touch] = where
+    nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
+    nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)
+
+    closest_us = np.where(meets, conflicts.period_us[conflicts.period_offset[:-1], 0], SINCE_EVER_US)
+    closest_m, error_m = np.where(meets, 0.0, np.nan), np.where(meets, 0.0, np.nan)
+    first = np.where(meets[:, None], conflicts.first_contact_deg, np.nan)
+    a_deg, b_deg = first.copy(), first.copy()
+    place = np.full(objects.shape[1], -1)
+    place[asked] = np.arange(len(asked))
+    mine = np.flatnonzero(place[known_number] >= 0)
+    theirs = place[known_number[mine]]
+    closest_us[mine], closest_m[mine] = nearest.at_us[theirs], nearest.distance_m[theirs]
+    error_m[mine] = nearest.error_m[theirs]
+    a_deg[mine], b_deg[mine] = nearest_a_deg[theirs], nearest_b_deg[theirs]
+    of_conflicts = replace(
+        conflicts,
+        closest_us=closest_us,
+        closest_m=closest_m,
+        closest_error_m=error_m,
+        closest_a_deg=a_deg,
+        closest_b_deg=b_deg,
+    )
+
+    is_known = np.zeros(objects.shape[1], np.bool_)
+    is_known[known_number] = True
+    # Infinite: further apart than asked. NaN: not to be found, so that they may come as near as anything.
+    more = np.flatnonzero(~is_known[asked] & ~np.isinf(nearest.distance_m))
+    lost = np.isnan(nearest.distance_m[more])
+    pair = rows[np.unique(group, return_index=True)[1][more]]
+    member_a, member_b = a[pair], b[pair]
+    start, end = shared_span(pieces, candidates)
+    first_us, last_us = np.full(len(asked), FOR_EVER_US), np.full(len(asked), SINCE_EVER_US)
+    np.minimum.at(first_us, group, start)
+    np.maximum.at(last_us, group, end)
+    only_near = Conflicts(
+        a_kind=pieces.kind[member_a],
+        a_id=pieces.object_id[member_a],
+        a_version=pieces.version[member_a],
+        b_kind=pieces.kind[member_b],
+        b_id=pieces.object_id[member_b],
+        b_version=pieces.version[member_b],
+        period_us=np.stack([first_us[more], last_us[more]], axis=1)[lost],
+        period_offset=np.concatenate([np.zeros(1, np.int64), np.cumsum(lost)]),
+        verdict=np.where(lost, UNRESOLVED, Verdict.NEAR.code).astype(np.int8),
+        first_contact_deg=np.full((len(more), 2), np.nan),
+        time_error_s=np.zeros(len(more)),
+        closest_us=nearest.at_us[more],
+        closest_m=nearest.distance_m[more],
+        closest_error_m=nearest.error_m[more],
+        closest_a_deg=nearest_a_deg[more],
+        closest_b_deg=nearest_b_deg[more],
+    )
+    return Conflicts.concatenate([of_conflicts, only_near])
+
+
+def _approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
+    """Return the closest approach of pairs of objects, as `approaches` does; NaN where it cannot be found."""
+    n = len(wanted_m)
+    nowhere = np.full(n, np.nan)
+    places = np.full((n, 2), np.nan)
+    answer = Approaches(
+        np.zeros(n, np.int64), nowhere.copy(), np.full(n, SINCE_EVER_US), nowhere.copy(), nowhere, places, places.copy()
+    )
+
+    def search(groups: NDArray[np.int64]) -> Approaches | None:
+        rows = np.flatnonzero(np.isin(group, groups))
+        found = approaches(scene, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
+        return replace(found, pair=np.where(found.pair < 0, found.pair, rows[found.pair]))
+
+    for groups, found in isolated(np.arange(n), search, lambda groups: None, "pair of objects"):
+        if found is not None:
+            for column in fields(Approaches):
+                getattr(answer, column.name)[groups] = getattr(found, column.name)
+    return answer

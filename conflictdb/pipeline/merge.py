@@ -1,0 +1,164 @@
+"""Contacts of pieces merged into one row per pair of objects, with its periods and its verdict."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts, Contacts
+from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.geodesy import Floats
+from conflictdb.methods import METHODS
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.motion.contract import Plane
+from conflictdb.pieces.covers import is_covered
+from conflictdb.pipeline.object_pairs import object_keys, ordered_members
+from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
+from conflictdb.stage3_projection import shared_span
+from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, meeting_points
+
+
+def merged_by_object(
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, contacts: Contacts, footprints: Footprints
+) -> Conflicts:
+    """Return one row per pair of objects with a contact; closest approaches are still missing.
+
+    footprints : asked for whole areas where contacts are shallow in all parts of one
+    """
+    a, b, _ = ordered_members(pieces, pairs)
+    a, b = a[contacts.pair], b[contacts.pair]
+    shared_start, shared_end = shared_span(pieces, pairs)
+    start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
+    objects, group = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)
+    n = objects.shape[1]
+    # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
+    meet = np.zeros(n, np.bool_)
+    meet[group[contacts.touches]] = True
+    told = np.flatnonzero(contacts.touches | ~meet[group] | (contacts.verdict == UNRESOLVED))
+    order = told[np.lexsort((end[told], start[told], group[told]))]
+    group = group[order]
+    bounds = np.searchsorted(group, np.arange(n + 1))
+    earliest = order[bounds[:-1]]
+    period_us, period_offset, time_error_s = _periods(group, start[order], end[order], contacts.error_s[order], n)
+
+    has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    has_conflict[group[contacts.verdict[order] == CONFLICT]] = True
+    has_open[group[contacts.verdict[order] == UNRESOLVED]] = True
+    shallow = np.flatnonzero(~has_conflict & ~has_open)
+    contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow.tolist()]
+    contacts_of = [rows[contacts.touches[rows]] for rows in contacts_of]
+    for k, (deep, is_unknown) in isolated(
+        np.arange(len(shallow)),
+        lambda k: (
+            deep_in_whole_areas(scene, plane, pieces, pairs, contacts, [contacts_of[i] for i in k], footprints),
+            False,
+        ),
+        lambda k: (np.zeros(len(k), np.bool_), True),
+        "pair of objects",
+    ):
+        has_conflict[shallow[k]], has_open[shallow[k]] = deep, is_unknown
+
+    member_a, member_b = a[earliest], b[earliest]
+    return Conflicts(
+        a_kind=pieces.kind[member_a],
+        a_id=pieces.object_id[member_a],
+        a_version=pieces.version[member_a],
+        b_kind=pieces.kind[member_b],
+        b_id=pieces.object_id[member_b],
+        b_version=pieces.version[member_b],
+        period_us=period_us,
+        period_offset=period_offset,
+        verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], GRAZING).astype(np.int8),
+        first_contact_deg=_first_contacts(scene, pieces, pairs, contacts, earliest),
+        time_error_s=time_error_s,
+        closest_us=np.full(n, SINCE_EVER_US),
+        closest_m=np.full(n, np.nan),
+        closest_error_m=np.full(n, np.nan),
+        closest_a_deg=np.full((n, 2), np.nan),
+        closest_b_deg=np.full((n, 2), np.nan),
+    )
+
+
+def _first_contacts(
+    scene: Scene, pieces: Pieces, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
+) -> Floats:
+    """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
+    points = np.full((len(earliest), 2), np.nan)
+    if METHODS[scene.method].solver is not None:
+        pair = contacts.pair[earliest]
+        at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
+        seen = np.flatnonzero(~is_covered(pieces, pairs.take(pair)))
+        points[seen] = meeting_points(scene, pieces, pairs.take(pair[seen]), at[seen])
+    return points
+
+
+def _periods(
+    group: NDArray[np.int64], start: NDArray[np.int64], end: NDArray[np.int64], error: Floats, n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+    """Return the periods of n groups: period_us (p, 2), period_offset (n + 1,), and their time_error_s (n,).
+
+    group, start, end, error : (m,) the contacts, sorted by group, start and end
+    """
+    # The latest end so far within each group: ranks let one running maximum serve all groups.
+    values, rank = np.unique(end, return_inverse=True)
+    reached = values[np.maximum.accumulate(group * len(values) + rank) - group * len(values)] if len(end) else end
+    opens = np.ones(len(group), np.bool_)
+    opens[1:] = (group[1:] != group[:-1]) | (start[1:] > reached[:-1])
+    period = np.cumsum(opens) - 1
+    period_start = start[opens]
+    period_end = reached[np.append(np.flatnonzero(opens)[1:], len(opens)) - 1] if len(opens) else end
+    period_error = _period_errors(period, start, end, error, period_start, period_end)
+    owner = group[opens]
+    time_error_s = np.zeros(n)
+    np.maximum.at(time_error_s, owner, period_error)
+    period_offset = np.searchsorted(owner, np.arange(n + 1)).astype(np.int64)
+    return np.stack([period_start, period_end], axis=1), period_offset, time_error_s
+
+
+def _period_errors(
+    period: NDArray[np.int64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
+    error: Floats,
+    period_start: NDArray[np.int64],
+    period_end: NDArray[np.int64],
+) -> Floats:
+    """Return (p,) by how much, seconds, periods may be longer at either end than the contact that they hold.
+
+    It is beyond doubt from the first to the last instant that is so in any of the contacts (m,) merged into a period:
+    one that is in doubt altogether leaves the end to its neighbours.
+
+    period : (m,) the number of each contact's period, sorted
+    """
+    since_ever, for_ever = period_start == SINCE_EVER_US, period_end == FOR_EVER_US
+    length = np.where(since_ever | for_ever, np.inf, (period_end - period_start) / 1e6)
+    # From an end at infinity all that does not reach it is infinitely far.
+    lead = np.where(since_ever[period], np.inf, (start - period_start[period]) / 1e6)
+    tail = np.where(for_ever[period], np.inf, (period_end[period] - end) / 1e6)
+    lead[start == period_start[period]] = 0.0
+    tail[end == period_end[period]] = 0.0
+    count = np.bincount(period, minlength=len(period_start))
+    whole = np.where((start == SINCE_EVER_US) | (end == FOR_EVER_US), np.inf, (end - start) / 1e6)
+    # Of a contact that is all of its period the error is known, even where it is in doubt altogether.
+    sure = (whole > 2.0 * error) | (count[period] == 1)
+    worst = [np.full(len(period_start), np.inf) for _ in (lead, tail)]
+    for least, way in zip(worst, (lead, tail), strict=True):
+        np.minimum.at(least, period[sure], (way + error)[sure])
+    return np.asarray(np.minimum(np.maximum(*worst), length))
+
+
+def _instants(
+    contacts: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
+    whole = (contacts.start_s <= 0.0) & np.isinf(contacts.end_s)
+    first, last = contacts.start_s, np.where(whole, 0.0, contacts.end_s)
+    # Seconds of centuries have no microseconds: out by what they are rounded to, but not beyond the span.
+    offset = np.floor((first - 2.0 * np.spacing(np.abs(first))) * 1e6).astype(np.int64)
+    start = np.where(whole | (first <= 0.0), shared_start, shared_start + offset)
+    until = np.ceil((last + 2.0 * np.spacing(last)) * 1e6).astype(np.int64)
+    span = np.where(whole, 0, shared_end - shared_start)
+    end = np.where(
+        whole | (last >= span / 1e6), shared_end, np.minimum(np.where(whole, 0, shared_start) + until, shared_end)
+    )
+    return np.maximum(start, shared_start), end
