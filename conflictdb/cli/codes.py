@@ -12,3 +12,16 @@ LEFT_OUT: Final = 6
 CONFLICTS_FOUND: Final = 10
 INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
 TERMINATED: Final = 143  # the same for SIGTERM
+
+MEANING: Final = {
+    DONE: "done",
+    FAILED: "failed",
+    USAGE: "usage: an option or argument is wrong",
+    SCHEMA_UNFIT: "the schema is missing, older or newer than the program",
+    INPUT_REFUSED: "input refused; nothing was changed",
+    NO_SERVER: "no usable PostgreSQL with PostGIS",
+    LEFT_OUT: "done, but objects were left out (--skip-invalid)",
+    CONFLICTS_FOUND: "there are conflicts (detect --fail-on-conflict)",
+    INTERRUPTED: "interrupted (Ctrl-C, SIGINT)",
+    TERMINATED: "terminated (SIGTERM)",
+}

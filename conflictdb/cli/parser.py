@@ -8,24 +8,19 @@ from importlib import import_module
 from typing import Any, Final, NoReturn
 
 import conflictdb
+from conflictdb.cli import codes
 from conflictdb.cli.output import program
 from conflictdb.methods import Method
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
 _METHODS: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
 
-EPILOG: Final = """\
-environment:
-  CONFLICTDB_DSN           database to use when there is no --dsn; without either, the embedded one
-  CONFLICTDB_HOME          directory of the embedded database
-  CONFLICTDB_PG_BIN        the only directory to take PostgreSQL's programs from
-  CONFLICTDB_NO_DOWNLOAD   1: never fetch PostgreSQL, use what is there
-
-exit codes:
-  0 done   1 failed   2 usage   3 schema missing, older or newer than the program   4 input refused
-  5 no usable PostgreSQL with PostGIS   6 objects were left out (--skip-invalid)
-  10 conflicts found (detect --fail-on-conflict)   130 interrupted (SIGINT)   143 terminated (SIGTERM)
-"""
+ENVIRONMENT: Final = {
+    "CONFLICTDB_DSN": "database to use when there is no --dsn; without either, the embedded one",
+    "CONFLICTDB_HOME": "directory of the embedded database",
+    "CONFLICTDB_PG_BIN": "the only directory to take PostgreSQL's programs from",
+    "CONFLICTDB_NO_DOWNLOAD": "1: never fetch PostgreSQL, use what is there",
+}
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
 _MOST_S: Final = 1e9  # 31 years: more is a mistake in the unit, and nothing could wait for it
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -59,11 +54,13 @@ def build() -> Parser:
     parser = Parser(
         prog=program(),
         description="Find when and where moving and static areas interfere, inside PostGIS.",
-        epilog=EPILOG,
+        epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"conflictdb {conflictdb.__version__}")
+    parser.add_argument(
+        "--version", action="version", version=f"conflictdb {conflictdb.__version__}", help="show the version, and end"
+    )
     parser.add_argument(
         "--dsn",
         help="database to use: a libpq connection string or URI (env CONFLICTDB_DSN; default: the embedded one)",
@@ -75,6 +72,11 @@ def build() -> Parser:
     for add in (_psql, _demo):
         add(commands)
     return parser
+
+
+def _epilog() -> str:
+    lines = ["environment:", *(f"  {name:<24} {text}" for name, text in ENVIRONMENT.items())]
+    return "\n".join([*lines, "", "exit codes:", *(f"  {code:<4} {text}" for code, text in codes.MEANING.items())])
 
 
 def _command(commands: Any, name: str, target: str, summary: str, more: str = "") -> Parser:
@@ -96,7 +98,8 @@ def _detect(commands: Any) -> None:
         "detect",
         "detection:detect",
         "load files, detect, and print the conflicts",
-        "The settings given here become the scene's. Several files of one scene are taken together.",
+        "Only pairs with a changed member are computed again. The settings given here become the scene's and stay. "
+        "Files of one scene are taken together, as if they were one.",
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="scene files, moving features, positions, or areas")
     parser.add_argument(
@@ -129,7 +132,8 @@ def _load(commands: Any) -> None:
         "load",
         "objects:load",
         "load files, without detecting",
-        "All or nothing: if one object is refused, nothing is changed.",
+        "Files of one scene are taken together, as if they were one. All mistakes of all files are told in one go; "
+        "if one object of one file is refused, nothing is changed.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")
     parser.add_argument(
@@ -139,7 +143,9 @@ def _load(commands: Any) -> None:
 
 
 def _conflicts(commands: Any) -> None:
-    parser = _command(commands, "conflicts", "detection:conflicts", "print the conflicts that are known")
+    parser = _command(
+        commands, "conflicts", "detection:conflicts", "print the conflicts that are known", "Does not detect."
+    )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
     _add_wait(parser)
@@ -152,7 +158,7 @@ def _approaches(commands: Any) -> None:
         "approaches",
         "detection:approaches",
         "print how close pairs come: when, where and how far apart",
-        "Conflicts, and with the scene's nearest_m also pairs without conflict that come within that distance.",
+        "Every conflict, and with the scene's nearest_m every pair that comes within that distance. Does not detect.",
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     _add_wait(parser)
@@ -165,7 +171,8 @@ def _advise(commands: Any) -> None:
         "advise",
         "advice:advise",
         "estimate what each setting would cost for a scene, and how wrong it would be",
-        "Tries methods, tolerances and earths on a sample of the scene's own pairs. Changes nothing.",
+        "Tries methods, tolerances and earths on a sample of the scene's own pairs, in memory. It takes seconds, needs "
+        "no detection before it, and changes nothing.",
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to advise on")
     parser.add_argument(
@@ -189,9 +196,15 @@ def _worker(commands: Any) -> None:
         "worker",
         "operation:work",
         "keep all scenes current",
-        "Detects again whatever changed, as soon as it changes; stops cleanly on SIGTERM and SIGINT.",
+        "Detects again whatever changed, as soon as it changes. Run as many as you like, on as many machines as you "
+        "like. A scene that fails does not stop the others and is tried again later; a lost database is connected to "
+        "again. SIGTERM and SIGINT end it cleanly.",
     )
-    parser.add_argument("--once", action="store_true", help="detect what changed, then end")
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help="detect what changed, then end (for cron and timers); exits with 1 if a scene failed",
+    )
     parser.add_argument(
         "--every",
         type=duration_s,
@@ -210,9 +223,14 @@ def _status(commands: Any) -> None:
 
 
 def _schema(commands: Any) -> None:
-    _command(commands, "init", "operation:init", "create the schema `conflictdb` in a database")
+    again = "May be called again, also by several at once. The embedded database is brought up to date by itself."
+    _command(commands, "init", "operation:init", "create the schema `conflictdb` in a database", again)
     _command(
-        commands, "upgrade", "operation:upgrade", "upgrade the schema `conflictdb` of a database to this program's"
+        commands,
+        "upgrade",
+        "operation:upgrade",
+        "upgrade the schema `conflictdb` of a database to this program's",
+        again,
     )
 
 
@@ -229,7 +247,13 @@ def _server(commands: Any) -> None:
 
 
 def _psql(commands: Any) -> None:
-    parser = _command(commands, "psql", "embedded:psql", "open the database in psql", "It gets all arguments.")
+    parser = _command(
+        commands,
+        "psql",
+        "embedded:psql",
+        "open the database in psql",
+        "It is the psql of the server's programs, else one of this machine, and gets all arguments.",
+    )
     parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="handed to psql, such as -c 'SELECT 1'")
     parser.hands_on = True
 

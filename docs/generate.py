@@ -1,0 +1,361 @@
+"""Writes the pages of docs/reference that are made from the program itself.
+
+    ./run python docs/generate.py
+
+`cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
+the comments in the catalog of a fresh schema, in an embedded database that is thrown away. Tests say when a page is out
+of date (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
+"""
+
+import argparse
+import ast
+import inspect
+import os
+import re
+import tempfile
+import textwrap
+from collections.abc import Iterable, Iterator
+from dataclasses import is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final
+
+import psycopg
+
+import conflictdb
+from conflictdb.cli import codes, parser
+
+REFERENCE: Final = Path(__file__).resolve().parent / "reference"
+NOTE: Final = "<!-- Made by docs/generate.py: do not edit. -->"
+
+
+def cell(text: str) -> str:
+    """Return text for a cell of a table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a Markdown table."""
+    header = list(header)
+    lines = [header, ["---"] * len(header), *([cell(text) for text in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+# --- the command line
+
+CLI: Final = f"""\
+# Command line
+
+{NOTE}
+
+`conflictdb [--dsn DSN] [--debug] COMMAND …`, from the source tree `./run COMMAND …`. `conflictdb COMMAND --help` shows
+what is below.
+
+Results go to stdout; [what is printed](output.md) has their formats. Errors and remarks go to stderr, one line each:
+what, where, which rule, what to do. Progress shows on a terminal and is silent in a pipe.
+"""
+
+
+def cli() -> str:
+    """Return the page of the command line."""
+    whole = parser.build()
+    sections = [
+        CLI,
+        table(["option", "means"], _options(whole)),
+        table(["environment", "means"], ((f"`{name}`", text) for name, text in parser.ENVIRONMENT.items())),
+        table(["exit code", "means"], ((str(code), text) for code, text in codes.MEANING.items())),
+    ]
+    for name, command in _commands(whole):
+        words = " ".join(_words(command))
+        sections.append(f"## {name}\n\n`conflictdb {name}{' ' if words else ''}{words}`\n\n{command.description}")
+        if rows := [*_options(command), *_actions(command)]:
+            sections.append(table(["argument or option", "means"], rows))
+    return "\n\n".join(part.strip() for part in sections) + "\n"
+
+
+def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    for action in whole._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield from action.choices.items()
+
+
+def _actions(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    for name, action in _commands(command):
+        yield f"`{name}`", f"{action.description}".rstrip(".")
+
+
+def _words(command: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield what a command takes: what it needs in full, the rest in brackets."""
+    rest = False
+    for action in command._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield str(action.metavar)
+        elif not action.option_strings:
+            more = {"*": "[{}…]", "+": "{}…"}.get(str(action.nargs), "{}")
+            yield more.format(action.metavar)
+        elif action.required:
+            yield f"{action.option_strings[-1]} {action.metavar}"
+        else:
+            rest = rest or not isinstance(action, argparse._HelpAction)
+    if rest:
+        yield "[OPTION…]"
+
+
+def _options(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    for action in command._actions:
+        if isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
+            continue
+        name = action.option_strings[-1] if action.option_strings else str(action.metavar)
+        value = ""
+        if action.choices:
+            value = f" {'|'.join(map(str, action.choices))}"
+        elif action.option_strings and action.nargs != 0:
+            value = f" {action.metavar or action.dest.upper()}"
+        yield f"`{name}{value}`", str(action.help)
+
+
+# --- Python
+
+PYTHON: Final = f"""\
+# Python
+
+{NOTE}
+
+`import conflictdb` has these names. Instants in arrays are whole microseconds since 1970 (`_us`), the others aware
+datetimes; further [units](units-and-frames.md) are in the names.
+"""
+IN_MEMORY: Final = ("read", "Contents", "Remark", "Skipped", "solve", "Scene", "Area", "Track", "rectangle_outline_m")
+
+
+def python() -> str:
+    """Return the page of the Python interface."""
+    things = {name: getattr(conflictdb, name) for name in conflictdb.__all__ if name != "__version__"}
+    groups: dict[str, list[str]] = {
+        "With a database": [],
+        "Objects, files and detection in memory": list(IN_MEMORY),
+        "Choices": [],
+        "Errors and warnings": [],
+    }
+    for name in sorted(things, key=lambda name: (name != "connect", name != "Database", name)):
+        if name in IN_MEMORY:
+            continue
+        is_class = inspect.isclass(things[name])
+        if is_class and issubclass(things[name], Exception):
+            groups["Errors and warnings"].append(name)
+        elif is_class and issubclass(things[name], Enum):
+            groups["Choices"].append(name)
+        else:
+            groups["With a database"].append(name)
+    sections = [PYTHON]
+    for title, names in groups.items():
+        sections.append(f"## {title}")
+        for name in names:
+            sections += [f"### {name}", *_described(things[name])]
+    return "\n\n".join(part.strip() for part in sections) + "\n"
+
+
+def _described(thing: Any) -> Iterator[str]:
+    tree = ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
+    if isinstance(tree, ast.FunctionDef):
+        yield _code(_signature(tree))
+        yield _doc(thing)
+        return
+    assert isinstance(tree, ast.ClassDef)  # noqa: S101
+    if issubclass(thing, Exception):
+        bases = ", ".join(base.__name__ for base in thing.__bases__)
+        yield f"Base: `{bases}`."
+    elif issubclass(thing, Enum):
+        lines = inspect.getsource(thing).splitlines()
+        yield _doc(thing)
+        yield _code("\n".join(line.strip() for line in lines if re.match(r"    [A-Z]\w* = ", line)))
+        return
+    elif is_dataclass(thing):
+        fields = [_field(one) for one in tree.body if isinstance(one, ast.AnnAssign)]
+        yield _code(_wrapped(thing.__name__, fields, ""))
+    yield _doc(thing)
+    for method in tree.body:
+        if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+            yield f"#### {thing.__name__}.{method.name}"
+            is_property = any(ast.unparse(one) == "property" for one in method.decorator_list)
+            result = ast.unparse(method.returns).strip("'") if method.returns else "None"
+            yield _code(f"{method.name}: {result}" if is_property else _signature(method))
+            yield _doc(getattr(thing, method.name))
+
+
+def _field(one: ast.AnnAssign) -> str:
+    default = ast.unparse(one.value) if one.value else ""
+    if default.startswith(("_", "field(")):  # of its own making: the text says what
+        default = "…"
+    return (
+        ast.unparse(one) if not one.value else f"{ast.unparse(one.target)}: {ast.unparse(one.annotation)} = {default}"
+    )
+
+
+def _signature(function: ast.FunctionDef) -> str:
+    args = function.args
+    defaults: list[ast.expr | None] = [None] * (len(args.args) - len(args.defaults)) + list(args.defaults)
+    parts = [_argument(arg, value) for arg, value in zip(args.args, defaults, strict=True) if arg.arg != "self"]
+    if args.kwonlyargs:
+        parts.append("*")
+        parts += [_argument(arg, value) for arg, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)]
+    result = f" -> {ast.unparse(function.returns)}" if function.returns else ""
+    return _wrapped(function.name, parts, result)
+
+
+def _argument(arg: ast.arg, value: ast.expr | None) -> str:
+    kind = f": {ast.unparse(arg.annotation)}" if arg.annotation else ""
+    if value is None:
+        return f"{arg.arg}{kind}"
+    default = ast.unparse(value)
+    return f"{arg.arg}{kind} = {'…' if default.startswith('_') else default}"
+
+
+def _wrapped(name: str, parts: list[str], result: str) -> str:
+    line = f"{name}({', '.join(parts)}){result}"
+    if len(line) > 100:
+        line = "\n".join([f"{name}(", *(f"    {part}," for part in parts), f"){result}"])
+    return re.sub(r"\b(store|inputs)\.", "", line.replace("'", ""))  # names of modules that are private
+
+
+def _code(text: str) -> str:
+    return f"```\n{text}\n```"
+
+
+def _doc(thing: Any) -> str:
+    """Return a docstring as Markdown: sections and fields become lists."""
+    lines = inspect.cleandoc(thing.__doc__ or "").replace("``", "`").splitlines()
+    out: list[str] = []
+    in_section = False
+    i = 0
+    while i < len(lines):
+        entry = re.match(r"(\w[\w, ]*?) : (.*)", lines[i])
+        if i + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[i + 1]):
+            out += [f"**{lines[i]}**", ""]
+            i += 2
+            in_section = True
+        elif entry or (in_section and lines[i] and not lines[i].startswith(" ")):
+            names = ", ".join(f"`{name}`" for name in (entry[1] if entry else lines[i]).split(", "))
+            said = [entry[2]] if entry else []
+            i += 1
+            body = []
+            while i < len(lines) and lines[i].startswith("    "):
+                body.append(lines[i].strip())
+                i += 1
+            if in_section and said:  # a type, and below it what it means
+                names, said = f"{names} ({said[0]})", []
+            out.append(f"- {names}: {' '.join([*said, *body])}")
+        else:
+            if lines[i] and out and out[-1].startswith("- "):
+                out.append("")
+            out.append(lines[i])
+            i += 1
+    return "\n".join(out).strip()
+
+
+# --- SQL
+
+SQL: Final = f"""\
+# SQL
+
+{NOTE}
+
+Everything is in the schema `conflictdb`. Names that begin with an underscore are private. Each role may do what the one
+before it may: `conflictdb_reader`, `conflictdb_editor`, `conflictdb_worker`; nothing is granted to PUBLIC. Geometries
+are longitude and latitude in degrees, SRID 4326, unless it is said otherwise. [schema.sql](schema.sql) is the whole
+schema.
+"""
+ROLES: Final = {
+    "To ask: conflictdb_reader": ("conflictdb_reader", ["conflicts", "approaches", "scenes"]),
+    "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
+    "To detect: conflictdb_worker": (
+        "conflictdb_worker",
+        ["run", "conflict", "piece", "change", "object_key", "scene_lock"],
+    ),
+}
+MAKES_INPUT: Final = ("rectangle_outline", "track_path")  # anybody may call them, but only editors have a use for them
+
+COLUMNS: Final = """
+SELECT a.attname, format_type(a.atttypid, a.atttypmod), coalesce(col_description(a.attrelid, a.attnum), '')
+FROM pg_attribute a
+WHERE a.attrelid = %s::regclass AND a.attnum > 0 AND NOT a.attisdropped ORDER BY a.attnum
+"""
+ROUTINES: Final = """
+SELECT p.proname,
+       coalesce('(' || (SELECT string_agg(format('%s %s', p.proargnames[i], format_type(t, NULL)), ', ' ORDER BY i)
+                        FROM unnest(p.proallargtypes) WITH ORDINALITY u (t, i) WHERE p.proargmodes[i] = 'o') || ')',
+                pg_get_function_result(p.oid)),
+       coalesce(obj_description(p.oid, 'pg_proc'), ''),
+       (SELECT array_agg(format('%s %s', p.proargnames[i], format_type(t, NULL))
+                         || coalesce(' DEFAULT ' || pg_get_function_arg_default(p.oid, i::int), '') ORDER BY i)
+        FROM unnest(p.proargtypes) WITH ORDINALITY u (t, i)),
+       has_function_privilege('conflictdb_reader', p.oid, 'EXECUTE'),
+       has_function_privilege('conflictdb_editor', p.oid, 'EXECUTE')
+FROM pg_proc p
+WHERE p.pronamespace = 'conflictdb'::regnamespace AND left(p.proname, 1) <> '_'
+ORDER BY p.proname, p.oid::regprocedure::text
+"""
+
+
+def sql(conn: psycopg.Connection[Any]) -> str:
+    """Return the page of the SQL interface of a fresh schema."""
+    conn.execute("SELECT set_config('search_path', 'conflictdb, public', true)")
+    routines = conn.execute(ROUTINES.encode()).fetchall()
+    sections = [SQL]
+    for title, (role, relations) in ROLES.items():
+        sections.append(f"## {title}")
+        for relation in relations:
+            said = conn.execute("SELECT obj_description(%s::regclass, 'pg_class')", [relation]).fetchone()
+            columns = conn.execute(COLUMNS.encode(), [relation]).fetchall()
+            kind = "View" if role == "conflictdb_reader" else "Table"
+            sections.append(f"### {relation}\n\n{kind}. {said[0] if said else ''}")
+            rows = ((f"`{name}`", _type(kind), text) for name, kind, text in columns)
+            sections.append(table(["column", "type", "means"], rows))
+        for name, result, text, arguments, reads, edits in routines:
+            least = "conflictdb_reader" if reads else "conflictdb_editor" if edits else "conflictdb_worker"
+            if ("conflictdb_editor" if name in MAKES_INPUT else least) != role:
+                continue
+            parts = [_default(argument) for argument in arguments or []]
+            sections.append(f"### {name}\n\n{_call(name, parts, _type(result))}\n\n{text}")
+    sections.append(_states())
+    return "\n\n".join(part.strip() for part in sections) + "\n"
+
+
+def _call(name: str, parts: list[str], result: str) -> str:
+    line = f"{name}({', '.join(parts)}) RETURNS {result}"
+    if len(line) > 100:
+        line = "\n".join([f"{name}(", ",\n".join(f"    {part}" for part in parts), f") RETURNS {result}"])
+    return f"```\n{line}\n```"
+
+
+def _type(text: str) -> str:
+    return text.replace("timestamp with time zone", "timestamptz").replace("double precision", "float8")
+
+
+def _default(argument: str) -> str:
+    return re.sub(r"::[\w ]+(\[\])?", "", _type(argument))
+
+
+def _states() -> str:
+    """Return the section of what is refused, from the list in sql/10_refusals.sql."""
+    text = (REFERENCE.parents[1] / "sql" / "10_refusals.sql").read_text()
+    rows = ((f"`{state}`", name) for state, name in re.findall(r"(ZC\d{3}) (\w+)", text.partition("\n\n")[0]))
+    said = (
+        "Bad input is refused with one of these. For programs the error names the object (in its field TABLE), the "
+        "field (COLUMN) and the rule (CONSTRAINT)."
+    )
+    return f"## SQLSTATEs\n\n{said}\n\n{table(['SQLSTATE', 'name'], rows)}"
+
+
+def main() -> None:
+    """Write all pages."""
+    with tempfile.TemporaryDirectory() as home:
+        Path(home).chmod(0o755)  # a server that root starts runs as another user
+        os.environ["CONFLICTDB_HOME"] = f"{home}/database"
+        with conflictdb.connect() as db, db.connection.transaction():
+            pages = {"cli.md": cli(), "python.md": python(), "sql.md": sql(db.connection)}
+    for name, text in pages.items():
+        (REFERENCE / name).write_text(text)
+
+
+if __name__ == "__main__":
+    main()
