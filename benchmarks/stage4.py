@@ -29,7 +29,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import likeness
+from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage3_projection import shared_span
@@ -90,7 +90,7 @@ def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equ
         count += len(pieces)
     pieces = Pieces.concatenate(parts)
     a, b = np.concatenate(firsts), np.concatenate(seconds)
-    sort = likeness(plane_of(scene), pieces)
+    sort = shape_class(plane_of(scene), pieces)
     key = sort[a] * (sort.max() + 1) + sort[b]
     kinds, counts = np.unique(key, return_counts=True)
     rows = np.flatnonzero(key == kinds[counts.argmax()])

@@ -7,7 +7,8 @@ the true window: it never misses.
 
 Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula adds the
 haven's extents with the wrong sign at one end and takes them as rigid; in the Mercator plane the haven grows with
-latitude, so here its extents are taken over both ends of the slice, plus a bound on how they bend between them.
+latitude, so here its extents are taken over both ends of the slice, plus a bound on how far vertices leave their chords
+between them.
 """
 
 from typing import Final
@@ -20,7 +21,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, likeness, padding_m
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.results import Kind
 
@@ -65,7 +66,7 @@ def _track_window(
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    sort = likeness(plane, pieces)[member]
+    sort = shape_class(plane, pieces)[member]
     for one in np.unique(sort):
         some = np.flatnonzero(sort == one)
         low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
@@ -97,7 +98,7 @@ def _fractions(
     ]
     # The regions are cut from padded hulls, and rounded by as much again.
     wanted_m = scene.tolerance_m + scene.separation_m
-    slack = shapes.departure(nought, duration) + ROUNDING_ALLOWANCE_M
+    slack = shapes.chord_deviation(nought, duration) + ROUNDING_ALLOWANCE_M
     slack = slack + 2.0 * padding_m(plane, shapes.largest_scale(nought, duration), wanted_m)
     ahead = np.maximum(offsets[0].max(axis=0), offsets[1].max(axis=0)) + slack
     behind = np.minimum(offsets[0].min(axis=0), offsets[1].min(axis=0)) - slack

@@ -181,8 +181,9 @@ def _least_between(
 
     first, last : (m,) the distances at their ends
 
-    A radian of the plane is at most v metres. No surface that curves like the earth lets the distance from a point
-    bend upwards by more than v^2 / distance along a straight line of the plane, which itself bends by v tanh psi.
+    A radian of the plane is at most v metres. Along a straight line of the plane the distance D from a point has
+    D'' <= v^2 / D + v tanh(psi): the first term by comparison with the flat plane, as the earth's curvature is not
+    negative; the second since the line itself curves on the earth.
     """
     psi0, psi1 = start[1] + low * step[1], start[1] + high * step[1]
     least = np.where(psi0 * psi1 > 0.0, np.minimum(np.abs(psi0), np.abs(psi1)), 0.0)
@@ -191,6 +192,6 @@ def _least_between(
     nearest = 0.5 * (first + last - width * v)
     # The distances given are not quite those of the shortest ways.
     safe = 0.99 * np.where(nearest > 0.0, nearest, 1.0)
-    bend = v * v / safe + 1.01 * v * np.tanh(np.maximum(np.abs(psi0), np.abs(psi1)))
-    between = least_on_chord(first, last, bend * width**2 / 8.0)
+    second = v * v / safe + 1.01 * v * np.tanh(np.maximum(np.abs(psi0), np.abs(psi1)))
+    between = least_on_chord(first, last, second * width**2 / 8.0)
     return np.maximum(np.where(nearest > 0.0, np.maximum(between, nearest), 0.0), 0.0)

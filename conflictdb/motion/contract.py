@@ -44,14 +44,14 @@ class Shapes(Protocol):
     def velocities(self, t: Floats) -> Floats:
         """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
 
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
+    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2."""
 
     def velocity(self, t: Floats) -> Floats:
         """Return one velocity for each whole polygon at times t (n,), (2, n) plane metres per second."""
 
-    def uneven(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on how far any vertex's velocity in [t0, t1] is from `velocity` in the middle."""
+    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on |v_i(t) - velocity(middle)| over all vertices i and t in [t0, t1], plane m/s."""
 
 
 class Havens(Shapes, Protocol):
@@ -60,8 +60,8 @@ class Havens(Shapes, Protocol):
     def reference(self, t: Floats) -> Floats:
         """Return the reference points at times t (n,), (2, n) plane metres from the row's origin."""
 
-    def departure(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) how far a vertex may leave the hull of the polygons at t0 and t1 in between, plane metres."""
+    def chord_deviation(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) how far outside of the hull of its ends a vertex may be during [t0, t1], plane metres."""
 
     def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) the largest scale (see `Plane`) that any vertex or step reaches during [t0, t1]."""
@@ -127,23 +127,25 @@ class Plane(Protocol):
     def least_m(self, span_m: Floats, scale: Floats) -> Floats:
         """Return the least distance that so many plane metres may be, where the scale at both ends is at most this."""
 
-    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
-        """Return at what rate, plane m/s, distances on the earth may change for points that keep their plane distance.
+    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
+        """Return (n,) how fast, plane m/s, a distance on the earth may change by the plane's distortion alone.
 
-        speed : (n,) plane m/s of the points; scale : the largest they reach, at which the rate is brought to the plane
+        That is for two points whose plane distance is constant.
+
+        speed : (n,) plane m/s of the points; scale : the largest they reach, which turns metres into plane metres
         """
 
-    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return (n,) the largest angle, radians, between the line between two places and where distances grow fastest.
+    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
+        """Return (n,) bounds on the angle, radians, from the plane line to a place to the gradient of its distance.
 
-        distance_m : of the places, at most; scale : the largest at either
+        distance_m : a bound on the distance; scale : the largest at either place
         """
 
-    def line_bend(self, scale: Floats) -> Floats:
-        """Return (n,) by how much lines that are straight and even in the plane bend on the earth, at most, 1/m.
+    def christoffel_bound(self, scale: Floats) -> Floats:
+        """Return (n,) bounds on the Christoffel symbols of the plane, 1/m.
 
-        In m/s^2 the acceleration on the earth (covariant) of a point that keeps its velocity in the plane is that times
-        the square of its speed in m/s, which is at most its speed in the plane over the smallest scale.
+        A point with constant velocity in the plane has a covariant acceleration on the earth of at most this times
+        speed^2, m/s^2. Its speed on the earth is at most its plane speed over the smallest scale.
         """
 
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
@@ -156,8 +158,8 @@ class Plane(Protocol):
         `distance_error_m`.
         """
 
-    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array."""
+    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
+        """Return (n,) a number for the formula of each piece's shape: pieces in one array have the same."""
 
     def shapes(self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats) -> Havens:
         """Return the havens of some track pieces; row i counts time from zero_us[i], metres from origin[:, i]."""
@@ -186,13 +188,13 @@ class StaticShapes:
     def velocities(self, t: Floats) -> Floats:
         return np.zeros_like(self.xy)
 
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
+    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
 
     def velocity(self, t: Floats) -> Floats:
         return np.zeros((2, self.xy.shape[2]))
 
-    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
 
 
@@ -219,9 +221,9 @@ def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
 
 
-def likeness(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
+def shape_class(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
-    return 2 * (vertex_slots(pieces) * 64 + plane.variety(pieces)) + pieces.kind
+    return 2 * (vertex_slots(pieces) * 64 + plane.shape_variant(pieces)) + pieces.kind
 
 
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:

@@ -20,7 +20,7 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.arcs import least_chord
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, Sides, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG
-from conflictdb.motion.contract import likeness, shape_vertices
+from conflictdb.motion.contract import shape_class, shape_vertices
 from conflictdb.motion.great_circles import (
     LEAST_UP,
     MAX_CHANGING_REACH,
@@ -36,9 +36,9 @@ _DISTANCE_ROUNDING_M: Final = 1e-8
 _LEAST_TURN: Final = 1e-8
 # A haven that changes and reaches further than this, radians, is not shown to stay convex in the plane.
 _FLAT: Final = 0.5
-# A corner counts as one in the plane if it turns by so many times what its sides bend.
+# A corner is convex in the plane if it turns by so many times the angle that its sides curve by.
 _CORNER_SLACK: Final = 4.0
-# In `Gnomonic.variety`: havens that change.
+# In `Gnomonic.shape_variant`: havens that change.
 _CHANGES: Final = 2
 
 
@@ -95,7 +95,7 @@ class Gnomonic:
         widest = np.maximum(np.abs(pieces.shape_xy), np.abs(pieces.shape_to_xy)).max(axis=1)
         reach = np.maximum.reduceat(widest, pieces.shape_offset[:-1]) / MEAN_RADIUS_M
         held = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
-        sort = likeness(self, pieces)
+        sort = shape_class(self, pieces)
         for one in np.unique(sort[held]):
             rows = np.flatnonzero(held & (sort == one))
             shapes = self.shapes(pieces, rows, pieces.leg_start_us[rows], np.zeros((2, len(rows))))
@@ -135,7 +135,7 @@ class Gnomonic:
     def least_m(self, span_m: Floats, scale: Floats) -> Floats:
         return np.asarray(span_m / scale)
 
-    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
+    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
         With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
@@ -143,11 +143,11 @@ class Gnomonic:
         """
         return np.asarray(distance_m * 2.0 * np.sqrt(scale - 1.0) * scale / MEAN_RADIUS_M * speed)
 
-    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
+    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return the largest angle between a step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2."""
         return np.arctan(0.5 * (scale - 1.0) / np.sqrt(scale))
 
-    def line_bend(self, scale: Floats) -> Floats:
+    def christoffel_bound(self, scale: Floats) -> Floats:
         """Return by how much points that are even in the plane gain or lose speed on straight ways, 1/m.
 
         A velocity v at x has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); of what v is on the
@@ -169,26 +169,26 @@ class Gnomonic:
         distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
         return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 
-    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
+    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
         """Return (n,) 1 for havens that may not be convex, else 0; and _CHANGES more for those that change."""
-        variety = np.zeros(len(pieces), np.int64)
+        shape_variant = np.zeros(len(pieces), np.int64)
         rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
         if rows.size:
             offset, index = ragged_rows(pieces.shape_offset, rows)
             outline = pieces.shape_xy[index] / MEAN_RADIUS_M
-            variety[rows] = _may_dent(outline, offset)
+            shape_variant[rows] = _may_dent(outline, offset)
             if pieces.changes:
                 later, differs = pieces.shape_to_xy[index] / MEAN_RADIUS_M, _changes(pieces)[rows]
-                dents = np.where(differs, _may_dent_on_the_way(outline, later, offset), variety[rows])
-                variety[rows] = dents + np.where(differs, _CHANGES, 0)
-        return variety
+                dents = np.where(differs, _may_dent_on_the_way(outline, later, offset), shape_variant[rows])
+                shape_variant[rows] = dents + np.where(differs, _CHANGES, 0)
+        return shape_variant
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
     ) -> GreatCircleShapes:
         leg_start = pieces.leg_start_us[rows]
         legs = GreatCircles.between(self, pieces.leg_start_deg[rows], pieces.leg_end_deg[rows])
-        varieties = self.variety(pieces.take(np.unique(rows)))
+        variants = self.shape_variant(pieces.take(np.unique(rows)))
         outline_m = shape_vertices(pieces, rows)
         return great_circle_shapes(
             legs.headed(self, pieces.leg_start_deg[rows], pieces.bearing_deg[rows]),
@@ -196,8 +196,8 @@ class Gnomonic:
             (zero_us - leg_start) / 1e6,
             (pieces.leg_end_us[rows] - leg_start) / 1e6,
             origin,
-            is_convex=not (varieties % _CHANGES).any(),
-            change_m=shape_vertices(pieces, rows, at_end=True) - outline_m if (varieties >= _CHANGES).any() else None,
+            is_convex=not (variants % _CHANGES).any(),
+            change_m=shape_vertices(pieces, rows, at_end=True) - outline_m if (variants >= _CHANGES).any() else None,
         )
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
@@ -278,8 +278,8 @@ def _may_dent_on_the_way(start: Floats, end: Floats, offset: NDArray[np.int64]) 
     reach = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
     reach = np.maximum.reduceat(reach, offset[:-1])
     of = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
-    bent = _CORNER_SLACK * (length + length[after]) * np.tan(np.minimum(reach, _FLAT))[of]
-    flat = (turn <= (bent + _LEAST_TURN) * length * length[after]) | (reach > _FLAT)[of]
+    curving = _CORNER_SLACK * (length + length[after]) * np.tan(np.minimum(reach, _FLAT))[of]
+    flat = (turn <= (curving + _LEAST_TURN) * length * length[after]) | (reach > _FLAT)[of]
     return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 2))
 
 

@@ -165,7 +165,7 @@ class GreatCircleShapes:
         w += self.growth.across * (np.cos(across) * self.growth.starboard[:, None] - np.sin(across) * e)
         return np.asarray(MEAN_RADIUS_M * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
 
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
+    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2.
 
         With J the derivative of the projection, of norm R sec(c)^2 at the angle c from the centre, and J(V) = 0,
@@ -193,11 +193,11 @@ class GreatCircleShapes:
         w = cosine * self.reference_q - sine * self.reference_p
         return np.asarray(MEAN_RADIUS_M * self.rate * (w[:2] - v[:2] / v[2] * w[2]) / v[2])
 
-    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
         """Return how far the velocities differ in the middle, and by how much they can change until the ends."""
         middle = 0.5 * (t0 + t1)
         away = self.velocities(middle) - self.velocity(middle)[:, None, :]
-        return np.asarray(np.hypot(away[0], away[1]).max(axis=0) + 0.5 * (t1 - t0) * self.bend(t0, t1))
+        return np.asarray(np.hypot(away[0], away[1]).max(axis=0) + 0.5 * (t1 - t0) * self.max_acceleration(t0, t1))
 
     def reference(self, t: Floats) -> Floats:
         """Return the reference points at times t (n,), (2, n) plane metres from the rows' origins."""
@@ -205,7 +205,7 @@ class GreatCircleShapes:
         v = np.cos(theta) * self.reference_p + np.sin(theta) * self.reference_q
         return np.asarray(MEAN_RADIUS_M * v[:2] / v[2])
 
-    def departure(self, t0: Floats, t1: Floats) -> Floats:
+    def chord_deviation(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) how far a vertex may leave the segment between its places at t0 and t1, plane metres.
 
         And how far its offset from the reference point may leave the segment between its offsets.
@@ -224,20 +224,20 @@ class GreatCircleShapes:
         most = (sine_across * cosine**4 + 2.0 * turning * cosine**3 / up) * cosine_across / up**2
         way = np.sin(phi1 - phi0) / (np.cos(phi0) * np.cos(phi1))
         if self.growth is not None:
-            return self._growing_departure(self.growth, t0, t1, most)
+            return self._growing_chord_deviation(self.growth, t0, t1, most)
         return np.asarray(MEAN_RADIUS_M * most.max(axis=0) * way**2 / 8.0)
 
-    def _growing_departure(self, growth: CircleGrowth, t0: Floats, t1: Floats, most: Floats) -> Floats:
-        """Return `departure` of havens that change; most : (v, n) bounds on x_uu of what does not.
+    def _growing_chord_deviation(self, growth: CircleGrowth, t0: Floats, t1: Floats, most: Floats) -> Floats:
+        """Return `chord_deviation` of havens that change; most : (v, n) bounds on x_uu of what does not.
 
         In time, an offset o leaves its own chord by at most |o''| h^2 / 8. With subscripts the partial derivatives of
         x(phi, f, s), of which x_f = x_phi, phi' = w and u' = w sec(phi)^2, and X the reference point, linear in u,
         o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s' +
-        x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in `bend`,
-        over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c.
-        The share of its way that the reference point has gone differs from that of the time by at most
-        max |u_tt| h^2 / (8 |u1 - u0|), u_tt = 2 w^2 sec(phi)^2 tan(phi): that moves the chord by as much of how far
-        the offset changes.
+        x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in
+        `max_acceleration`, over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2
+        tan c. The share of its way that the reference point has gone differs from that of the time by at most max
+        |u_tt| h^2 / (8 |u1 - u0|), u_tt = 2 w^2 sec(phi)^2 tan(phi): that moves the chord by as much of how far the
+        offset changes.
         """
         h, (phi0, phi1) = t1 - t0, self._phi(t0, t1)
         furthest = np.maximum(np.abs(phi0), np.abs(phi1))

@@ -105,7 +105,7 @@ class Mercator:
         theta = 2.0 * np.arcsin(np.minimum(sine / np.maximum(scale, 1.0), 1.0))
         return np.asarray(radius * theta / (1.0 + self._most_change(1.01 * theta)))
 
-    def drift(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
+    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
 
         The shortest way pulls at its ends with 1 / scale, and on the way that changes by tanh(psi) / radius a metre.
@@ -113,14 +113,14 @@ class Mercator:
         sine = np.sin(self._highest(distance_m, scale))
         return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * sine * scale * speed)
 
-    def slant(self, distance_m: Floats | float, scale: Floats) -> Floats:
+    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return by how much the shortest way turns in the plane, radians: by tan(latitude) / radius a metre."""
         highest = self._highest(distance_m, scale)
         tangent = np.tan(np.minimum(highest, 0.5 * np.pi - 1e-9))
         return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * tangent)
 
-    def line_bend(self, scale: Floats) -> Floats:
-        """Return how fast the logarithm of the scale grows a metre: with ds = |dz| / scale, bends are that (1/m)."""
+    def christoffel_bound(self, scale: Floats) -> Floats:
+        """Return |grad ln(scale)|, 1/m: of a conformal metric ds = |dz| / scale it bounds the Christoffel symbols."""
         tangent = scale * np.sin(self._highest(0.0, scale))
         return np.asarray((1.0 + self._shrinks) * tangent / self.earth.radius_m)
 
@@ -147,8 +147,8 @@ class Mercator:
             found[block] = least
         return np.maximum(found - rhumb_distance.overstated_m(earth, found), 0.0)
 
-    def variety(self, pieces: Pieces) -> NDArray[np.int64]:
-        return rhumb.variety(self.earth, pieces)
+    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
+        return rhumb.shape_variant(self.earth, pieces)
 
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats

@@ -34,9 +34,9 @@ SLICE_TERMS: Final = 12
 SLICE_REACH: Final = 0.06
 # The same of the series about the reference point, for the size of the haven.
 HAVEN_TERMS: Final = ((6, 0.005), (SLICE_TERMS, SLICE_REACH))
-# In `variety`: beyond all numbers of series and dents.
+# In `shape_variant`: beyond all numbers of series and dents.
 CHANGES: Final = 8
-# A corner counts as one in the plane if it turns by so many times what its sides bend.
+# A corner is convex in the plane if it turns by so many times the angle that its sides curve by.
 CORNER_SLACK: Final = 4.0
 
 
@@ -209,7 +209,7 @@ class RhumbShapes:
         mu = self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu
         return self.earth.slope(mu) / self.leg_s * np.stack([self.rate_x, self.earth.radius_m * self.delta_mu])
 
-    def bend(self, t0: Floats, t1: Floats) -> Floats:
+    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
         """Return bounds on the second derivative of every vertex (see `Shapes`).
 
         All latitudes are linear in time. With w the largest rate of one, y = a psi(mu) has y'' = a mu'^2 sec tan, the
@@ -222,15 +222,15 @@ class RhumbShapes:
         secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
         y = self.earth.radius_m * w**2 * secant * tangent
         x = np.abs(self.rate_x) * own / self.leg_s * secant * tangent
-        x += self._step_bend(t0, t1, secant, tangent)
+        x += self._step_acceleration(t0, t1, secant, tangent)
         return np.asarray(ELLIPSOID_SLACK * np.sqrt(x**2 + y**2))
 
-    def uneven(self, t0: Floats, t1: Floats) -> Floats:
+    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
         """Return how far any vertex's velocity is from that of the reference point in the middle (see `Shapes`).
 
         The offset of a vertex changes by at most a w step (sec)' in x and a w max(up, -down) (sec)' in y, where
         (sec)' = sec tan, and by a sec times what its steps and its latitude grow by themselves; the velocity of the
-        reference point by half of its bend times the time.
+        reference point by half of its largest acceleration times the time.
         """
         growth = self.growth
         own = np.abs(self.delta_mu) / self.leg_s
@@ -241,7 +241,7 @@ class RhumbShapes:
         if growth is not None:
             x, y = x + growth.spread, y + growth.climb
         spread = self.earth.radius_m * secant * np.sqrt(x**2 + y**2)
-        return np.asarray(ELLIPSOID_SLACK * spread + 0.5 * self.bend(t0, t1) * (t1 - t0))
+        return np.asarray(ELLIPSOID_SLACK * spread + 0.5 * self.max_acceleration(t0, t1) * (t1 - t0))
 
     def highest_latitude(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) the highest absolute latitude (rectifying, radians) of any vertex or step during [t0, t1]."""
@@ -270,17 +270,16 @@ class RhumbShapes:
         mu = self.earth.rectifying_of_isometric(psi)
         return np.clip(plane_fraction * stretch / self.earth.stretch(mu0, mu), 0.0, 1.0)
 
-    def departure(self, t0: Floats, t1: Floats) -> Floats:
+    def chord_deviation(self, t0: Floats, t1: Floats) -> Floats:
         """Return how far a vertex may leave the hull of the two ends during [t0, t1] (see `Havens`).
 
-        The reference point runs straight. A vertex departs from the chord of its offset by at most bend * way^2 / 8,
-        way the difference of psi and bend a bound on the second derivative with respect to psi of the reference point:
-        with d/dpsi = cos(mu) d/dmu, c the largest cos(mu) and M the highest latitude reached by a vertex,
-        x offset = a step sec: second derivative at most a step (c^2 sec M (1 + 2 tan^2 M) + c sec M tan M);
-        y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
+        The reference point runs straight. With p the psi of the reference point, a vertex's offset o(p) leaves its
+        chord by at most max |o''(p)| (p1 - p0)^2 / 8: with d/dpsi = cos(mu) d/dmu, c the largest cos(mu) and M the
+        highest latitude reached by a vertex, x offset = a step sec: second derivative at most a step (c^2 sec M (1 + 2
+        tan^2 M) + c sec M tan M); y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
         """
         if self.growth is not None:
-            return self._growing_departure(self.growth, t0, t1)
+            return self._growing_chord_deviation(self.growth, t0, t1)
         ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
         way = self.earth.isometric(ends[1]) - self.earth.isometric(ends[0])
         crosses = ends[0] * ends[1] <= 0.0
@@ -291,35 +290,35 @@ class RhumbShapes:
         y = cosine * np.sin(np.maximum(self.up, -self.down)) * secant**2
         return np.asarray(ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y) * way**2 / 8.0)
 
-    def _growing_departure(self, growth: Growth, t0: Floats, t1: Floats) -> Floats:
-        """Return `departure` of havens that change.
+    def _growing_chord_deviation(self, growth: Growth, t0: Floats, t1: Floats) -> Floats:
+        """Return `chord_deviation` of havens that change.
 
-        In time, an offset o leaves its own chord by at most |o''| h^2 / 8. Its x is the steps of `bend`; its y is
-        a (psi(mu2) - psi(mu)) with y'' = a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most a (|mu2' - mu'| 2 w sec tan +
-        mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of its way that the reference point
-        has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord
-        by as much of how far the offset changes.
+        In time, an offset o leaves its own chord by at most |o''| h^2 / 8. Its x is the steps of
+        `max_acceleration`; its y is a (psi(mu2) - psi(mu)) with y'' = a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most
+        a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of its
+        way that the reference point has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 -
+        psi0) / 8: that moves the chord by as much of how far the offset changes.
         """
         h, mu0, mu1 = t1 - t0, *(self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1))
         secant, tangent = _secant_tangent(self.highest_latitude(t0, t1))
         up, down, _ = self._extent(t0, t1)
         y = 2.0 * growth.climb * growth.fastest * tangent
         y += (self.delta_mu / self.leg_s) ** 2 * np.maximum(up, -down) * (1.0 + 2.0 * tangent**2)
-        own = np.hypot(self._step_bend(t0, t1, secant, tangent), self.earth.radius_m * secant * y) * h**2 / 8.0
+        own = np.hypot(self._step_acceleration(t0, t1, secant, tangent), self.earth.radius_m * secant * y) * h**2 / 8.0
         furthest = np.maximum(np.abs(mu0), np.abs(mu1))
         ahead = np.abs(mu1 - mu0) * np.tan(furthest) / np.cos(furthest) / self.earth.stretch(mu0, mu1) / 8.0
         offset0, offset1 = (self.positions(t) - self.reference(t)[:, None, :] for t in (t0, t1))
         change = np.hypot(*(offset1 - offset0)).max(axis=0)
         return np.asarray(ELLIPSOID_SLACK * (own + np.minimum(ahead, 1.0) * change))
 
-    def _step_bend(self, t0: Floats, t1: Floats, secant: Floats, tangent: Floats) -> Floats:
-        """Return (n,) bounds on the second derivative of the steps' x during [t0, t1] (see `bend`), plane m/s^2."""
+    def _step_acceleration(self, t0: Floats, t1: Floats, secant: Floats, tangent: Floats) -> Floats:
+        """Return (n,) bounds on the second derivative of the steps' x, plane m/s^2 (see `max_acceleration`)."""
         own = np.abs(self.delta_mu) / self.leg_s
         w = own if self.growth is None else self.growth.fastest
-        bend = w**2 * self._extent(t0, t1)[2] * secant * (1.0 + 2.0 * tangent**2)
+        acceleration = w**2 * self._extent(t0, t1)[2] * secant * (1.0 + 2.0 * tangent**2)
         if self.growth is not None:
-            bend += 2.0 * self.growth.spread * w * secant * tangent
-        return np.asarray(self.earth.radius_m * bend)
+            acceleration += 2.0 * self.growth.spread * w * secant * tangent
+        return np.asarray(self.earth.radius_m * acceleration)
 
     def _extent(self, t0: Floats, t1: Floats) -> tuple[Floats, Floats, Floats]:
         """Return up, down and step (see the class) over [t0, t1], (n,) each."""
@@ -382,7 +381,7 @@ class RhumbShapes:
         return mu0, mu1, mu1 - starboard * self.east
 
 
-def variety(earth: Earth, pieces: Pieces) -> NDArray[np.int64]:
+def shape_variant(earth: Earth, pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array.
 
     Twice the number of the power series that a haven takes (the closed form comes last), plus 1 if it may not be
@@ -420,10 +419,10 @@ def shapes_on_legs(earth: Earth, pieces: Pieces) -> RhumbShapes:
     delta_mu = earth.rectifying(np.radians(end[:, 1])) - mu
     delta_lon = np.radians(end[:, 0] - start[:, 0])
     outline = shape_vertices(pieces, rows) / earth.rectifying_m
-    varieties = variety(earth, pieces)
-    series, convex = int((varieties % CHANGES // 2).max(initial=0)), not (varieties % 2).any()
+    variants = shape_variant(earth, pieces)
+    series, convex = int((variants % CHANGES // 2).max(initial=0)), not (variants % 2).any()
     change = None
-    if (varieties >= CHANGES).any():
+    if (variants >= CHANGES).any():
         change = shape_vertices(pieces, rows, at_end=True) / earth.rectifying_m - outline
     lon = np.radians(start[:, 0]) + 2.0 * np.pi * pieces.turn
     shapes = rhumb_shapes(

@@ -19,7 +19,7 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Havens, Plane, likeness, padding_m
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Havens, Plane, padding_m, shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.convex import convex_parts, is_thread
 from conflictdb.results import Kind
@@ -28,11 +28,11 @@ from conflictdb.results import Kind
 # (benchmarks/slicing.py).
 SLICE_LENGTH_HAVENS: Final = 4.0
 MAX_SLICES: Final = 16
-# A hull may be padded for a bending haven by this share of the haven's reach; else its leg is cut again, until that has
-# made so many slices of a track: only havens of hundreds of kilometres close to a pole come near. Beyond it hulls are
-# wider than they could be, and pairs more.
-MAX_BEND_SHARE: Final = 0.25
-MAX_BENT_SLICES: Final = 1024
+# The chord deviation that pads a hull is at most this share of the haven's reach; else the leg is cut into shorter
+# slices, until that has added so many to a track. Only havens of hundreds of kilometres close to a pole come near it.
+# Beyond it hulls are wider than they need be, and stages 1 and 2 leave more pairs.
+MAX_DEVIATION_SHARE: Final = 0.25
+MAX_SLICES_FOR_DEVIATION: Final = 1024
 # Pieces of one object beyond which it is not cut: memory for a gigabyte, where honest tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
 
@@ -139,17 +139,18 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
             raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
         pieces, leg = _slices(tracks, legs, count)
-        bend, reach = _swept_bend(plane, pieces)
-        # Near the poles a wide haven bends a lot within a slice: shorter slices, until the padding is tight.
+        deviation, reach = _swept_deviation(plane, pieces)
+        # Near the poles the vertices of a wide haven leave their chords by much: shorter slices, until the padding is
+        # tight.
         loose = np.zeros(len(count), np.bool_)
-        loose[leg[bend > MAX_BEND_SHARE * reach]] = True
+        loose[leg[deviation > MAX_DEVIATION_SHARE * reach]] = True
         loose &= 2 * count <= legs.end_us - legs.start_us
-        bent = np.bincount(legs.track, np.where(loose, 2 * count, count)) - straight
-        loose &= bent[legs.track] <= MAX_BENT_SLICES
+        added = np.bincount(legs.track, np.where(loose, 2 * count, count)) - straight
+        loose &= added[legs.track] <= MAX_SLICES_FOR_DEVIATION
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)
-    hull_xy, hull_offset = _swept_hulls(plane, scene, pieces, bend)
+    hull_xy, hull_offset = _swept_hulls(plane, scene, pieces, deviation)
     turns = _turns_from_home(plane, hull_xy, hull_offset)
     hull_xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hull_offset))
     away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
@@ -312,28 +313,28 @@ def _counter_clockwise(
     return offset, turned, turned if end is start else end[order]
 
 
-def _swept_bend(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
+def _swept_deviation(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
     """Return (n,) how far a vertex may leave the hull of its slice's two ends, and how far it is from the reference.
 
     Proven, not assumed; plane metres both.
     """
-    departure, reach = np.zeros(len(pieces)), np.zeros(len(pieces))
-    for rows, shapes, duration in _alike(plane, pieces):
+    deviation, reach = np.zeros(len(pieces)), np.zeros(len(pieces))
+    for rows, shapes, duration in _havens_by_shape(plane, pieces):
         nought = np.zeros(len(rows))
-        departure[rows] = shapes.departure(nought, duration)
+        deviation[rows] = shapes.chord_deviation(nought, duration)
         for t in (nought, duration):
             offset = shapes.positions(t) - shapes.reference(t)[:, None, :]
             reach[rows] = np.maximum(reach[rows], np.hypot(offset[0], offset[1]).max(axis=0))
-    return departure, reach
+    return deviation, reach
 
 
-def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, bend: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return hulls that hold each haven during its whole slice, the padding and how it bends."""
+def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, deviation: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return convex hulls that hold each haven during its whole slice, grown by its deviation and the scene's reach."""
     n = len(pieces)
     points: list[Floats] = []
     owners: list[NDArray[np.int64]] = []
-    pad = bend.copy()
-    for rows, shapes, duration in _alike(plane, pieces):
+    pad = deviation.copy()
+    for rows, shapes, duration in _havens_by_shape(plane, pieces):
         nought = np.zeros(len(rows))
         scale = shapes.largest_scale(nought, duration)
         pad[rows] += padding_m(plane, scale, scene.reach_m)
@@ -344,9 +345,9 @@ def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, bend: Floats) -> tu
     return _padded_hulls(xy, np.concatenate([np.empty(0, np.int64), *owners]), n, pad)
 
 
-def _alike(plane: Plane, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Havens, Floats]]:
+def _havens_by_shape(plane: Plane, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Havens, Floats]]:
     """Yield rows of pieces that can share arrays, their havens, timed from the start of the slice, and its duration."""
-    sort = likeness(plane, pieces)
+    sort = shape_class(plane, pieces)
     for one in np.unique(sort):
         rows = np.flatnonzero(sort == one)
         shapes = plane.shapes(pieces, rows, pieces.start_us[rows], np.zeros((2, len(rows))))

@@ -14,7 +14,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import Plane, likeness, shapes_of
+from conflictdb.motion.contract import Plane, shape_class, shapes_of
 from conflictdb.pieces.cutting import planar
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import TOUCH_M
@@ -84,7 +84,7 @@ def _polygons(
 ) -> NDArray[np.object_]:
     """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
     polygons = np.empty(len(rows), dtype=object)
-    sort = likeness(plane, pieces)[rows]
+    sort = shape_class(plane, pieces)[rows]
     for one in np.unique(sort):
         some = np.flatnonzero(sort == one)
         xy = shapes_of(plane, pieces, rows[some], zero_us[some]).positions(at_s[some])

@@ -40,7 +40,7 @@ from conflictdb.stage4.constants import (
     TOUCH_M,
 )
 from conflictdb.stage4.distance import clearance_m, gap_along, nearest, nearest_at
-from conflictdb.stage4.encounters import Encounters, alike, short_m
+from conflictdb.stage4.encounters import Encounters, group_by_shape, short_m
 from conflictdb.stage4.proofs import Leaf, not_clear
 
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
@@ -220,7 +220,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     """
     plane = plane_of(scene)
     searches = []
-    for rows in alike(plane, pieces, pairs, np.arange(len(pairs))):
+    for rows in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
         still = (pieces.kind[pairs.a[rows]] == Kind.AREA.code) & (pieces.kind[pairs.b[rows]] == Kind.AREA.code)
@@ -268,7 +268,7 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     understated = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
     found.error_m[apart] = np.maximum(least - floor, 0.0)[apart] + TOUCH_M + understated
     some = pairs.take(found.pair[owner])
-    for rows in alike(plane, pieces, some, np.arange(len(some))):
+    for rows in group_by_shape(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
         encounters = Encounters.of(plane, 0.0, pieces, some, rows, start)
         one, other = _nearest_points(encounters, found.at_s[owner[rows]])
@@ -289,31 +289,31 @@ def _bounds(
     distance = np.maximum(found.clearance_m, 0.0)
     largest, smallest = pairs.scale(*polygons[0], *polygons[1], *polygons[2])
     h, axis, plane = end - start, found.axis.T, pairs.plane
-    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+    acceleration = pairs.a.max_acceleration(start, end) + pairs.b.max_acceleration(start, end)
 
-    gap = np.minimum(gap_along(axis, *polygons[0]), gap_along(axis, *polygons[2])) - bend * h**2 / 8.0
+    gap = np.minimum(gap_along(axis, *polygons[0]), gap_along(axis, *polygons[2])) - acceleration * h**2 / 8.0
     gap = np.maximum(gap - TOUCH_M * largest, 0.0)
     by_gap = plane.least_m(gap, largest)
 
     # While they are no further apart than in the middle, their nearest points are at most `reach` apart in the plane,
     # and at least the gap along the axis: so the way between them is no more than an angle off the axis. On the earth
-    # it turns, and how fast that may be is the plane's slant.
+    # the gradient of the distance may be another direction: off by the plane's gradient angle.
     reach = plane.span_m(distance, largest)
     sine = np.sqrt(np.maximum(1.0 - (gap / np.where(reach > 0.0, reach, 1.0)) ** 2, 0.0))
-    sine = np.where((gap > 0.0) & (reach > 0.0), sine + plane.slant(distance, largest), 1.0)
+    sine = np.where((gap > 0.0) & (reach > 0.0), sine + plane.gradient_angle(distance, largest), 1.0)
     a, b = pairs.a.velocities(middle), pairs.b.velocities(middle)
     ahead = _fastest(axis[0] * a[0] + axis[1] * a[1], axis[0] * b[0] + axis[1] * b[1])
     across = _fastest(axis[0] * a[1] - axis[1] * a[0], axis[0] * b[1] - axis[1] * b[0])
     straight = np.hypot(ahead, across)
     rate = np.minimum(ahead + sine * across, straight) if plane.is_conformal else straight
-    speed = np.maximum(np.hypot(a[0], a[1]).max(axis=0), np.hypot(b[0], b[1]).max(axis=0)) + bend * h
-    rate = rate + bend * h + plane.drift(distance, largest, speed)
+    speed = np.maximum(np.hypot(a[0], a[1]).max(axis=0), np.hypot(b[0], b[1]).max(axis=0)) + acceleration * h
+    rate = rate + acceleration * h + plane.distortion_rate(distance, largest, speed)
     by_rate = distance - 0.5 * rate * h / smallest - TOUCH_M
     bound = np.maximum(by_gap, np.maximum(by_rate, 0.0))
 
     far = np.flatnonzero(bound > 0.0)
     if far.size:
-        upward = _upward(pairs, (a, b), bend, h, largest, smallest, bound)[far]
+        upward = _upward(pairs, (a, b), acceleration, h, largest, smallest, bound)[far]
         halves = [
             least_on_chord(one[far], other[far], upward * (0.5 * h[far]) ** 2 / 8.0)
             for one, other in ((first, distance), (distance, last))
@@ -325,7 +325,7 @@ def _bounds(
 def _upward(
     pairs: Encounters,
     velocities: tuple[Floats, Floats],
-    bend: Floats,
+    acceleration: Floats,
     h: Floats,
     largest: Floats,
     smallest: Floats,
@@ -333,7 +333,7 @@ def _upward(
 ) -> Floats:
     """Return (n,) a bound on the second derivative of distances during h seconds about instants, m/s^2.
 
-    velocities : (2, v, n) of the vertices in the middle; bend : on their second derivatives, plane m/s^2
+    velocities : (2, v, n) of the vertices in the middle; acceleration : bounds on theirs, plane m/s^2
     largest, smallest : (n,) scales during that time; least_m : (n,) what the distance is nowhere below, > 0
 
     A polygon is the same mixtures of its vertices at any time, so that the distance D of two polygons is the least of
@@ -345,9 +345,9 @@ def _upward(
 
     Reference: M. do Carmo, "Riemannian Geometry" (1992), chapter 9, formula of the second variation.
     """
-    speeds = [(np.hypot(v[0], v[1]).max(axis=0) + 0.5 * bend * h) / smallest for v in velocities]
-    bent = pairs.plane.line_bend(largest) * (speeds[0] ** 2 + speeds[1] ** 2) + bend / smallest
-    return np.asarray((speeds[0] + speeds[1]) ** 2 / np.where(least_m > 0.0, least_m, np.inf) + bent)
+    speeds = [(np.hypot(v[0], v[1]).max(axis=0) + 0.5 * acceleration * h) / smallest for v in velocities]
+    curving = pairs.plane.christoffel_bound(largest) * (speeds[0] ** 2 + speeds[1] ** 2) + acceleration / smallest
+    return np.asarray((speeds[0] + speeds[1]) ** 2 / np.where(least_m > 0.0, least_m, np.inf) + curving)
 
 
 def _fastest(a: Floats, b: Floats) -> Floats:

@@ -22,7 +22,7 @@ from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.stage4.constants import END_RESOLUTION_S, TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest_at
-from conflictdb.stage4.encounters import Encounters, alike
+from conflictdb.stage4.encounters import Encounters, group_by_shape
 from conflictdb.stage4.exact.solver import Settled, Work, settle_exactly
 from conflictdb.stage4.exact.touching import depth_of
 from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
@@ -83,7 +83,7 @@ def contacts(
         touches = np.ones(len(rows), np.bool_)
         return Contacts(np.arange(len(rows)), first_s[rows], last_s[rows], width, verdict, touches)
 
-    for group in alike(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
+    for group in group_by_shape(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
         found += [one.of_pairs(rows) for rows, one in isolated(group, solve, leave, "pair of pieces")]
         if progress:
             progress(len(group))
@@ -182,7 +182,7 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     def leave(rows: NDArray[np.int64]) -> NDArray[np.int8]:
         return np.full(len(rows), UNRESOLVED, np.int8)
 
-    for group in alike(plane, pieces, pairs, np.arange(len(pairs))):
+    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         for rows, found in isolated(group, judge, leave, "pair of parts of areas"):
             verdict[rows] = found
     return verdict
@@ -215,7 +215,7 @@ def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> 
     def nowhere(rows: NDArray[np.int64]) -> Floats:
         return np.full((len(rows), 2), np.nan)
 
-    for group in alike(plane, pieces, pairs, np.arange(len(pairs))):
+    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         for rows, place in isolated(group, meet, nowhere, "pair of pieces"):
             places[rows] = place
     return places

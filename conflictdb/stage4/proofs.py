@@ -115,13 +115,15 @@ def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats)
         some, t, width = pairs.take(rows[batch]), middle[batch], h[batch]
         a, b = some.a.positions(t), some.b.positions(t)
         found = nearest(some, a, b)
-        bend = some.a.bend(t - 0.5 * width, t + 0.5 * width) + some.b.bend(t - 0.5 * width, t + 0.5 * width)
-        rate = _relative_speed(some, t) + bend * width
+        acceleration = some.a.max_acceleration(t - 0.5 * width, t + 0.5 * width) + some.b.max_acceleration(
+            t - 0.5 * width, t + 0.5 * width
+        )
+        rate = _relative_speed(some, t) + acceleration * width
         level = found.gap
         if pairs.separation_m > 0.0:
             ends = [shape.positions(at) for at in (t - 0.5 * width, t + 0.5 * width) for shape in (some.a, some.b)]
             largest = some.scale(*ends)[0]
-            rate += pairs.plane.drift(some.separation_m, largest, _speed(some, t, bend * width))
+            rate += pairs.plane.distortion_rate(some.separation_m, largest, _speed(some, t, acceleration * width))
             # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
             level = found.clearance_m + pairs.distance_error_m(pairs.separation_m)
         bound = level + 0.5 * rate * width
@@ -199,8 +201,8 @@ def _window_batch(
     largest, smallest = pairs.scale(*shapes[0], *shapes[1], *shapes[2])
     # A depth is least in the plane where the scale is: it is nowhere below 1.
     wanted = pairs.plane.span_m(wanted_m, largest) if wanted_m >= 0.0 else np.full(len(h), wanted_m)
-    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
-    away = bend * h**2 / 8.0 + wanted + TOUCH_M * largest
+    acceleration = pairs.a.max_acceleration(start, end) + pairs.b.max_acceleration(start, end)
+    away = acceleration * h**2 / 8.0 + wanted + TOUCH_M * largest
     u, v = np.zeros(len(h)), np.ones(len(h))
     for nearest_then in found:
         g0, g1 = (gap_along(nearest_then.axis.T, *shapes[k]) - away for k in (0, 2))
@@ -213,8 +215,8 @@ def _window_batch(
         # The largest scale overstates what is wanted: the rate at which a distance in true metres can change decides
         # short intervals. Of polygons that overlap it is not the depth that drifts.
         distance = np.maximum(clearance + pairs.separation_m, 0.0)
-        rate = _relative_speed(pairs, middle) + bend * h
-        rate += pairs.plane.drift(distance, largest, _speed(pairs, middle, bend * h))
+        rate = _relative_speed(pairs, middle) + acceleration * h
+        rate += pairs.plane.distortion_rate(distance, largest, _speed(pairs, middle, acceleration * h))
         u = np.where(clearance > margin_m + 0.5 * rate * h / smallest + TOUCH_M, 2.0, u)
     return u, v, clearance
 

@@ -10,7 +10,7 @@ import shapely
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.in_memory import pairs_in_memory
-from conflictdb.pieces.cutting import MAX_BENT_SLICES, MAX_SLICES, track_pieces
+from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
 from conflictdb.pipeline import whole_areas
 from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.stage4 import proofs
@@ -56,7 +56,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
     pieces = track_pieces(Scene("s"), TrackBatch.of([wide]))
     assert len(pieces) > MAX_SLICES  # it bends
     own = np.count_nonzero(pieces.turn == 0)
-    assert own <= 29 * MAX_SLICES + MAX_BENT_SLICES
+    assert own <= 29 * MAX_SLICES + MAX_SLICES_FOR_DEVIATION
     # In company it is cut as it is alone.
     both = track_pieces(Scene("s"), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
     assert np.count_nonzero(both.object_id == both.object_id[0]) == len(pieces)

@@ -80,7 +80,7 @@ tracks = st.builds(
 @settings(max_examples=300, deadline=None)
 @given(tracks, st.floats(0, 0.9), st.floats(0.01, 1))
 def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; `bend`, `least_up`, `departure`, `uneven` are never exceeded."""
+    """Velocities are what differences say; bounds on accelerations, `least_up`, chords and velocities hold."""
     if not in_reach(track):
         return
     pieces = track_pieces(SCENE, TrackBatch.of([track]))
@@ -96,7 +96,7 @@ def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, shar
     jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
     assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
     second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
-    assert second.max() <= float(one.bend(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    assert second.max() <= float(one.max_acceleration(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
     up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
     assert (up.min(axis=1) >= one.least_up(*ends)[:, 0] - 1e-14).all()
     assert up.min() >= 0.5 - 1e-9
@@ -107,9 +107,9 @@ def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, shar
     way = np.hypot(*(reference - reference[:, :1]))
     gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert left <= float(one.departure(*ends)[0]) + 4 * ROUNDING_M
-    uneven = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
-    assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
+    assert left <= float(one.chord_deviation(*ends)[0]) + 4 * ROUNDING_M
+    spread = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
+    assert spread <= float(one.velocity_spread(*ends)[0]) * (1 + 1e-9)
 
 
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
@@ -138,7 +138,7 @@ def test_bounds_are_near_what_they_bound(
     mps: float,
     limits: tuple[float, float, float],
 ) -> None:
-    """`bend`, `departure` and `uneven` as so many times what they bound on a whole leg, as measured and a hundredth.
+    """Each bound as so many times what it bounds on a whole leg: as measured, and a hundredth more.
 
     A bound that grows costs time and widens what is reported, and nothing else tells.
     """
@@ -154,8 +154,10 @@ def test_bounds_are_near_what_they_bound(
     offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
     gone = moved / moved[-1] if moved[-1] > 1.0 else seconds / LASTS_S
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    uneven = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
-    for bound, true, limit in zip((one.bend, one.departure, one.uneven), (second, left, uneven), limits, strict=True):
+    spread = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    for bound, true, limit in zip(
+        (one.max_acceleration, one.chord_deviation, one.velocity_spread), (second, left, spread), limits, strict=True
+    ):
         assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
     up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
     assert up.min(axis=1) == pytest.approx(one.least_up(*ends)[:, 0], abs=1e-14 if mps == 0.0 else 4e-5)

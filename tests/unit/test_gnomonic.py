@@ -128,7 +128,7 @@ def test_the_antimeridian_is_one_line_however_it_is_written() -> None:
 
 
 def test_bounds_hold_and_are_of_use() -> None:
-    """Velocity, second derivative, unevenness, departure from chords and scale, on random parts of legs."""
+    """Velocity, acceleration, spread of velocities, deviation from chords and scale, on random parts of legs."""
     rng = np.random.default_rng(3)
     slack = []
     for case in cases(150, 4):
@@ -139,29 +139,29 @@ def test_bounds_hold_and_are_of_use() -> None:
         at, velocity = row.positions(seconds), row.velocities(seconds)
         h, noise = seconds[1] - seconds[0], 4 * CLOSE_M
         ends = np.array([t0]), np.array([t1])
-        bend = float(one.bend(*ends)[0])
+        acceleration = float(one.max_acceleration(*ends)[0])
         numeric = (at[..., 2:] - at[..., :-2]) / (2 * h)
-        assert np.abs(numeric - velocity[..., 1:-1]).max() <= bend * h + noise / h
+        assert np.abs(numeric - velocity[..., 1:-1]).max() <= acceleration * h + noise / h
         second = np.hypot(*(velocity[..., 2:] - velocity[..., :-2])) / (2 * h)
         speed = np.hypot(*velocity).max()
-        assert second.max() <= bend + 1e-12 * speed / h
-        slack.append(bend / (second.max() + 1e-12 * speed / h))
-        uneven = float(one.uneven(*ends)[0])
+        assert second.max() <= acceleration + 1e-12 * speed / h
+        slack.append(acceleration / (second.max() + 1e-12 * speed / h))
+        spread = float(one.velocity_spread(*ends)[0])
         common = one.velocity(np.array([0.5 * (t0 + t1)]))[:, :, None]
-        assert np.hypot(*(velocity - common)).max() <= uneven + 1e-9 * speed
+        assert np.hypot(*(velocity - common)).max() <= spread + 1e-9 * speed
         reference = row.reference(seconds)
         fraction = row.time_fraction(np.full(401, t0), np.full(401, t1), np.linspace(0, 1, 401))
         on_way = row.reference(t0 + fraction * (t1 - t0))
         straight = reference[:, :1] + (reference[:, -1:] - reference[:, :1]) * np.linspace(0, 1, 401)
         assert np.abs(on_way - straight).max() < 1e-7
-        departure = float(one.departure(*ends)[0])
+        deviation = float(one.chord_deviation(*ends)[0])
         way = np.linspace(0, 1, 401)
         paths = row.positions(t0 + fraction * (t1 - t0))
         chord = paths[..., :1] + (paths[..., -1:] - paths[..., :1]) * way
         left = np.hypot(*(paths - chord)).max()
-        assert left <= departure + 1e-7
+        assert left <= deviation + 1e-7
         if left > 1e-3:
-            slack.append(departure / left)
+            slack.append(deviation / left)
         scale = float(one.largest_scale(*ends)[0])
         place = at + case.origin[:, :, None]
         assert case.plane.largest_scale(place).max() <= scale * (1 + 1e-12)
@@ -181,7 +181,7 @@ def test_a_leg_that_does_not_move_keeps_the_heading_it_is_given() -> None:
     assert lon[0, 0] == pytest.approx(7.0, abs=1e-12)
     assert (lat[0, 0] - 52.0) * np.radians(1) * RADIUS_M == pytest.approx(1000.0, abs=1e-7)
     assert not shapes.velocities(np.zeros(1)).any()
-    assert not shapes.bend(np.zeros(1), np.ones(1)).any()
+    assert not shapes.max_acceleration(np.zeros(1), np.ones(1)).any()
 
 
 def _arc(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
@@ -244,8 +244,10 @@ def test_drift_bounds_how_distances_change() -> None:
         )
         points = np.concatenate([a, b], axis=1)
         scale = plane.largest_scale(points).max()
-        drift = plane.drift(np.array([max(before, after)]), np.array([scale * 1.0001]), np.array([np.hypot(*v)[0, 0]]))
-        assert abs(after - before) / (2 * step) <= drift[0] / scale + 1e-9
+        distortion = plane.distortion_rate(
+            np.array([max(before, after)]), np.array([scale * 1.0001]), np.array([np.hypot(*v)[0, 0]])
+        )
+        assert abs(after - before) / (2 * step) <= distortion[0] / scale + 1e-9
 
 
 def test_slant_bounds_where_distances_grow_fastest() -> None:
@@ -264,7 +266,7 @@ def test_slant_bounds_where_distances_grow_fastest() -> None:
         ).ravel()
         way = (b - a).ravel()
         angle = np.arccos(np.clip(way @ gradient / np.linalg.norm(way) / np.linalg.norm(gradient), -1, 1))
-        slant = plane.slant(0.0, plane.largest_scale(np.concatenate([a, b], axis=1)))[0]
-        assert angle <= slant + 1e-6
-        widest = max(widest, angle / slant)
+        most = plane.gradient_angle(0.0, plane.largest_scale(np.concatenate([a, b], axis=1)))[0]
+        assert angle <= most + 1e-6
+        widest = max(widest, angle / most)
     assert widest > 0.9, "a bound that is of use"

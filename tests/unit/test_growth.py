@@ -17,7 +17,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import StaticShapes, likeness
+from conflictdb.motion.contract import StaticShapes, shape_class
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import check_plane, track_pieces
@@ -102,7 +102,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(list(EarthModel)), growing_tracks, st.floats(0, 0.9), st.floats(0.01, 1))
 def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; `bend`, `highest_latitude`, `departure`, `uneven` are never exceeded."""
+    """Velocities are what differences say; bounds on accelerations, latitudes, chords and velocities hold."""
     scene = Scene("s", earth=earth)
     if not in_reach(scene, track):
         return
@@ -118,7 +118,7 @@ def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track,
     jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
     assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
     second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
-    assert second.max() <= float(one.bend(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    assert second.max() <= float(one.max_acceleration(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
     highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
     assert np.abs(at[1]).max() / earth_of(earth).radius_m <= highest + 1e-12
 
@@ -128,9 +128,9 @@ def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track,
     way = np.hypot(*(reference - reference[:, :1]))
     gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert left <= float(one.departure(*ends)[0]) + 4 * ROUNDING_M
-    uneven = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
-    assert uneven <= float(one.uneven(*ends)[0]) * (1 + 1e-9)
+    assert left <= float(one.chord_deviation(*ends)[0]) + 4 * ROUNDING_M
+    spread = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
+    assert spread <= float(one.velocity_spread(*ends)[0]) * (1 + 1e-9)
 
 
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
@@ -159,7 +159,7 @@ def test_bounds_are_near_what_they_bound(
     mps: float,
     limits: tuple[float, float, float],
 ) -> None:
-    """`bend`, `departure` and `uneven` as so many times what they bound on a whole leg, as measured and a hundredth.
+    """Each bound as so many times what it bounds on a whole leg: as measured, and a hundredth more.
 
     A bound that grows costs time and widens what is reported, and nothing else tells.
     """
@@ -175,8 +175,10 @@ def test_bounds_are_near_what_they_bound(
     offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
     gone = moved / moved[-1]
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    uneven = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
-    for bound, true, limit in zip((one.bend, one.departure, one.uneven), (second, left, uneven), limits, strict=True):
+    spread = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    for bound, true, limit in zip(
+        (one.max_acceleration, one.chord_deviation, one.velocity_spread), (second, left, spread), limits, strict=True
+    ):
         assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
     highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
     assert highest == pytest.approx(np.abs(at[1]).max() / earth_of(earth).radius_m, abs=1e-12)
@@ -200,11 +202,11 @@ def test_no_growth_is_no_change_in_any_company() -> None:
     assert other.growth is None
     np.testing.assert_array_equal(other.positions(t1), one.positions(t1))
     np.testing.assert_array_equal(other.velocities(t1), one.velocities(t1))
-    for bound in ("bend", "departure", "uneven"):
+    for bound in ("max_acceleration", "chord_deviation", "velocity_spread"):
         np.testing.assert_array_equal(getattr(other, bound)(t0, t1), getattr(one, bound)(t0, t1))
     plane = Mercator(earth_of(scene.earth))
-    assert set(likeness(plane, both)[: len(rows)].tolist()) == set(likeness(plane, alone).tolist())
-    assert not set(likeness(plane, both)[len(rows) :].tolist()) & set(likeness(plane, alone).tolist())
+    assert set(shape_class(plane, both)[: len(rows)].tolist()) == set(shape_class(plane, alone).tolist())
+    assert not set(shape_class(plane, both)[len(rows) :].tolist()) & set(shape_class(plane, alone).tolist())
 
 
 @pytest.mark.parametrize("mps", [1e-9, 1e-4, 0.1, 3.0])

@@ -110,7 +110,7 @@ tracks_anywhere = st.builds(
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(list(EarthModel)), tracks_anywhere, st.floats(0, 0.9), st.floats(0.01, 1))
 def test_velocity_and_bend_bound_the_motion(earth: EarthModel, track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; `bend` and `highest_latitude` are never exceeded."""
+    """Velocities are what differences say; `max_acceleration` and `highest_latitude` are never exceeded."""
     scene = Scene("s", earth=earth)
     _, one = legs_as_shapes(scene, track)
     t0 = start * 36000.0
@@ -119,14 +119,15 @@ def test_velocity_and_bend_bound_the_motion(earth: EarthModel, track: Track, sta
     h = seconds[1] - seconds[0]
     shapes = one.take(np.zeros(SAMPLES, np.int64))
     at = shapes.positions(seconds).transpose(2, 1, 0)
-    bend = float(one.bend(np.array([t0]), np.array([t1]))[0])
+    acceleration = float(one.max_acceleration(np.array([t0]), np.array([t1]))[0])
     velocity = shapes.velocities(seconds).transpose(2, 1, 0)
-    # Central differences are off by h^2/6 of the third derivative, the mean of the bend by less than that of velocity.
+    # Central differences are off by h^2/6 of the third derivative, the mean of the acceleration by less than that of
+    # velocity.
     difference = (at[2:] - at[:-2]) / (2 * h)
     jerk = np.abs(np.diff(velocity, 2, axis=0)).max() + 4 * ROUNDING_M / h
     assert np.abs(difference - velocity[1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
     second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
-    assert second.max() <= bend * (1 + 1e-9) + 4 * ROUNDING_M / h**2
+    assert second.max() <= acceleration * (1 + 1e-9) + 4 * ROUNDING_M / h**2
     highest = float(one.highest_latitude(np.array([t0]), np.array([t1]))[0])
     reached = np.abs(at[..., 1]).max() / earth_of(earth).radius_m
     assert reached <= earth_of(earth).isometric(highest) + 1e-12
@@ -142,9 +143,9 @@ def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthMode
     at = one.take(np.zeros(4001, np.int64)).positions(seconds).transpose(2, 1, 0)
     h = seconds[1]
     second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
-    bend = one.bend(np.array([0.0]), np.array([36000.0]))[0]
-    assert second.max() <= bend
-    assert bend < 1e3 * second.max(), "a bound that is of use"
+    acceleration = one.max_acceleration(np.array([0.0]), np.array([36000.0]))[0]
+    assert second.max() <= acceleration
+    assert acceleration < 1e3 * second.max(), "a bound that is of use"
 
 
 @pytest.mark.parametrize("earth", EarthModel)

@@ -251,7 +251,7 @@ def test_lines_of_the_plane_bend_no_more_than_stated(name: str) -> None:
     speeds = [0.51 * geod.inv(*plane.from_plane(*track[:, 0]), *plane.from_plane(*track[:, 1]))[2] for track in tracks]
     upward = (speeds[0] + speeds[1]) ** 2 / (middle - speeds[0] - speeds[1])
     for speed, track in zip(speeds, tracks, strict=True):
-        upward += plane.line_bend(plane.largest_scale(track)) * speed**2
+        upward += plane.christoffel_bound(plane.largest_scale(track)) * speed**2
     sags = 0.5 * (first + last) - middle
     assert (sags <= 0.5 * upward + 1e-7).all()
     assert (sags / upward)[sags > 1e-3].max() > 0.45, "a bound that is of use"

@@ -14,7 +14,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.contract import likeness
+from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stage3_projection import shared_span
@@ -45,7 +45,7 @@ def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     pairs = pairs_in_memory(pieces, regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
-    sort = likeness(plane_of(scene), pieces)
+    sort = shape_class(plane_of(scene), pieces)
     key = sort[pairs.a] * (sort.max() + 1) + sort[pairs.b]
     found = []
     for kind in np.unique(key):

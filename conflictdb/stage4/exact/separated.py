@@ -32,7 +32,7 @@ class Separated(Block):
         if rows.size:
             pairs = self.pairs.take(rows)
             low, high = self.low[rows], self.high[rows]
-            self._windows(rows, pairs.a.bend(low, high) + pairs.b.bend(low, high))
+            self._windows(rows, pairs.a.max_acceleration(low, high) + pairs.b.max_acceleration(low, high))
 
     def _wanted_m(self, pairs: Encounters, largest: Floats) -> Floats:
         return pairs.plane.span_m(pairs.separation_m + self.margin_m, largest) + TOUCH_M * largest
@@ -107,7 +107,7 @@ class Separated(Block):
         length, middle = last - first, 0.5 * (first + last)
         velocities = [shape.velocity(middle) for shape in (pairs.a, pairs.b)]
         velocity = velocities[1] - velocities[0]
-        uneven = pairs.a.uneven(first, last) + pairs.b.uneven(first, last)
+        uneven = pairs.a.velocity_spread(first, last) + pairs.b.velocity_spread(first, last)
         at_end, axis = plane_distance(pairs, pairs.a.positions(end), pairs.b.positions(end))
         at_limit, _ = plane_distance(pairs, pairs.a.positions(limit), pairs.b.positions(limit))
         closing = -inward * (axis[0] * velocity[0] + axis[1] * velocity[1])
@@ -117,7 +117,7 @@ class Separated(Block):
             furthest_m = (np.maximum(at_limit, at_end) + 2.0 * uneven * length) / smallest
             ratio = pairs.plane.span_m(furthest_m, largest) / at_end
             turned = np.hypot(velocity[0], velocity[1]) * uneven * length / at_end
-            aside = np.arccos(np.minimum(1.0 / ratio, 1.0)) + pairs.plane.slant(furthest_m, largest)
+            aside = np.arccos(np.minimum(1.0 / ratio, 1.0)) + pairs.plane.gradient_angle(furthest_m, largest)
             least = closing * np.cos(aside) - across * np.sin(aside)
-        drift = 2.0 * pairs.plane.drift(furthest_m, largest, speed)
+        drift = 2.0 * pairs.plane.distortion_rate(furthest_m, largest, speed)
         return np.asarray((at_end > 0.0) & (aside < 0.5 * np.pi) & (least > uneven + drift + turned))

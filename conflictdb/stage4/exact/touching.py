@@ -18,7 +18,7 @@ class Touching(Block):
     def settle(self) -> None:
         """Settle what can be settled, by the closed form where the motion is uniform and rigid."""
         pairs, h = self.pairs, self.high - self.low
-        uneven = pairs.a.uneven(self.low, self.high) + pairs.b.uneven(self.low, self.high)
+        uneven = pairs.a.velocity_spread(self.low, self.high) + pairs.b.velocity_spread(self.low, self.high)
         departure = 0.5 * uneven * h
         # No more than rounding: a wider one would widen every end, by what it takes the pair to close it.
         closed = (departure <= TOUCH_M) & (h > 0.0)
@@ -28,7 +28,7 @@ class Touching(Block):
         rows = np.flatnonzero(~closed & (h > 0.0))
         if rows.size:
             some, low, high = pairs.take(rows), self.low[rows], self.high[rows]
-            self._windows(rows, some.a.bend(low, high) + some.b.bend(low, high))
+            self._windows(rows, some.a.max_acceleration(low, high) + some.b.max_acceleration(low, high))
 
     def _closed_form(self, rows: NDArray[np.int64], departure: Floats) -> None:
         """Settle pairs in uniform and rigid motion but for a departure, plane metres."""
@@ -75,7 +75,7 @@ class Touching(Block):
             # Apart from the limit to the outer end: the chord along the axis there, less how far vertices leave theirs.
             axis = separation_and_axis(some, some.a.positions(found.outer), some.b.positions(found.outer))[1]
             first, last = np.minimum(limit[active], found.outer), np.maximum(limit[active], found.outer)
-            bend = some.a.bend(first, last) + some.b.bend(first, last)
+            bend = some.a.max_acceleration(first, last) + some.b.max_acceleration(first, last)
             along = gap_along(axis, *(polygon[:, :, active] for polygon in at_limit))
             clear = (along - touch[active] >= 0.5 * bend * (last - first) ** 2) | (first == last)
             sure[active] = found.is_found & clear
@@ -92,7 +92,7 @@ def depth_of(
     """Return whether pairs are proven not to overlap by more than a margin during [start, end], and whether they do."""
     a0, b0, a1, b1 = (shape.positions(t) for t in (start, end) for shape in (pairs.a, pairs.b))
     largest, smallest = pairs.scale(a0, b0, a1, b1)
-    bend = pairs.a.bend(start, end) + pairs.b.bend(start, end)
+    bend = pairs.a.max_acceleration(start, end) + pairs.b.max_acceleration(start, end)
     # As a gap of minus the margin, least in the plane where the scale is.
     slack = bend * (end - start) ** 2 / 8.0 + TOUCH_M * largest - margin_m * smallest
     u, v = clear_window(a0, b0, a1, b1, slack)

@@ -184,7 +184,7 @@ class Block(ABC):
         row, some, fp, fq = np.arange(n), pairs, -touch, depth
         for _ in range(MAX_HALVINGS):
             first, last = np.minimum(p, q), np.maximum(p, q)
-            most = 2.0 * (some.a.uneven(first, last) + some.b.uneven(first, last)) * (last - first)
+            most = 2.0 * (some.a.velocity_spread(first, last) + some.b.velocity_spread(first, last)) * (last - first)
             limit = -touch[row] - most
             held = (fp <= limit) | (fq <= limit) | (np.maximum(fp, fq) <= -touch[row] - 0.5 * most)
             open_ = np.flatnonzero(~held & proven[row])

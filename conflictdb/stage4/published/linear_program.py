@@ -26,7 +26,7 @@ def is_uniform(pairs: Encounters, start_s: Floats, end_s: Floats) -> NDArray[np.
     if pairs.separation_m > 0.0:
         # A distance is a cone, not a plane.
         return np.zeros(len(start_s), np.bool_)
-    return np.asarray(_departure(pairs.a, start_s, end_s) + _departure(pairs.b, start_s, end_s) <= UNIFORM_M)
+    return np.asarray(_deviation(pairs.a, start_s, end_s) + _deviation(pairs.b, start_s, end_s) <= UNIFORM_M)
 
 
 def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: bool) -> float | None:
@@ -53,9 +53,9 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     return start_s + float(np.clip(result.x[0], 0.0, 1.0)) * (end_s - start_s)
 
 
-def _departure(shapes: Shapes, start_s: Floats, end_s: Floats) -> Floats:
+def _deviation(shapes: Shapes, start_s: Floats, end_s: Floats) -> Floats:
     """Return (n,) a bound on how far any vertex leaves uniform motion, plane metres."""
     way = shapes.positions(end_s) - shapes.positions(start_s)
-    uneven = way - way.mean(axis=1, keepdims=True)
-    bend = shapes.bend(start_s, end_s) * (end_s - start_s) ** 2 / 8.0
-    return np.asarray(np.hypot(uneven[0], uneven[1]).max(axis=0) + bend)
+    spread = way - way.mean(axis=1, keepdims=True)
+    chord = shapes.max_acceleration(start_s, end_s) * (end_s - start_s) ** 2 / 8.0
+    return np.asarray(np.hypot(spread[0], spread[1]).max(axis=0) + chord)
