@@ -7,7 +7,8 @@
 ...     for conflict in db.conflicts(scene):
 ...         print(conflict.a_key, conflict.b_key, conflict.first_contact, conflict.periods)
 
-Without a database, `read` gives the objects of a file and `solve` runs the same stages on objects in memory.
+Without a database, `read` gives the objects of a file and `solve` runs the same stages on objects in memory. `write`
+makes GeoJSON, CSV or JSON of the conflicts of either.
 """
 
 from importlib import import_module
@@ -34,12 +35,11 @@ if TYPE_CHECKING:
     from conflictdb.advice.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.db.detect import Run
-    from conflictdb.db.store import Approach, Conflict, Listing, SceneState
-    from conflictdb.in_memory import Interference, solve
-    from conflictdb.io import Contents, Remark, Skipped, read
+    from conflictdb.in_memory import solve
+    from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import Verdict
+    from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState, Verdict
 
 __all__ = [
     "Advice",
@@ -51,8 +51,8 @@ __all__ = [
     "Database",
     "EarthModel",
     "IncompleteWarning",
-    "Interference",
     "InvalidInput",
+    "Kind",
     "Listing",
     "Loaded",
     "LockTimeout",
@@ -78,6 +78,7 @@ __all__ = [
     "read",
     "rectangle_outline_m",
     "solve",
+    "write",
 ]
 
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
@@ -86,14 +87,13 @@ _HOME: Final = {
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("Method",), "conflictdb.methods"),
-    **dict.fromkeys(("Interference", "solve"), "conflictdb.in_memory"),
-    **dict.fromkeys(("Contents", "Remark", "Skipped", "read"), "conflictdb.io"),
-    **dict.fromkeys(("Approach", "Conflict", "Listing", "SceneState"), "conflictdb.db.store"),
+    **dict.fromkeys(("solve",), "conflictdb.in_memory"),
+    **dict.fromkeys(("Contents", "Remark", "Skipped", "read", "write"), "conflictdb.io"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model",
     ),
-    **dict.fromkeys(("Verdict",), "conflictdb.results"),
+    **dict.fromkeys(("Approach", "Conflict", "Kind", "Listing", "SceneState", "Verdict"), "conflictdb.results"),
 }
 
 

@@ -3,30 +3,29 @@
 `connect` is the way in. The command line is written against this module; so can be any other program.
 """
 
-import gzip
 import logging
-import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
+from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import psycopg
 
 from conflictdb import inputs
 from conflictdb.db import schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
-from conflictdb.io import Remark, Skipped, scene_text
+from conflictdb.io import Remark, Skipped, scene_text, write_lines
 from conflictdb.io.gather import Plan, gather
 from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred
 from conflictdb.pieces.cutting import check_plane
+from conflictdb.results import Approach, Conflict, Listing, SceneState
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -353,7 +352,7 @@ class Database:
 
     def conflicts(
         self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False
-    ) -> store.Listing[store.Conflict]:
+    ) -> Listing[Conflict]:
         """Return the conflicts of a scene that are known, with `at` only those at that instant.
 
         Where each conflict is (`region`) is computed only `with_region`, because it takes time. The list says whether
@@ -366,7 +365,7 @@ class Database:
         _warn_if_incomplete(found.state)
         return found
 
-    def approaches(self, scene: str) -> store.Listing[store.Approach]:
+    def approaches(self, scene: str) -> Listing[Approach]:
         """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`.
 
         The list says whether it is complete, as that of `conflicts` does.
@@ -419,22 +418,7 @@ class Database:
 
         The file appears when it is complete; if it cannot be written, an older one stays.
         """
-        lines = scene_text(*self._read(scene))
-        path = Path(path)
-        if path.exists() and not path.is_file():  # a pipe or a device cannot be replaced
-            _write(path, "wb", lines)
-            return
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            _write(part, "xb", lines)
-            part.replace(path)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            # Of the name that the caller knows.
-            raise type(error)(error.errno, error.strerror, str(path)) from error
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
+        write_lines(path, scene_text(*self._read(scene)))
 
     def scene_text(self, scene: str) -> str:
         """Return a scene as the text of the file that `export` writes."""
@@ -487,16 +471,7 @@ def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
     return None
 
 
-def _warn_if_incomplete(state: store.SceneState) -> None:
+def _warn_if_incomplete(state: SceneState) -> None:
     if not state.is_current:
         # The caller of the method that calls this.
         warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=3)
-
-
-def _write(path: Path, mode: str, lines: Iterable[str]) -> None:
-    with path.open(mode) as raw:
-        if path.name.removesuffix(f".{os.getpid()}.part").endswith(".gz"):
-            with gzip.GzipFile(filename="", fileobj=cast("IO[bytes]", raw), mode="wb", mtime=0) as packed:
-                packed.writelines(line.encode() for line in lines)
-        else:
-            raw.writelines(line.encode() for line in lines)

@@ -1,7 +1,7 @@
 """The stages on objects in memory: no database, the same answer."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from datetime import datetime
 from typing import TypeVar
 
 import numpy as np
@@ -12,51 +12,23 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
+from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
 from conflictdb.motion.registry import centred
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.run import run_stages
-from conflictdb.results import Kind, Verdict
+from conflictdb.results import Conflict, Kind, Position, Verdict
 
 Object = TypeVar("Object", Area, Track)
 
 
-@dataclass(frozen=True, slots=True)
-class Interference:
-    """A pair that interferes, or might, or comes near, as `solve` reports it.
-
-    a_key, b_key : the area first if there is one, else the smaller key
-    periods_us : (start, end) inclusive, microseconds since 1970; None where unbounded
-    first_contact_deg : longitude and latitude of the first contact, None if the method does not tell
-    time_error_s : bound on the error of every end of every period, seconds
-    closest_us : instant of the closest approach, microseconds since 1970; None where the method does not tell, and for
-        areas that are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be; None
-        where the method does not tell
-    closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
-    """
-
-    a_key: str
-    a_kind: Kind
-    b_key: str
-    b_kind: Kind
-    verdict: Verdict
-    periods_us: tuple[tuple[int | None, int | None], ...]
-    first_contact_deg: tuple[float, float] | None
-    time_error_s: float
-    closest_us: int | None = None
-    closest_m: float | None = None
-    closest_error_m: float | None = None
-    closest_a_deg: tuple[float, float] | None = None
-    closest_b_deg: tuple[float, float] | None = None
-
-
-def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = None) -> list[Interference]:
+def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = None) -> list[Conflict]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
     With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
+    `Conflict.approach` is how close a pair comes.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
     that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
     """
@@ -93,23 +65,24 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
         ends_deg = [found.closest_a_deg[k], found.closest_b_deg[k]]
         if (a_kind, a_key) != pair[0]:
             ends_deg.reverse()
-        closest_us = int(found.closest_us[k])
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
         answer.append(
-            Interference(
-                a_key,
-                a_kind,
-                b_key,
-                b_kind,
-                Verdict.of_code(int(found.verdict[k])),
-                tuple((None if s == SINCE_EVER_US else s, None if e == FOR_EVER_US else e) for s, e in periods),
-                _point(found.first_contact_deg[k]),
-                float(found.time_error_s[k]),
-                None if closest_us == SINCE_EVER_US else closest_us,
-                _number(found.closest_m[k]),
-                _number(found.closest_error_m[k]),
-                _point(ends_deg[0]),
-                _point(ends_deg[1]),
+            Conflict(
+                scene=scene.name,
+                a_key=a_key,
+                a_kind=a_kind,
+                b_key=b_key,
+                b_kind=b_kind,
+                verdict=Verdict.of_code(int(found.verdict[k])),
+                periods=tuple((_instant(start), _instant(end)) for start, end in periods),
+                time_error_s=float(found.time_error_s[k]),
+                method=scene.method,
+                first_contact_deg=_position(found.first_contact_deg[k]),
+                closest_at=_instant(int(found.closest_us[k])),
+                closest_m=_number(found.closest_m[k]),
+                closest_error_m=_number(found.closest_error_m[k]),
+                closest_a_deg=_position(ends_deg[0]),
+                closest_b_deg=_position(ends_deg[1]),
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
@@ -128,11 +101,15 @@ def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object
     return found
 
 
+def _instant(us: int) -> datetime | None:
+    return None if us in (SINCE_EVER_US, FOR_EVER_US) else EPOCH + us * MICROSECOND
+
+
 def _number(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def _point(position_deg: NDArray[np.float64]) -> tuple[float, float] | None:
+def _position(position_deg: NDArray[np.float64]) -> Position | None:
     lon, lat = position_deg.tolist()
     return None if np.isnan(lon) else (lon, lat)
 

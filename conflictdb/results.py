@@ -1,7 +1,20 @@
-"""What is found: verdicts and kinds, by their names in results and by their codes in arrays and tables."""
+"""What is found: conflicts and closest approaches, with or without a database, and whether they are all there are.
 
+Verdicts and kinds go by their names here and in files, by their codes in arrays. Instants are aware datetimes in UTC,
+to the microsecond; where a period has no bound, it is None. Positions are (longitude, latitude) in degrees.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
-from typing import Final
+from typing import Final, TypeAlias, TypeVar
+
+from conflictdb.methods import Method
+
+Period: TypeAlias = tuple[datetime | None, datetime | None]
+Position: TypeAlias = tuple[float, float]
+_Row = TypeVar("_Row")
 
 
 class Verdict(StrEnum):
@@ -45,3 +58,170 @@ _VERDICT_CODES: Final = {Verdict.CONFLICT: 0, Verdict.GRAZING: 1, Verdict.UNRESO
 _VERDICTS: Final = {code: verdict for verdict, code in _VERDICT_CODES.items()}
 _KIND_CODES: Final = {Kind.AREA: 0, Kind.TRACK: 1}  # areas come first in a pair
 _KINDS: Final = {code: kind for kind, code in _KIND_CODES.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Two objects that interfere, or might: what `solve` returns, and a row of the view `conflicts`.
+
+    With the verdict near, two objects that only come near: they have no periods.
+
+    a_key, b_key : the area first if there is one, else the smaller key in byte order
+    periods : when, (start, end) inclusive, rounded outward to the microsecond, in order; None where unbounded
+    time_error_s : bound on the error of every end of every period, seconds
+    first_contact_deg : where they first touch; None where the method does not tell
+    closest_at : the first instant at which they are closest; None where the method does not tell, and for areas that
+        are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be; None
+        where the method does not tell
+    closest_a_deg, closest_b_deg : the nearest points then
+
+    What only a database knows is None without one:
+
+    region : where, a GeoJSON geometry; None also unless asked for
+    is_current : whether neither object changed since
+    scene_is_current : whether the conflicts of the scene are complete
+    run_id : the run that last computed it
+    found_at : when it was first found
+    """
+
+    scene: str
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    periods: tuple[Period, ...]
+    time_error_s: float
+    method: Method
+    first_contact_deg: Position | None = None
+    closest_at: datetime | None = None
+    closest_m: float | None = None
+    closest_error_m: float | None = None
+    closest_a_deg: Position | None = None
+    closest_b_deg: Position | None = None
+    region: str | None = None
+    is_current: bool | None = None
+    scene_is_current: bool | None = None
+    run_id: int | None = None
+    found_at: datetime | None = None
+
+    @property
+    def first_contact(self) -> datetime | None:
+        """Start of the first period; None if it has none."""
+        return self.periods[0][0] if self.periods else None
+
+    @property
+    def last_contact(self) -> datetime | None:
+        """End of the last period; None if it has none."""
+        return self.periods[-1][1] if self.periods else None
+
+    @property
+    def approach(self) -> "Approach | None":
+        """How close the two come; None where the method does not tell."""
+        if self.closest_m is None or self.closest_error_m is None or not self.closest_a_deg or not self.closest_b_deg:
+            return None
+        return Approach(
+            scene=self.scene,
+            a_key=self.a_key,
+            a_kind=self.a_kind,
+            b_key=self.b_key,
+            b_kind=self.b_kind,
+            verdict=self.verdict,
+            closest_at=self.closest_at,
+            closest_m=self.closest_m,
+            closest_error_m=self.closest_error_m,
+            a_deg=self.closest_a_deg,
+            b_deg=self.closest_b_deg,
+            is_current=self.is_current,
+            scene_is_current=self.scene_is_current,
+            run_id=self.run_id,
+            found_at=self.found_at,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """How close two objects come: `Conflict.approach`, and a row of the view `approaches`.
+
+    closest_at : the first instant at which they are closest; None for areas that are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be
+    a_deg, b_deg : the nearest points then
+    verdict : near (no conflict), or that of the conflict
+    is_current, scene_is_current, run_id, found_at : as of a `Conflict`
+    """
+
+    scene: str
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    closest_at: datetime | None
+    closest_m: float
+    closest_error_m: float
+    a_deg: Position
+    b_deg: Position
+    is_current: bool | None = None
+    scene_is_current: bool | None = None
+    run_id: int | None = None
+    found_at: datetime | None = None
+
+    def as_near(self, method: Method) -> Conflict:
+        """Return a pair that is only near as a row among conflicts: it has no periods."""
+        return Conflict(
+            scene=self.scene,
+            a_key=self.a_key,
+            a_kind=self.a_kind,
+            b_key=self.b_key,
+            b_kind=self.b_kind,
+            verdict=self.verdict,
+            periods=(),
+            time_error_s=0.0,
+            method=method,
+            closest_at=self.closest_at,
+            closest_m=self.closest_m,
+            closest_error_m=self.closest_error_m,
+            closest_a_deg=self.a_deg,
+            closest_b_deg=self.b_deg,
+            is_current=self.is_current,
+            scene_is_current=self.scene_is_current,
+            run_id=self.run_id,
+            found_at=self.found_at,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SceneState:
+    """Whether what a database knows of a scene is complete: a row of the view `scenes`.
+
+    objects : areas and tracks it holds
+    pending : objects that wait for detection
+    last_run_at, last_error : when its last detection ended, and why it failed; None if there was none, or it did not
+    is_current : whether nothing changed since the last detection that succeeded
+    remark : what is wrong, in words; None if nothing is
+    """
+
+    scene: str
+    objects: int
+    pending: int
+    last_run_at: datetime | None
+    last_error: str | None
+    is_current: bool
+    remark: str | None
+
+
+class Listing(list[_Row]):
+    """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
+
+    state : of the scene, read before the list: when it says that nothing was missing, nothing is
+    """
+
+    def __init__(self, state: SceneState, rows: Iterable[_Row]) -> None:
+        super().__init__(rows)
+        self.state = state
+
+    @property
+    def is_current(self) -> bool:
+        """Whether it is complete: nothing of the scene waited for detection when it was read."""
+        return self.state.is_current

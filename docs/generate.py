@@ -124,7 +124,10 @@ PYTHON: Final = f"""\
 `import conflictdb` has these names. Instants in arrays are whole microseconds since 1970 (`_us`), the others aware
 datetimes; further [units](units-and-frames.md) are in the names.
 """
-IN_MEMORY: Final = ("read", "Contents", "Remark", "Skipped", "solve", "Scene", "Area", "Track", "rectangle_outline_m")
+IN_MEMORY: Final = (
+    *("read", "Contents", "Remark", "Skipped", "Scene", "Area", "Track", "rectangle_outline_m"),
+    *("solve", "Conflict", "Approach", "write"),
+)
 
 
 def python() -> str:

@@ -8,9 +8,7 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.database import Database
-from conflictdb.db.store import Approach, Conflict, SceneState
-from conflictdb.io.conflict_text import near_pair
-from conflictdb.results import Verdict
+from conflictdb.results import Approach, Conflict, SceneState, Verdict
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -58,7 +56,7 @@ def detect(args: argparse.Namespace) -> int:
             states.append(known.state)
             also = [approach for approach in db.approaches(scene) if approach.verdict == Verdict.NEAR]
             near += also
-            near_rows += [near_pair(approach, run.method) for approach in also]
+            near_rows += [approach.as_near(run.method) for approach in also]
     if args.format == "table":
         print_conflicts(found, states, args.format)
         if near:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from conflictdb.cli.output import data, out, remark, table
 from conflictdb.database import Loaded
-from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
+from conflictdb.results import Approach, Conflict, SceneState
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run
@@ -64,7 +64,7 @@ def conflict_table(conflicts: Sequence[Conflict]) -> str:
         [
             conflict.a_key,
             conflict.b_key,
-            conflict.verdict + ("" if conflict.is_current else " (outdated)"),
+            _verdict_text(conflict),
             moment_text(conflict.first_contact, up=False),
             moment_text(conflict.last_contact, up=True),
             len(conflict.periods),
@@ -86,7 +86,7 @@ def approach_table(approaches: Sequence[Approach]) -> str:
         [
             approach.a_key,
             approach.b_key,
-            approach.verdict + ("" if approach.is_current else " (outdated)"),
+            _verdict_text(approach),
             moment_text(approach.closest_at, up=False),
             f"{approach.closest_m:.1f}",
         ]
@@ -97,6 +97,10 @@ def approach_table(approaches: Sequence[Approach]) -> str:
         for row, approach in zip(rows, approaches, strict=True):
             row.insert(0, approach.scene)
     return table(header, rows, right=["METRES"])
+
+
+def _verdict_text(pair: Conflict | Approach) -> str:
+    return pair.verdict + (" (outdated)" if pair.is_current is False else "")
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:

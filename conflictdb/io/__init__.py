@@ -1,7 +1,8 @@
 """Reading of scene files and of what other programs write, and writing of scenes and conflicts.
 
 `read` is the way in: it finds the format, and either returns everything that the file holds or raises one InvalidInput
-that names the file and, for every mistake in it, the object, the field and the rule.
+that names the file and, for every mistake in it, the object, the field and the rule. `write` is the way out, for
+what was found.
 """
 
 import codecs
@@ -16,8 +17,9 @@ from conflictdb.io import places
 from conflictdb.io.contents import Contents, Remark, Skipped
 from conflictdb.io.scene_file import read_scene, scene_text
 from conflictdb.io.speeds import MAX_SPEED_KN
+from conflictdb.io.writing import write, write_lines
 
-__all__ = ["Contents", "Remark", "Skipped", "read", "scene_text"]
+__all__ = ["Contents", "Remark", "Skipped", "read", "scene_text", "write", "write_lines"]
 
 # What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
 # a scene may be many files.

@@ -1,18 +1,18 @@
 """Conflicts and closest approaches as JSON, CSV and GeoJSON.
 
-Members are the columns of the views `conflicts` and `approaches`, in their order.
+Members are the columns of the views `conflicts` and `approaches`, in their order; what only a database knows is null,
+and an empty cell, without one.
 """
 
 import csv
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
 from io import StringIO
 from typing import Any, Final
 
-from conflictdb.db.store import Approach, Conflict, SceneState
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
+from conflictdb.results import Approach, Conflict, Period, Position, SceneState
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"
@@ -20,8 +20,6 @@ _LINE_END: Final = "\r\n"
 _GIVEN: Final = ("scene", "a_key", "b_key")
 # What makes a spreadsheet calculate a cell (also in full width), and the apostrophe that says it shall not.
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")  # noqa: RUF001
-
-Period = tuple[datetime | None, datetime | None]
 
 
 def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
@@ -57,7 +55,7 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
         for name in [name for name in columns if isinstance(row[name], dict)]:
             row[name] = json.dumps(row[name], separators=(",", ":"))
         for name in ("is_current", "scene_is_current"):
-            row[name] = str(row[name]).lower()
+            row[name] = "" if row[name] is None else str(row[name]).lower()
         row.update({name: cell(row[name]) for name in _GIVEN})
         yield written([row[column] for column in columns])
 
@@ -71,11 +69,11 @@ def cell(text: str) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
-def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneState]) -> Iterator[str]:
+def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneState] = ()) -> Iterator[str]:
     """Yield the lines of a FeatureCollection: where each pair is, and the rest.
 
     That is a conflict's region, else its first contact; of a closest approach the line between the nearest points. The
-    foreign member `scenes` says of each scene whether this is all.
+    foreign member `scenes` says of each scene of a database whether this is all.
     """
     scenes = [
         {
@@ -88,7 +86,8 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneS
         }
         for state in states
     ]
-    yield f'{{ "type": "FeatureCollection",\n  "scenes": {dumped(scenes)},\n  "features": ['
+    told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
+    yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
     separator = "\n"
     for conflict in conflicts:
         properties = members(conflict)
@@ -104,34 +103,6 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Iterable[SceneS
         yield f"{separator}    {dumped(feature)}"
         separator = ",\n"
     yield " ] }\n"
-
-
-def near_pair(approach: Approach, method: str) -> Conflict:
-    """Return a pair that is only near as a row among conflicts: it has no periods."""
-    return Conflict(
-        scene=approach.scene,
-        a_key=approach.a_key,
-        a_kind=approach.a_kind,
-        b_key=approach.b_key,
-        b_kind=approach.b_kind,
-        periods=[],
-        first_contact=None,
-        last_contact=None,
-        verdict=approach.verdict,
-        region=None,
-        first_contact_deg=None,
-        method=method,
-        time_error_s=0.0,
-        is_current=approach.is_current,
-        run_id=approach.run_id,
-        found_at=approach.found_at,
-        closest_at=approach.closest_at,
-        closest_m=approach.closest_m,
-        closest_error_m=approach.closest_error_m,
-        closest_a_deg=approach.a_deg,
-        closest_b_deg=approach.b_deg,
-        scene_is_current=approach.scene_is_current,
-    )
 
 
 def members(conflict: Conflict | Approach) -> dict[str, Any]:
@@ -185,11 +156,11 @@ def interval_text(periods: Sequence[Period]) -> str:
     return " ".join("/".join(format_moment(end) or ".." for end in period) for period in periods)
 
 
-def _point(position_deg: tuple[float, float] | None) -> dict[str, Any] | None:
+def _point(position_deg: Position | None) -> dict[str, Any] | None:
     return None if position_deg is None else {"type": "Point", "coordinates": list(position_deg)}
 
 
-def _between(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> dict[str, Any]:
+def _between(a_deg: Position, b_deg: Position) -> dict[str, Any]:
     """Return the line between two points; where it would cross the antimeridian, the points."""
     if a_deg == b_deg:
         return {"type": "Point", "coordinates": list(a_deg)}

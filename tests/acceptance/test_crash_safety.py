@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-from verdicts import Pair, Reported, solved, stored
+from verdicts import Pair, Reported, by_pair, solved
 from workloads import PAPER, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model import Area, Scene, Track
+from conflictdb.results import Conflict
 
 WAIT_S = 60.0
 
@@ -95,7 +96,7 @@ def wait_until_alone(conn: psycopg.Connection[Any]) -> None:
 
 
 def view(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported]:
-    return stored(store.conflicts(conn, scene.name))
+    return by_pair(store.conflicts(conn, scene.name))
 
 
 def assert_equal(found: dict[Pair, Reported], expected: dict[Pair, Reported]) -> None:
@@ -107,7 +108,7 @@ def assert_equal(found: dict[Pair, Reported], expected: dict[Pair, Reported]) ->
 
 
 def assert_same_but_for_what_changed(
-    found: dict[Pair, Reported], before: dict[Pair, Reported], rows: Sequence[store.Conflict], removed: set[str]
+    found: dict[Pair, Reported], before: dict[Pair, Reported], rows: Sequence[Conflict], removed: set[str]
 ) -> None:
     assert found == before, "the old conflicts are still there"
     stale = {(row.a_key, row.b_key) for row in rows if not row.is_current}

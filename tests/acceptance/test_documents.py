@@ -1,5 +1,6 @@
 """What README and docs print runs as printed: commands and Python on the embedded database, SQL in it."""
 
+import json
 import os
 import re
 import subprocess
@@ -86,7 +87,7 @@ def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -
         assert "`./run python example.py` runs this" in (ROOT / "README.md").read_text()
         assert "conflicts in" in shell("./run python example.py", folder)
         (folder / "example.py").write_text(in_memory)
-        assert shell("./run python example.py", folder).startswith("FIRING FERRY conflict ((17803")
+        assert shell("./run python example.py", folder).startswith("FIRING FERRY conflict 2026-06-01 09:")
     finally:
         shell("./run server stop", folder)
     assert [line.split()[0] for line in commands(own)] == ["pip", "conflictdb", "conflictdb", "conflictdb"]
@@ -109,3 +110,14 @@ def test_integration_sql_runs_as_printed(conn: psycopg.Connection) -> None:
         for block in blocks(document, "sql"):
             for statement in filter(str.strip, block.split(";\n")):
                 conn.execute(statement.encode())
+
+
+def test_integration_python_runs_as_printed(tmp_path: Path) -> None:
+    """Objects of a file to conflicts in a file, without a database."""
+    (tmp_path / "mine.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
+    (python,) = blocks("docs/integration.md", "python")
+    done = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    features = json.loads((tmp_path / "conflicts.geojson").read_text())["features"]
+    assert "FERRY" in {feature["properties"]["b_key"] for feature in features}
+    assert (tmp_path / "approaches.csv").read_text().count("\n") == len(features) + 1

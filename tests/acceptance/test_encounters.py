@@ -13,7 +13,7 @@ import pytest
 from reference import data
 from scene_file import iso
 from scenes import T0_US
-from verdicts import Reported, solved, stored
+from verdicts import Reported, by_pair, solved
 
 from conflictdb import connect, io
 from conflictdb.results import Verdict
@@ -96,4 +96,4 @@ def test_encounters_through_the_database(dsn: str, tmp_path: Path, number: str) 
     with connect(dsn) as db:
         name = db.load(write_situation(tmp_path / "scene.geojson", number, generated))
         db.detect(name, jobs=1)
-        assert not problems(number, design, stored(db.conflicts(name)))
+        assert not problems(number, design, by_pair(db.conflicts(name)))

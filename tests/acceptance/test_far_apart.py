@@ -9,9 +9,9 @@ import shapely
 from pyproj import Geod
 from scenes import HOUR_S, area, track
 
+from conflictdb import Conflict, solve
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import Interference, solve
 from conflictdb.model import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track
 from conflictdb.results import Verdict
 
@@ -63,12 +63,12 @@ def objects(at: list[tuple[float, float]]) -> tuple[list[Track], list[Area]]:
     return tracks, [speck(f"A{k}", *at[k]) for k in (0, 1)]
 
 
-def across(found: list[Interference]) -> list[Interference]:
+def across(found: list[Conflict]) -> list[Conflict]:
     """Those of a pair that is at both places."""
     return [one for one in found if one.a_key[1] != one.b_key[1]]
 
 
-def verdicts(found: list[Interference]) -> list[Verdict]:
+def verdicts(found: list[Conflict]) -> list[Verdict]:
     return [one.verdict for one in across(found)]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from scene_file import write_scene
 from scenes import T0_US, Known, known_scenes
-from verdicts import Reported, solved, stored
+from verdicts import Reported, by_pair, solved
 
 from conflictdb import connect
 from conflictdb.results import Verdict
@@ -46,6 +46,6 @@ def test_known_answers_through_files_and_the_database(dsn: str, tmp_path: Path) 
             path = write_scene(tmp_path / "scene.geojson", known.scene, known.areas, known.tracks)
             assert db.load(path) == known.scene.name
             db.detect(known.scene.name, jobs=1)
-            assert_known(known, stored(db.conflicts(known.scene.name)))
+            assert_known(known, by_pair(db.conflicts(known.scene.name)))
             again = db.detect(known.scene.name, jobs=1)
             assert (again.opened, again.changed, again.closed) == (0, 0, 0)

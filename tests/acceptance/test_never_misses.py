@@ -9,7 +9,7 @@ import numpy as np
 import oracle
 import psycopg
 import pytest
-from verdicts import Pair, Period, Reported, compared, microseconds, solved, stored
+from verdicts import Pair, Period, Reported, by_pair, compared, microseconds, solved
 from workloads import WORKLOADS, throw
 
 from conflictdb.db import store
@@ -43,7 +43,7 @@ def detected(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported
     detect(conn, scene.name, jobs=1)
     rows = store.conflicts(conn, scene.name)
     assert all(row.is_current for row in rows)
-    return stored(rows)
+    return by_pair(rows)
 
 
 def assert_covered(meetings: dict[Pair, oracle.Meeting], periods: dict[Pair, Iterable[Period]]) -> None:

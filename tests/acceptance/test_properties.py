@@ -18,12 +18,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracle_motion import Globe
 from scenes import T0_US
+from verdicts import periods_us
 from wild import throw_wild
 from workloads import WORKLOADS, throw
 
 from conflictdb import solve
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import Interference
 from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track
 from conflictdb.results import Verdict
 
@@ -37,7 +37,21 @@ SEPARATION_US: Final = 1e5
 PLACE_M: Final = 0.1  # what a microsecond and rounding are worth at 2,000 kn, with room to spare
 
 Pair = tuple[str, str]
-Answer = dict[Pair, Interference]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is compared of a conflict; periods in microseconds."""
+
+    a_key: str
+    b_key: str
+    verdict: Verdict
+    periods_us: tuple[tuple[float | None, float | None], ...]
+    time_error_s: float
+    first_contact_deg: tuple[float, float] | None
+
+
+Answer = dict[Pair, Found]
 Period = tuple[float, float]
 
 
@@ -50,7 +64,11 @@ class Thrown:
     tracks: list[Track]
 
     def answer(self) -> Answer:
-        return {(one.a_key, one.b_key): one for one in solve(self.tracks, self.areas, self.scene)}
+        found = [
+            Found(c.a_key, c.b_key, c.verdict, periods_us(c), c.time_error_s, c.first_contact_deg)
+            for c in solve(self.tracks, self.areas, self.scene)
+        ]
+        return {(one.a_key, one.b_key): one for one in found}
 
 
 @st.composite
@@ -179,7 +197,7 @@ def split_areas(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
                 areas.append(replace(one, key=f"{one.key} {name}", footprint=round_))
 
     def back(answer: Answer) -> Answer:
-        found: dict[Pair, list[Interference]] = {}
+        found: dict[Pair, list[Found]] = {}
         for one in answer.values():
             a, b = (key.split()[0] for key in (one.a_key, one.b_key))
             if a != b:
@@ -262,7 +280,7 @@ def periods(change: Callable[[float, float], Period]) -> Back:
     return back
 
 
-def together(pair: Pair, parts: Sequence[Interference]) -> Interference:
+def together(pair: Pair, parts: Sequence[Found]) -> Found:
     """What is reported of several parts of an object, as one."""
     verdicts = [one.verdict for one in parts]
     found = [v for v in (Verdict.CONFLICT, Verdict.UNRESOLVED, Verdict.GRAZING) if v in verdicts]
@@ -276,7 +294,7 @@ def together(pair: Pair, parts: Sequence[Interference]) -> Interference:
     )
 
 
-def bounded(one: Interference) -> list[Period]:
+def bounded(one: Found) -> list[Period]:
     """The periods in microseconds, infinite where unbounded."""
     return [(-np.inf if s is None else s, np.inf if e is None else e) for s, e in one.periods_us]
 
@@ -325,7 +343,7 @@ def joined(spans: list[Period], gap: float) -> list[Period]:
     return found
 
 
-def misplaced(before: Thrown, a: Interference, b: Interference) -> Iterable[str]:
+def misplaced(before: Thrown, a: Found, b: Found) -> Iterable[str]:
     """First contacts of the changed scene that do not lie in (or as near as wanted to) both objects of the first."""
     start = a.periods_us[0][0]
     if b.first_contact_deg is None or start is None:

@@ -8,6 +8,7 @@ import oracle
 import psycopg
 import pytest
 import shapely
+from verdicts import periods_us
 from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import solve
@@ -25,13 +26,13 @@ def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: 
     scene, areas, tracks = throw(workload, seed, 8, 8, earth)
     objects = {thing.key: thing for thing in (*areas, *tracks)}
     globe = oracle.Globe.of(earth)
-    found = [one for one in solve(tracks, areas, scene) if one.periods_us[0][0] is not None]
+    found = [one for one in solve(tracks, areas, scene) if periods_us(one)[0][0] is not None]
     assert len(found) > 2
     for one in found:
         assert one.first_contact_deg is not None
         lon, lat = one.first_contact_deg
         assert -180.0 <= lon <= 180.0
-        start = one.periods_us[0][0]
+        start = periods_us(one)[0][0]
         assert start is not None
         here = shapely.Point(0.0, globe.a * globe.isometric(np.radians(lat)))
         for key in (one.a_key, one.b_key):

@@ -1,6 +1,8 @@
 """`connect` and `Database`: every kind of target, what is left to the caller, and what is closed."""
 
+import json
 import math
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
 from conflictdb.db.store import LoadCounts, replace_scene
 from conflictdb.io.scene_file import scene_text
+from conflictdb.results import Verdict
 
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
@@ -175,19 +178,36 @@ def test_a_file_that_cannot_be_written_is_named(dsn: str, tmp_path: Path) -> Non
         assert failed.value.filename == str(tmp_path / "nowhere" / "x.geojson")
 
 
-def test_solving_in_memory_gives_what_the_database_gives(dsn: str) -> None:
-    scene, areas, tracks, _ = conflictdb.read(STRAIT)
+# What only a database knows; for GeoJSON also whether its scenes are complete.
+OF_DATABASES = {"region": None, "is_current": None, "scene_is_current": None, "run_id": None, "found_at": None}
+
+
+def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Path) -> None:
+    """The same conflicts and closest approaches, and the same text of them but for what only a database knows."""
+    _, areas, tracks, _ = conflictdb.read(STRAIT)
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
-        stored = {(c.a_key, c.b_key): (c.verdict, microseconds(c.periods)) for c in db.conflicts("strait")}
-    solved = {(i.a_key, i.b_key): (i.verdict, list(i.periods_us)) for i in conflictdb.solve(tracks, areas, scene)}
-    assert solved == stored
-
-
-def microseconds(periods: list[tuple[datetime | None, datetime | None]]) -> list[tuple[int | None, ...]]:
-    epoch = datetime(1970, 1, 1, tzinfo=UTC)
-    return [tuple(None if end is None else (end - epoch) // timedelta(microseconds=1) for end in p) for p in periods]
+        db.detect("strait", nearest_m=5_000.0)
+        scene = db._settings("strait")
+        found, near = db.conflicts("strait", with_region=True), db.approaches("strait")
+    solved = sorted(conflictdb.solve(tracks, areas, scene), key=lambda one: (one.a_key, one.b_key))
+    conflicts = [one for one in solved if one.verdict is not Verdict.NEAR]
+    assert 0 < len(conflicts) < len(solved)
+    approaches = [one.approach for one in solved if one.approach]
+    without = {name: None for name in OF_DATABASES if name != "region"}
+    stored = sorted((replace(one, **OF_DATABASES) for one in found), key=lambda one: (one.a_key, one.b_key))
+    stored_near = sorted((replace(one, **without) for one in near), key=lambda one: (one.a_key, one.b_key))
+    assert conflicts == stored
+    assert approaches == stored_near
+    for suffix in (".json", ".csv", ".geojson"):
+        for mine, theirs in ((conflicts, stored), (approaches, stored_near)):
+            texts = [tmp_path / f"{name}{suffix}" for name in ("memory", "database")]
+            for rows, path in zip((mine, theirs), texts, strict=True):
+                conflictdb.write(rows, path)
+            assert texts[0].read_bytes() == texts[1].read_bytes()
+    conflictdb.write(found, tmp_path / "all.geojson")
+    told = json.loads((tmp_path / "all.geojson").read_text())
+    assert [(one["scene"], one["is_current"]) for one in told["scenes"]] == [("strait", True)]
 
 
 @settings(

@@ -12,7 +12,7 @@ import shapely
 from commands import runner
 from psycopg.pq import TransactionStatus
 from scenes import T0_US
-from verdicts import Pair, Reported, solved, stored
+from verdicts import Pair, Reported, by_pair, solved
 
 from conflictdb.cli.codes import FAILED
 from conflictdb.db import detect, store
@@ -177,7 +177,7 @@ def test_a_snapshot_from_before_the_end_of_another_detection_is_taken_anew(
     assert within == ["_take_scene"] * 2
     assert (run.candidate_pairs, run.opened, run.changed) == (0, 0, 0), "the other one has done it all"
     moved = [track("B", 57.0, 1_000_000), TRACKS[1]]
-    assert stored(store.conflicts(conn, SCENE.name)) == solved(SCENE, [AREA], moved)
+    assert by_pair(store.conflicts(conn, SCENE.name)) == solved(SCENE, [AREA], moved)
 
 
 class Stepped:
@@ -259,14 +259,14 @@ def test_two_detections_interleaved_in_every_order_with_edits_between_all_transa
     found = store.conflicts(conn, SCENE.name)
     assert all(one.is_current for one in found)
     assert store.list_scenes(conn)[0].pending == 0
-    assert stored(found) == solved(*content)
+    assert by_pair(found) == solved(*content)
 
 
 def assert_current_ones_are_right(conn: Conn, content: Content) -> None:
     """What is said to be current is so; where nothing waits, nothing is missing."""
     right = solved(*content)
     rows = store.conflicts(conn, SCENE.name)
-    current: dict[Pair, Reported] = stored(row for row in rows if row.is_current)
+    current: dict[Pair, Reported] = by_pair(row for row in rows if row.is_current)
     assert {pair: right.get(pair) for pair in current} == current
     if not store.list_scenes(conn)[0].pending:
         assert current == right

@@ -19,6 +19,7 @@ from workloads import PAPER, throw
 from conflictdb.db import detect, schema, store
 from conflictdb.errors import SchemaOutdated, ServerError
 from conflictdb.model import EarthModel
+from conflictdb.results import Conflict
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
 from conflictdb.server.settings import Settings
@@ -43,7 +44,7 @@ def restored(_server: TestServer, worker_id: str) -> Iterator[str]:
     _server.drop(name)
 
 
-def use_everything(conn: Conn, name: str) -> list[store.Conflict]:
+def use_everything(conn: Conn, name: str) -> list[Conflict]:
     """Detect and query a scene as every user would, with nothing but the default search path; return the conflicts."""
     detect.detect(conn, name, full=True, jobs=1)
     for query in (

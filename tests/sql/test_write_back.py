@@ -123,9 +123,9 @@ def test_periods_are_inclusive_exact_and_may_be_unbounded(conn: Conn, scene_id: 
     first, second = store.conflicts(conn, "s")
     start = datetime(2026, 3, 1, tzinfo=UTC)
     us = [start.replace(microsecond=k) for k in range(6)]
-    assert first.periods == [(None, us[0]), (us[1], us[1]), (us[2], None)]
+    assert first.periods == ((None, us[0]), (us[1], us[1]), (us[2], None))
     assert (first.first_contact, first.last_contact) == (None, None)
-    assert second.periods == [(us[0], us[1]), (us[5], us[5])]
+    assert second.periods == ((us[0], us[1]), (us[5], us[5]))
     assert (second.first_contact, second.last_contact) == (us[0], us[5])
     assert (second.verdict, second.method, second.time_error_s, second.is_current) == ("grazing", "nlp", 0.25, True)
     assert second.first_contact_deg == (-179.0, 50.0)

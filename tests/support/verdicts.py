@@ -11,9 +11,8 @@ import oracle
 import pytest
 
 from conflictdb import solve
-from conflictdb.db import store
 from conflictdb.model import Area, Method, Motion, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.results import Conflict, Verdict
 
 # Methods whose answers are certain; the reference one is slow.
 CERTIFIED: Final = [
@@ -65,19 +64,17 @@ class Comparison:
 
 def solved(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[Pair, Reported]:
     """What `solve` reports, by pair."""
-    return {(i.a_key, i.b_key): Reported(i.verdict, i.periods_us, i.time_error_s) for i in solve(tracks, areas, scene)}
+    return by_pair(solve(tracks, areas, scene))
 
 
-def stored(conflicts: Iterable[store.Conflict]) -> dict[Pair, Reported]:
-    """What the view `conflicts` says, by pair."""
-    return {
-        (row.a_key, row.b_key): Reported(
-            Verdict(row.verdict),
-            tuple((microseconds(start), microseconds(end)) for start, end in row.periods),
-            row.time_error_s,
-        )
-        for row in conflicts
-    }
+def by_pair(conflicts: Iterable[Conflict]) -> dict[Pair, Reported]:
+    """What conflicts say, of `solve` or of the database, by pair."""
+    return {(one.a_key, one.b_key): Reported(one.verdict, periods_us(one), one.time_error_s) for one in conflicts}
+
+
+def periods_us(conflict: Conflict) -> tuple[Period, ...]:
+    """Its periods in microseconds since 1970."""
+    return tuple((microseconds(start), microseconds(end)) for start, end in conflict.periods)
 
 
 def microseconds(instant: datetime | None) -> int | None:

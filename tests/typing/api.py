@@ -26,10 +26,14 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
             assert_type(conflict, conflictdb.Conflict)
             assert_type(conflict.a_key, str)
             assert_type(conflict.first_contact, datetime | None)
-            assert_type(conflict.periods, list[tuple[datetime | None, datetime | None]])
+            assert_type(conflict.verdict, conflictdb.Verdict)
+            assert_type(conflict.approach, conflictdb.Approach | None)
+            assert_type(conflict.periods, tuple[tuple[datetime | None, datetime | None], ...])
         found = db.conflicts(scene)
         assert_type(found, conflictdb.Listing[conflictdb.Conflict])
         assert_type(found.is_current, bool)
+        conflictdb.write(found, "found.geojson")
+        conflictdb.write(db.approaches(scene), "near.csv")
         assert_type(found.state, conflictdb.SceneState)
         db.wait_until_current(scene, timeout_s=5.0)
         assert_type(db.load_files(["a.csv", "b.gpkg"], "s"), list[conflictdb.Loaded])
@@ -56,7 +60,7 @@ def in_memory() -> None:
     assert_type(track.times_us, NDArray[np.int64])
     assert_type(conflictdb.__version__, str)
     scene = conflictdb.Scene("s", earth=conflictdb.EarthModel.SPHERE, method=conflictdb.Method.NLP)
-    assert_type(conflictdb.solve([track], [area], scene), list[conflictdb.Interference])
+    assert_type(conflictdb.solve([track], [area], scene), list[conflictdb.Conflict])
 
 
 def from_files() -> list[conflictdb.Skipped]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from verdicts import periods_us
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
@@ -68,7 +69,7 @@ def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: 
     along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
     (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
     assert found.verdict == Verdict.GRAZING
-    assert found.periods_us == ((T0_US, T0_US + 50 * MINUTE_US),)
+    assert periods_us(found) == ((T0_US, T0_US + 50 * MINUTE_US),)
     assert shaped() < 20
 
 

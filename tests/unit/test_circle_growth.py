@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOUR_S
+from verdicts import periods_us
 from workloads import GROWING_CIRCLES, throw
 
 from conflictdb import InvalidInput, solve
@@ -186,7 +187,7 @@ def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:
     # The wall's side across the meridian runs north of its corners; the haven's own is as far north as it has gone.
     way = np.arctan(np.tan(np.radians(40.2)) / np.cos(np.radians(1.0))) - np.radians(40.0)
     (met,) = solve([point], [wall], SCENE)
-    ((start_us, end_us),) = met.periods_us
+    ((start_us, end_us),) = periods_us(met)
     assert abs((start_us - point.times_us[0]) / 1e6 - way * RADIUS_M / 2.0) < 3e-6
     assert end_us == point.times_us[1]
 

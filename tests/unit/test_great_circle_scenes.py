@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from verdicts import periods_us
 from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, rectangle_outline_m, solve
@@ -188,7 +189,7 @@ def test_area_without_an_end_around_the_pole_meets_what_passes_over_it() -> None
     assert (found.a_key, found.b_key) == ("POLE", "OVER")
     # Of the triangle around the pole one corner lies on the way, and the middle of the opposite edge.
     edge = np.degrees(np.arctan(np.tan(np.radians(1.0)) * np.cos(np.radians(60.0))))
-    ((start, end),) = found.periods_us
+    ((start, end),) = periods_us(found)
     assert start is not None
     assert end is not None
     assert (start - T0_US) / HOUR_US == pytest.approx((5 - edge) / 10, abs=1e-6)
@@ -220,7 +221,7 @@ def test_scenes_near_and_far_from_their_centre_give_one_answer() -> None:
     for answer in answers[1:]:
         for one, other in zip(answers[0], answer, strict=True):
             assert (one.a_key, one.b_key, one.verdict) == (other.a_key, other.b_key, other.verdict)
-            for ours, theirs in zip(one.periods_us, other.periods_us, strict=True):
+            for ours, theirs in zip(periods_us(one), periods_us(other), strict=True):
                 assert ours == pytest.approx(theirs, abs=2)
 
 

@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOUR_S
+from verdicts import periods_us
 from workloads import GROWING, PAPER, throw
 
 from conflictdb import InvalidInput, solve
@@ -259,7 +260,7 @@ def test_more_growth_meets_no_later() -> None:
     """The haven that grows faster holds the other one: its first contact is no later, its last no earlier."""
     wall = scenes.area("A", shapely.box(1.0, -1, 1.2, 1))
     track = scenes.track("T", [(0, 0.3), (2, -0.4)], [0, 10 * HOUR_S], 3000.0, 100.0, 100.0, 2000.0)
-    spans = [solve([replace(track, grow_mps=mps)], [wall])[0].periods_us[0] for mps in (0.0, 0.01, 0.1, 1.0)]
+    spans = [periods_us(solve([replace(track, grow_mps=mps)], [wall])[0])[0] for mps in (0.0, 0.01, 0.1, 1.0)]
     starts, ends = zip(*spans, strict=True)
     assert list(starts) == sorted(starts, reverse=True)
     assert list(ends) == sorted(ends)
@@ -281,7 +282,7 @@ def test_two_that_grow_from_nothing_meet_when_they_have_grown_enough(earth: Eart
     (meeting,) = found
     meets_s = scenes.meridian_m(earth, 0.1) / 2.0
     assert (meeting.a_key, meeting.b_key) == ("one", "two")
-    ((start_us, end_us),) = meeting.periods_us
+    ((start_us, end_us),) = periods_us(meeting)
     assert start_us == pytest.approx(scenes.instant_us(meets_s), abs=3)
     assert end_us == scenes.instant_us(6 * HOUR_S)
 
@@ -293,8 +294,8 @@ def test_a_haven_that_draws_in_to_a_point_and_opens_again() -> None:
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
     wall = scenes.area("A", shapely.box(-1, np.degrees(4500.0 / 6371008.771415), 1, 1))
     (meeting,) = solve([turned], [wall], scene)
-    assert len(meeting.periods_us) == 2
-    (_, out), (back, _) = meeting.periods_us
+    assert len(periods_us(meeting)) == 2
+    (_, out), (back, _) = periods_us(meeting)
     assert out == pytest.approx(scenes.instant_us(0.5 * HOUR_S), abs=3)
     assert back == pytest.approx(scenes.instant_us(1.5 * HOUR_S), abs=3)
 
@@ -312,7 +313,7 @@ def test_points_close_beside_each_other_meet_when_they_have_grown_enough(mps: fl
     if mps < 0.1:  # too little for an edge to show at all
         assert found == []
         return
-    ((start_us, _),) = found[0].periods_us
+    ((start_us, _),) = periods_us(found[0])
     assert start_us == pytest.approx(scenes.instant_us(0.05 / mps), abs=10)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from verdicts import periods_us
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, Track, solve
@@ -105,7 +106,7 @@ def test_footprints_of_all_usual_types() -> None:
 def test_objects_of_usual_types_are_solved() -> None:
     (found,) = solve([track()], [Area("A", SQUARE, start_us=START)], Scene("s", method="exact"))
     assert (found.a_key, found.b_key) == ("A", "T")
-    assert found.periods_us == ((START_US, END_US),)
+    assert periods_us(found) == ((START_US, END_US),)
 
 
 REFUSED: list[tuple[Callable[[], object], str, str, str]] = [

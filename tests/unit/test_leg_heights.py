@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from verdicts import periods_us
 
 from conflictdb import io, solve
 from conflictdb.errors import InvalidInput
@@ -44,7 +45,7 @@ def test_only_legs_at_the_height_of_an_area_meet_it(
     if not legs:
         assert found == []
         return
-    ((start_us, end_us),) = found[0].periods_us
+    ((start_us, end_us),) = periods_us(found[0])
     assert start_us == TIMES_US[legs[0]]
     # The last instant of a track is none of its own; the waypoint between belongs to both legs.
     assert end_us in (TIMES_US[legs[-1] + 1], TIMES_US[legs[-1] + 1] - 1)
@@ -56,7 +57,7 @@ def test_one_of_two_heights_may_be_of_legs_and_unbounded() -> None:
     floors_m, ceilings_m = track.heights_m()
     assert (floors_m.tolist(), ceilings_m.tolist()) == ([-np.inf, 200.0], [300.0, 300.0])
     deep = Area("A", WHOLE, ceiling_m=-500.0)
-    ((_, end_us),) = solve([track], [deep], Scene("s"))[0].periods_us
+    ((_, end_us),) = periods_us(solve([track], [deep], Scene("s"))[0])
     assert end_us == TIMES_US[1]
 
 
@@ -84,8 +85,8 @@ def test_random_tracks_meet_what_their_legs_meet() -> None:
         low = float(rng.choice([-50.0, 40.0, 120.0, 260.0]))
         box = shapely.box(*(way.min(axis=0) - 0.1), *(way.mean(axis=0) + 0.1))
         area = Area("A", shapely.MultiPolygon([box]), floor_m=low, ceiling_m=low + 70.0)
-        together = [period for one in solve([whole], [area], Scene("s")) for period in one.periods_us]
-        apart = sorted(period for one in solve(alone, [area], Scene("s")) for period in one.periods_us)
+        together = [period for one in solve([whole], [area], Scene("s")) for period in periods_us(one)]
+        apart = sorted(period for one in solve(alone, [area], Scene("s")) for period in periods_us(one))
         merged: list[list[int]] = []
         for start, end in apart:
             if merged and start <= merged[-1][1] + 2:

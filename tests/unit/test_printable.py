@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 from conflictdb.cli import output
 from conflictdb.cli.report import conflict_table, loaded_text, skipped_text
 from conflictdb.database import Loaded
-from conflictdb.db.store import Conflict, LoadCounts
+from conflictdb.db.store import LoadCounts
 from conflictdb.errors import InvalidInput
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.io.json_text import dumped
+from conflictdb.methods import Method
 from conflictdb.printable import printable
+from conflictdb.results import Conflict, Kind, Verdict
 
 TITLE = "\x1b]0;owned\x07"
 ATTACKS = [
@@ -42,16 +44,14 @@ def conflict(a_key: str, b_key: str = "B", scene: str = "s") -> Conflict:
     return Conflict(
         scene=scene,
         a_key=a_key,
-        a_kind="area",
+        a_kind=Kind.AREA,
         b_key=b_key,
-        b_kind="track",
-        periods=[(NOW, NOW)],
-        first_contact=NOW,
-        last_contact=NOW,
-        verdict="conflict",
+        b_kind=Kind.TRACK,
+        periods=((NOW, NOW),),
+        verdict=Verdict.CONFLICT,
         region=None,
         first_contact_deg=(4.0, 57.0),
-        method="exact",
+        method=Method.EXACT,
         time_error_s=0.0,
         is_current=True,
         run_id=1,

@@ -1,6 +1,7 @@
 """The closest approach: exact answers on the equator of the sphere, and brute force."""
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import oracle
@@ -13,7 +14,7 @@ from oracle_motion import Globe
 from pyproj import Geod
 from scenes import FLATTENING, RADIUS_M, T0_US
 
-from conflictdb import Interference, solve
+from conflictdb import Conflict, solve
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import Area, EarthModel, Motion, Scene, Track
 from conflictdb.motion.gnomonic import Gnomonic
@@ -25,6 +26,7 @@ RADIUS = RADIUS_M[EarthModel.SPHERE]
 DEGREE = np.radians(RADIUS)
 SCENE = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0, nearest_m=5_000.0)
 DIAMOND = scenes.area("A", shapely.Polygon([(0.5, 0.02), (0.55, 0.07), (0.5, 0.12), (0.45, 0.07)]))
+T0 = datetime.fromtimestamp(T0_US // 1_000_000, UTC)
 # Distances that differ by less than 1e-7 m are equal: of a passage at 1 km and 3 m/s that is 5 milliseconds.
 INSTANT_S = 6e-3
 
@@ -35,14 +37,14 @@ def ship(key: str, start: float, end: float, lat: float, half_m: tuple[float, fl
     return scenes.track(key, [(start, lat), (end, lat)], [0, 3600], along, along, across, across)
 
 
-def only(areas: list[Area], tracks: list[Track], scene: Scene = SCENE) -> Interference:
+def only(areas: list[Area], tracks: list[Track], scene: Scene = SCENE) -> Conflict:
     (found,) = solve(tracks, areas, scene)
     return found
 
 
-def at_s(found: Interference) -> float:
-    assert found.closest_us is not None
-    return (found.closest_us - T0_US) / 1e6
+def at_s(found: Conflict) -> float:
+    assert found.closest_at is not None
+    return (found.closest_at - T0) / timedelta(seconds=1)
 
 
 def great_circle_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
@@ -51,7 +53,7 @@ def great_circle_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> fl
     return float(2 * RADIUS * np.arcsin(np.sqrt(half)))
 
 
-def sound(found: Interference, distance_m: float) -> None:
+def sound(found: Conflict, distance_m: float) -> None:
     """The distance is right within its bound, a millimetre, and it is that of the points."""
     assert found.closest_m is not None
     assert found.closest_error_m is not None
@@ -64,7 +66,7 @@ def sound(found: Interference, distance_m: float) -> None:
 
 def test_head_on_ships_are_closest_when_their_bows_are_abreast() -> None:
     found = only([], [ship("a", 0.0, 0.1, 0.0), ship("b", 0.1, 0.0, 0.01)])
-    assert (found.verdict, found.periods_us, found.first_contact_deg) == (Verdict.NEAR, (), None)
+    assert (found.verdict, found.periods, found.first_contact_deg) == (Verdict.NEAR, (), None)
     sound(found, 0.01 * DEGREE - 100.0)
     bows = 100.0 / DEGREE * (1.0 + 1.0 / np.cos(np.radians(0.01)))
     assert at_s(found) == pytest.approx((0.1 - bows) / (0.2 / 3600), abs=INSTANT_S)
@@ -123,7 +125,7 @@ def test_pair_that_touches_is_closest_at_the_first_touch(separation_m: float) ->
     assert found.closest_a_deg == found.closest_b_deg
     assert found.closest_a_deg == pytest.approx((0.5, 0.0), abs=1e-3)
     if separation_m == 0.0:
-        assert found.closest_us == found.periods_us[0][0]
+        assert found.closest_at == found.first_contact
         assert found.closest_a_deg == found.first_contact_deg
 
 
@@ -146,13 +148,13 @@ def test_pairs_further_apart_than_asked_are_not_reported() -> None:
 def test_methods_that_do_not_solve_tell_no_approach(method: str) -> None:
     pair = [ship("a", 0.0, 0.1, 0.0), ship("b", 0.1, 0.0, 0.0)]
     found = only([], pair, replace(SCENE, method=method))
-    assert (found.closest_us, found.closest_m, found.closest_a_deg) == (None, None, None)
+    assert (found.closest_at, found.closest_m, found.closest_a_deg) == (None, None, None)
     assert solve([pair[0], ship("b", 0.1, 0.0, 0.02)], [], replace(SCENE, method=method)) == []
 
 
 def test_method_nlp_tells_the_same_approach() -> None:
     pair = [ship("a", 0.0, 0.1, 0.0), ship("b", 0.1, 0.0, 0.01)]
-    assert only([], pair, replace(SCENE, method="nlp")) == only([], pair)
+    assert only([], pair, replace(SCENE, method="nlp")).approach == only([], pair).approach
 
 
 def test_areas_stand_still() -> None:
@@ -163,7 +165,7 @@ def test_areas_stand_still() -> None:
     sound(found, great_circle_m((0.1, 0.01), (0.12, 0.01)))
     assert at_s(found) == 600.0
     assert found.closest_a_deg == pytest.approx((0.1, 0.0), abs=0.0101)
-    assert only([west, replace(east, start_us=None, end_us=None)], []).closest_us is None
+    assert only([west, replace(east, start_us=None, end_us=None)], []).closest_at is None
 
 
 def test_across_the_antimeridian() -> None:

@@ -38,11 +38,7 @@ from conflictdb.db.store.objects import (
     set_scene,
 )
 from conflictdb.db.store.reading import (
-    Approach,
-    Conflict,
-    Listing,
     RunStatus,
-    SceneState,
     approaches,
     conflicts,
     runs,
@@ -54,16 +50,12 @@ from conflictdb.db.store.service import WORKER_NAME, Service, listen, service, w
 __all__ = [
     "SAY_AFTER_S",
     "WORKER_NAME",
-    "Approach",
-    "Conflict",
     "Holder",
-    "Listing",
     "LoadCounts",
     "RunOutcome",
     "RunRecord",
     "RunStatus",
     "Say",
-    "SceneState",
     "SceneStatus",
     "Service",
     "approaches",

@@ -1,122 +1,14 @@
 """Conflicts, closest approaches and runs, as the database knows them, and whether that is all."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, TypeVar
+from typing import Any
 
 import psycopg
 
 from conflictdb.db.store.connection import call, call_many, transaction
-
-Period = tuple[datetime | None, datetime | None]
-_Row = TypeVar("_Row")
-
-
-@dataclass(frozen=True, slots=True)
-class SceneState:
-    """Whether what is known of a scene is complete: a row of the view `scenes`. Instants in UTC.
-
-    objects : areas and tracks it holds
-    pending : objects that wait for detection
-    last_run_at, last_error : when its last detection ended, and why it failed; None if there was none, or it did not
-    is_current : whether nothing changed since the last detection that succeeded
-    remark : what is wrong, in words; None if nothing is
-    """
-
-    scene: str
-    objects: int
-    pending: int
-    last_run_at: datetime | None
-    last_error: str | None
-    is_current: bool
-    remark: str | None
-
-
-class Listing(list[_Row]):
-    """A list of conflicts or closest approaches of a scene that says whether it is complete.
-
-    state : of the scene, read before the list: when it says that nothing was missing, nothing is
-    """
-
-    def __init__(self, state: SceneState, rows: Iterable[_Row]) -> None:
-        super().__init__(rows)
-        self.state = state
-
-    @property
-    def is_current(self) -> bool:
-        """Whether it is complete: nothing of the scene waited for detection when it was read."""
-        return self.state.is_current
-
-
-@dataclass(frozen=True, slots=True)
-class Conflict:
-    """A pair of objects that interfere: a row of the view `conflicts`. Instants in UTC.
-
-    periods : (start, end) pairs, inclusive, in order; None where unbounded
-    first_contact, last_contact : start of the first and end of the last period
-    verdict : conflict, grazing or unresolved
-    region : GeoJSON geometry, longitude and latitude; None unless asked for
-    first_contact_deg : longitude and latitude where they first touch; None if not computed
-    time_error_s : bound on the error of every end of every period, seconds
-    is_current : whether neither object changed since
-    scene_is_current : whether the conflicts of the scene are complete
-    closest_at : instant of the closest approach; None if not computed, and for areas that are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be
-    closest_a_deg, closest_b_deg : longitude and latitude of the nearest points then
-    """
-
-    scene: str
-    a_key: str
-    a_kind: str
-    b_key: str
-    b_kind: str
-    periods: list[Period]
-    first_contact: datetime | None
-    last_contact: datetime | None
-    verdict: str
-    region: str | None
-    first_contact_deg: tuple[float, float] | None
-    method: str
-    time_error_s: float
-    is_current: bool
-    run_id: int
-    found_at: datetime
-    closest_at: datetime | None = None
-    closest_m: float | None = None
-    closest_error_m: float | None = None
-    closest_a_deg: tuple[float, float] | None = None
-    closest_b_deg: tuple[float, float] | None = None
-    scene_is_current: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Approach:
-    """How close two objects come: a row of the view `approaches`. Instants in UTC.
-
-    closest_at : the first instant at which they are closest; None for areas that are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how much less the least distance may be
-    a_deg, b_deg : longitude and latitude of the nearest points then
-    verdict : near (no conflict), conflict, grazing or unresolved
-    is_current : whether neither object changed since
-    scene_is_current : whether the closest approaches of the scene are complete
-    """
-
-    scene: str
-    a_key: str
-    a_kind: str
-    b_key: str
-    b_kind: str
-    closest_at: datetime | None
-    closest_m: float
-    closest_error_m: float
-    a_deg: tuple[float, float]
-    b_deg: tuple[float, float]
-    verdict: str
-    is_current: bool
-    run_id: int
-    found_at: datetime
-    scene_is_current: bool = True
+from conflictdb.methods import Method
+from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,23 +64,21 @@ def conflicts(
     found = []
     for row in rows:
         a_key, a_kind, b_key, b_kind, starts, ends, verdict, region, lon_deg, lat_deg, *rest = row
-        periods = [(_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True)]
+        periods = tuple((_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True))
         method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *more = rest
         *points, scene_is_current = more
         found.append(
             Conflict(
                 scene=scene,
                 a_key=a_key,
-                a_kind=a_kind,
+                a_kind=Kind(a_kind),
                 b_key=b_key,
-                b_kind=b_kind,
+                b_kind=Kind(b_kind),
                 periods=periods,
-                first_contact=periods[0][0],
-                last_contact=periods[-1][1],
-                verdict=verdict,
+                verdict=Verdict(verdict),
                 region=region,
                 first_contact_deg=None if lon_deg is None else (lon_deg, lat_deg),
-                method=method,
+                method=Method(method),
                 time_error_s=time_error_s,
                 is_current=is_current,
                 run_id=run_id,
@@ -213,15 +103,15 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
         Approach(
             scene=scene,
             a_key=row[0],
-            a_kind=row[1],
+            a_kind=Kind(row[1]),
             b_key=row[2],
-            b_kind=row[3],
+            b_kind=Kind(row[3]),
             closest_at=_utc(row[4]),
             closest_m=row[5],
             closest_error_m=row[6],
             a_deg=(row[7], row[8]),
             b_deg=(row[9], row[10]),
-            verdict=row[11],
+            verdict=Verdict(row[11]),
             is_current=row[12],
             run_id=row[13],
             found_at=row[14].astimezone(UTC),

@@ -1,0 +1,78 @@
+"""`write`: conflicts and closest approaches as files, by the name of the file."""
+
+import csv
+import gzip
+import json
+from pathlib import Path
+
+import pytest
+import scenes
+import shapely
+
+import conflictdb
+from conflictdb.errors import InvalidInput
+from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS
+from conflictdb.model import Scene
+
+AREA = scenes.area("A", shapely.box(0.4, -0.1, 0.6, 0.1))
+ALWAYS = scenes.area("B", shapely.box(0.5, -0.1, 0.7, 0.1))
+TRACK = scenes.track("T", [(0.0, 0.0), (1.0, 0.0)], [0, 3600], 50.0, 50.0, 10.0, 10.0)
+
+
+@pytest.fixture(scope="module")
+def found() -> list[conflictdb.Conflict]:
+    return conflictdb.solve([TRACK], [AREA, ALWAYS], Scene("s"))
+
+
+def test_the_name_says_the_format(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    """What only a database knows is null, and an empty cell."""
+    for name in ("found.geojson", "found.json", "found.csv", "found.json.gz"):
+        conflictdb.write(found, tmp_path / name)
+    rows = json.loads((tmp_path / "found.json").read_text())
+    assert [(row["a_key"], row["b_key"], row["verdict"], row["run_id"]) for row in rows] == [
+        ("A", "B", "conflict", None),
+        ("A", "T", "conflict", None),
+        ("B", "T", "conflict", None),
+    ]
+    assert tuple(rows[0]) == COLUMNS
+    assert rows[0]["periods"] == [[None, None]]
+    assert gzip.decompress((tmp_path / "found.json.gz").read_bytes()) == (tmp_path / "found.json").read_bytes()
+    features = json.loads((tmp_path / "found.geojson").read_text())
+    assert "scenes" not in features
+    assert [one["geometry"]["type"] for one in features["features"]] == ["Point"] * 3
+    table = list(csv.DictReader((tmp_path / "found.csv").read_text().splitlines()))
+    assert [(row["b_kind"], row["is_current"], row["found_at"]) for row in table] == [
+        ("area", "", ""),
+        ("track", "", ""),
+        ("track", "", ""),
+    ]
+    assert table[0]["periods"] == "../.."
+
+
+def test_closest_approaches_have_columns_of_their_own(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    near = [one.approach for one in found if one.approach]
+    assert [one.closest_m for one in near] == [0.0] * 3
+    conflictdb.write(near, tmp_path / "near.csv")
+    assert (tmp_path / "near.csv").read_text().splitlines()[0] == ",".join(APPROACH_COLUMNS)
+    conflictdb.write([], tmp_path / "none.csv")
+    assert (tmp_path / "none.csv").read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_a_screening_knows_no_approach() -> None:
+    found = conflictdb.solve([TRACK], [AREA], Scene("s", method="screen"))
+    assert [one.approach for one in found] == [None]
+
+
+@pytest.mark.parametrize("name", ["found", "found.txt", "found.gz", "found.shp"])
+def test_other_names_are_refused(found: list[conflictdb.Conflict], name: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"must end in \.geojson, \.json, \.csv"):
+        conflictdb.write(found, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mixture_is_refused(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    assert found[0].approach
+    for mixture in ([*found, found[0].approach], ["A"], [AREA]):
+        with pytest.raises(InvalidInput, match="must be conflicts, or closest approaches, and not both"):
+            conflictdb.write(mixture, tmp_path / "found.json")  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
