@@ -51,7 +51,8 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.methods import Method
 from conflictdb.model import EarthModel
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_stages
 
 WORKLOADS: Final = (PAPER, HIGH_LATITUDE, LONG_LEGS)
@@ -135,9 +136,7 @@ class Scenes:
         scene = replace(self.scene, tolerance_m=tolerance_m)
         pieces, pairs, row, first = [], [], 0, 0
         for areas, tracks in self.thrown:
-            own = Pieces.concatenate(
-                [area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))]
-            )
+            own = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
             met = pairs_in_memory(own, regions=True)
             met = met.take(np.flatnonzero(own.kind[met.a] | own.kind[met.b]))
             pairs.append(replace(met, a=met.a + row, b=met.b + row))
@@ -235,7 +234,7 @@ def rows_of(
 def timed(scene: Scene, batch: tuple[Pieces, Pairs], scenes: Scenes) -> tuple[Conflicts, float]:
     """Return the answer of stages 3 and 4, and the seconds of processor time they took."""
     started = time.process_time()
-    found, _ = run_stages(scene, *batch, scenes.footprints)
+    found, _ = run_stages(scene, plane_of(scene), *batch, scenes.footprints)
     return found, time.process_time() - started
 
 

@@ -23,9 +23,9 @@ import conflictdb
 from conflictdb import Method
 from conflictdb.advice.estimates import Setting
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
 
 METHODS = (Method.SCREEN, Method.WINDOW, Method.EXACT)
 STAGES = ("pieces", "stage1", "stage2", "stage3", "stage4")
@@ -70,9 +70,7 @@ def compare(db, scene, areas, tracks, repeat) -> None:
         runs, totals = [], []
         for _ in range(repeat):
             started = time.perf_counter()
-            pieces = Pieces.concatenate(
-                [area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))]
-            )
+            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
             made_s.append((time.perf_counter() - started) / len(pieces))
             totals.append(db.detect(scene.name, method=method, full=True).total_s)
             runs.append(store.runs(db.connection, scene.name)[0])

@@ -51,7 +51,8 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
 from conflictdb.methods import Method
 from conflictdb.model import METRES_PER_NMI, EarthModel
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind
 
@@ -222,7 +223,9 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     footprints = AreaBatch.of(areas).footprint
 
     def answer(method: Method, pieces: Pieces, pairs: Pairs) -> Conflicts:
-        return run_stages(replace(SCENE, method=method), pieces, pairs, lambda numbers: footprints[numbers])[0]
+        return run_stages(
+            replace(SCENE, method=method), plane_of(SCENE), pieces, pairs, lambda numbers: footprints[numbers]
+        )[0]
 
     certified = answer(Method.EXACT, *one_pair_each(areas, tracks))
     with whole_legs():
@@ -254,7 +257,7 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
 def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Pieces, Pairs]:
     """Return the pieces, and the pairs of area i and a slice of track i whose hulls meet."""
     n = len(areas)
-    pieces = Pieces.concatenate([area_pieces(SCENE, AreaBatch.of(areas)), track_pieces(SCENE, TrackBatch.of(tracks))])
+    pieces = pieces_of(SCENE, plane_of(SCENE), AreaBatch.of(areas), TrackBatch.of(tracks))
     if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA.code).any() or (pieces.kind[n:] != Kind.TRACK.code).any():
         raise AssertionError("an area in parts, or a copy at the seam")
     owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))

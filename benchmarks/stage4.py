@@ -82,7 +82,7 @@ def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equ
         _, _, thrown = throw(replace(workload, odd_share=0.0), seed, 0, tracks, earth)
         if equatorial:
             thrown = [along_the_equator(track) for track in thrown]
-        pieces = track_pieces(scene, TrackBatch.of(thrown))
+        pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(thrown))
         found = pairs_in_memory(pieces, regions=False)
         parts.append(pieces)
         firsts.append(found.a + count)
@@ -108,7 +108,9 @@ def spent(work: Callable[[], object]) -> float:
 
 def exact(loaded: Load) -> None:
     """Settle all pairs, from pieces to contacts."""
-    contacts(loaded.scene, loaded.pieces, loaded.pairs, np.zeros(len(loaded.pairs)), loaded.span_s)
+    contacts(
+        loaded.scene, plane_of(loaded.scene), loaded.pieces, loaded.pairs, np.zeros(len(loaded.pairs)), loaded.span_s
+    )
 
 
 def first_step(pairs: Encounters, span_s: Floats) -> None:

@@ -23,7 +23,7 @@ from conflictdb.io import Remark, Skipped, scene_text, write_lines
 from conflictdb.io.gather import Plan, gather
 from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.motion.registry import centred
+from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.results import Approach, Conflict, Listing, SceneState
 
@@ -465,7 +465,7 @@ def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
     areas = [area for area in plan.areas if plan.source_of[area.key] == source]
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
     try:
-        check_plane(settings, areas, tracks)
+        check_plane(plane_of(settings), areas, tracks)
     except InvalidInput as refused:
         return refused.at(source)
     return None

@@ -15,7 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
-from conflictdb.motion.registry import centred
+from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.run import run_stages
@@ -42,14 +42,16 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
             raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(key)
     scene = centred(scene, areas, tracks)
-    check_plane(scene, areas, tracks)
+    plane = plane_of(scene)
+    check_plane(plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     batch = AreaBatch.of(areas)
-    pieces = pieces_of(scene, batch, TrackBatch.of(tracks))
+    pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
     found, _ = run_stages(
         scene,
+        plane,
         pieces,
         pairs_in_memory(pieces, regions=METHODS[scene.method].projects_regions),
         lambda numbers: batch.footprint[numbers],

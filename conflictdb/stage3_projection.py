@@ -22,7 +22,6 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_class
-from conflictdb.motion.registry import plane_of
 from conflictdb.results import Kind
 
 # Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
@@ -38,13 +37,12 @@ def shared_span(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], NDArra
     return start, np.minimum(pieces.end_us[pairs.a], pieces.end_us[pairs.b])
 
 
-def windows(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
+def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
 
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
     window is the whole shared span.
     """
-    plane = plane_of(scene)
     start, end = shared_span(pieces, pairs)
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)

@@ -49,7 +49,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import candidates, intersections
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.registry import centred
+from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pipeline.run import run_stages
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
@@ -319,7 +319,9 @@ class _Measure:
         """Return the conflicts of pairs, how many were given to stage 4, and the processor time of stages 3 and 4."""
         footprint = self._objects.footprint
         started = time.process_time()
-        conflicts, funnel = run_stages(scene, pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)])
+        conflicts, funnel = run_stages(
+            scene, plane_of(scene), pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)]
+        )
         # The funnel goes by the clock on the wall: only how the time is shared is taken from it.
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
         return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)

@@ -19,6 +19,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.in_memory import candidates, hulls_of
 from conflictdb.model import Area, Scene, Track
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.results import Kind
 
@@ -52,7 +53,7 @@ class Objects:
         moving = numbers[numbers >= len(self.areas)] - len(self.areas)
         areas = replace(AreaBatch.of([self.areas[i] for i in still.tolist()]), area_id=still)
         tracks = replace(TrackBatch.of([self.tracks[i] for i in moving.tolist()]), track_id=moving)
-        return pieces_of(scene, areas, tracks)
+        return pieces_of(scene, plane_of(scene), areas, tracks)
 
     def pair_keys(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return one number for the pair of objects of each pair of pieces."""

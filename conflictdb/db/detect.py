@@ -27,6 +27,7 @@ from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Scene
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import Progress, run_stages
 
@@ -174,7 +175,7 @@ def _refresh_pieces(
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
-    pieces = pieces_of(settings, areas, tracks)
+    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, pieces)
     took_s = (record.pieces_s or 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)
@@ -207,6 +208,7 @@ def _refresh_conflicts(
 
     conflicts, funnel = run_stages(
         settings,
+        plane_of(settings),
         pieces,
         pairs,
         footprints,

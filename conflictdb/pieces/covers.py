@@ -18,7 +18,6 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Scene
 from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.results import Kind
 
@@ -30,12 +29,12 @@ _HIGHEST_DEG: Final = 89.5
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
 
-def pieces_of(scene: Scene, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some objects; what cannot be cut is covered."""
     return Pieces.concatenate(
         [
-            *_pieces(scene, areas, areas.area_id, area_pieces, _area_covers),
-            *_pieces(scene, tracks, tracks.track_id, track_pieces, _track_covers),
+            *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
+            *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
         ]
     )
 
@@ -47,19 +46,20 @@ def is_covered(pieces: Pieces, pairs: Pairs) -> NDArray[np.bool_]:
 
 def _pieces(
     scene: Scene,
+    plane: Plane,
     batch: Batch,
     ids: NDArray[np.int64],
-    cut: Callable[[Scene, Batch], Pieces],
-    covers: Callable[[Scene, Batch], Pieces],
+    cut: Callable[[Scene, Plane, Batch], Pieces],
+    covers: Callable[[Plane, Batch], Pieces],
 ) -> list[Pieces]:
     kind = "area" if isinstance(batch, AreaBatch) else "track"
     every = np.arange(len(batch))
 
     def cut_some(rows: NDArray[np.int64]) -> Pieces:
-        return cut(scene, batch.take(rows))
+        return cut(scene, plane, batch.take(rows))
 
     def cover(rows: NDArray[np.int64]) -> Pieces:
-        return covers(scene, batch.take(rows))
+        return covers(plane, batch.take(rows))
 
     made = isolated(every, cut_some, cover, f"{kind} in row")
     found = [cut_some(every[:0])]
@@ -80,18 +80,18 @@ def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
 
 
-def _area_covers(scene: Scene, areas: AreaBatch) -> Pieces:
+def _area_covers(plane: Plane, areas: AreaBatch) -> Pieces:
     spans = areas.start_us, areas.end_us
-    return _covers(plane_of(scene), Kind.AREA, areas, areas.area_id, *spans, areas.floor_m, areas.ceiling_m)
+    return _covers(plane, Kind.AREA, areas, areas.area_id, *spans, areas.floor_m, areas.ceiling_m)
 
 
-def _track_covers(scene: Scene, tracks: TrackBatch) -> Pieces:
+def _track_covers(plane: Plane, tracks: TrackBatch) -> Pieces:
     start, end = tracks.times_us[tracks.waypoint_offset[:-1]], tracks.times_us[tracks.waypoint_offset[1:] - 1]
     # Of all its legs the lowest and the highest.
     first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
     floor_m = np.minimum.reduceat(tracks.floor_m, first_leg)
     ceiling_m = np.maximum.reduceat(tracks.ceiling_m, first_leg)
-    return _covers(plane_of(scene), Kind.TRACK, tracks, tracks.track_id, start, end, floor_m, ceiling_m)
+    return _covers(plane, Kind.TRACK, tracks, tracks.track_id, start, end, floor_m, ceiling_m)
 
 
 def _covers(

@@ -20,7 +20,6 @@ from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Havens, Plane, padding_m, shape_class
-from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.convex import convex_parts, is_thread
 from conflictdb.results import Kind
 
@@ -37,9 +36,8 @@ MAX_SLICES_FOR_DEVIATION: Final = 1024
 MAX_PIECES: Final = 1_000_000
 
 
-def check_plane(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-    """Raise InvalidInput for the first object that the scene's plane cannot hold."""
-    plane = plane_of(scene)
+def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
+    """Raise InvalidInput for the first object that a plane cannot hold."""
     for area in areas:
         if not plane.holds(*shapely.get_coordinates(area.footprint).T).all():
             raise InvalidInput(f"area {area.key!r}", "geometry", plane.limit)
@@ -86,9 +84,8 @@ def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDA
     return whole
 
 
-def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
+def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
-    plane = plane_of(scene)
     owner, rings = convex_parts(planar(plane, areas.footprint))
     n = len(rings)
     offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings], dtype=np.int64)]).astype(np.int64)
@@ -129,9 +126,8 @@ def area_pieces(scene: Scene, areas: AreaBatch) -> Pieces:
     return _with_seam_copies(plane, pieces)
 
 
-def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
+def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
-    plane = plane_of(scene)
     legs = _legs(plane, tracks)
     count = _slice_counts(legs)
     straight = np.bincount(legs.track, count)
@@ -150,7 +146,7 @@ def track_pieces(scene: Scene, tracks: TrackBatch) -> Pieces:
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)
-    hull_xy, hull_offset = _swept_hulls(plane, scene, pieces, deviation)
+    hull_xy, hull_offset = _swept_hulls(scene, plane, pieces, deviation)
     turns = _turns_from_home(plane, hull_xy, hull_offset)
     hull_xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hull_offset))
     away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
@@ -328,7 +324,7 @@ def _swept_deviation(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
     return deviation, reach
 
 
-def _swept_hulls(plane: Plane, scene: Scene, pieces: Pieces, deviation: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def _swept_hulls(scene: Scene, plane: Plane, pieces: Pieces, deviation: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Return convex hulls that hold each haven during its whole slice, grown by its deviation and the scene's reach."""
     n = len(pieces)
     points: list[Floats] = []

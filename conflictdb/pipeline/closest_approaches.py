@@ -11,6 +11,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
@@ -19,7 +20,9 @@ from conflictdb.stage4.closest_approach import Approaches, approaches
 from conflictdb.stage4.contacts import CONFLICT, UNRESOLVED, meeting_points
 
 
-def with_closest_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts) -> Conflicts:
+def with_closest_approaches(
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, conflicts: Conflicts
+) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
     pairs = pairs.take(np.flatnonzero(~is_covered(pieces, pairs)))
     # Objects that meet are closest when they first do.
@@ -41,10 +44,10 @@ def with_closest_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflict
     rows = np.flatnonzero(wanted[number] >= 0.0)
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
-    nearest = _approaches(scene, pieces, candidates, group, wanted[asked])
+    nearest = _approaches(plane, pieces, candidates, group, wanted[asked])
     of_b = swapped[rows[nearest.pair]] if len(asked) else np.zeros(0, np.bool_)
     touch = np.flatnonzero(nearest.distance_m == 0.0)
-    where = meeting_points(scene, pieces, candidates.take(nearest.pair[touch]), nearest.at_s[touch])
+    where = meeting_points(scene, plane, pieces, candidates.take(nearest.pair[touch]), nearest.at_s[touch])
     nearest.a_deg[touch] = nearest.b_deg[touch] = where
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)
@@ -101,7 +104,7 @@ def with_closest_approaches(scene: Scene, pieces: Pieces, pairs: Pairs, conflict
     return Conflicts.concatenate([of_conflicts, only_near])
 
 
-def _approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
+def _approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
     """Return the closest approach of pairs of objects, as `approaches` does; NaN where it cannot be found."""
     n = len(wanted_m)
     nowhere = np.full(n, np.nan)
@@ -112,7 +115,7 @@ def _approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.in
 
     def search(groups: NDArray[np.int64]) -> Approaches | None:
         rows = np.flatnonzero(np.isin(group, groups))
-        found = approaches(scene, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
+        found = approaches(plane, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
         return replace(found, pair=np.where(found.pair < 0, found.pair, rows[found.pair]))
 
     for groups, found in isolated(np.arange(n), search, lambda groups: None, "pair of objects"):

@@ -69,7 +69,7 @@ def merged_by_object(
         period_us=period_us,
         period_offset=period_offset,
         verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], GRAZING).astype(np.int8),
-        first_contact_deg=_first_contacts(scene, pieces, pairs, contacts, earliest),
+        first_contact_deg=_first_contacts(scene, plane, pieces, pairs, contacts, earliest),
         time_error_s=time_error_s,
         closest_us=np.full(n, SINCE_EVER_US),
         closest_m=np.full(n, np.nan),
@@ -80,7 +80,7 @@ def merged_by_object(
 
 
 def _first_contacts(
-    scene: Scene, pieces: Pieces, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
 ) -> Floats:
     """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
     points = np.full((len(earliest), 2), np.nan)
@@ -88,7 +88,7 @@ def _first_contacts(
         pair = contacts.pair[earliest]
         at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
         seen = np.flatnonzero(~is_covered(pieces, pairs.take(pair)))
-        points[seen] = meeting_points(scene, pieces, pairs.take(pair[seen]), at[seen])
+        points[seen] = meeting_points(scene, plane, pieces, pairs.take(pair[seen]), at[seen])
     return points
 
 

@@ -10,6 +10,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
+from conflictdb.motion.contract import Plane
 from conflictdb.pipeline.funnel import Progress
 from conflictdb.pipeline.processes import computed
 from conflictdb.stage4.contacts import Effort, contacts
@@ -17,6 +18,7 @@ from conflictdb.stage4.contacts import Effort, contacts
 
 def contacts_by_jobs(
     scene: Scene,
+    plane: Plane,
     pieces: Pieces,
     pairs: Pairs,
     first_s: Floats,
@@ -41,10 +43,12 @@ def contacts_by_jobs(
     advance(0)
     jobs = min(jobs, -(-len(pairs) // pairs_per_job))
     if jobs <= 1:
-        return contacts(scene, pieces, pairs, first_s, last_s, advance)
+        return contacts(scene, plane, pieces, pairs, first_s, last_s, advance)
     effort, parts = Effort(), []
     blocks = [np.arange(k, min(k + pairs_per_job, len(pairs))) for k in range(0, len(pairs), pairs_per_job)]
-    tasks = ((scene, *_with_own_pieces(pieces, pairs.take(rows)), first_s[rows], last_s[rows]) for rows in blocks)
+    tasks = (
+        (scene, plane, *_with_own_pieces(pieces, pairs.take(rows)), first_s[rows], last_s[rows]) for rows in blocks
+    )
     with closing(computed(contacts, tasks, jobs)) as answers:
         for number, (part, spent) in answers:
             parts.append(part.of_pairs(blocks[number]))

@@ -13,7 +13,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
-from conflictdb.motion.registry import plane_of
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.closest_approaches import with_closest_approaches
 from conflictdb.pipeline.funnel import Funnel, Progress
@@ -30,6 +30,7 @@ __all__ = ["Footprints", "Funnel", "Progress", "run_stages"]
 
 def run_stages(
     scene: Scene,
+    plane: Plane,
     pieces: Pieces,
     pairs: Pairs,
     footprints: Footprints,
@@ -40,6 +41,7 @@ def run_stages(
 ) -> tuple[Conflicts, Funnel]:
     """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
 
+    plane : of the scene, which the pieces were made in
     footprints : asked for whole areas where contacts are shallow in all parts of one
     jobs : processes that stage 4 may use; the answer does not depend on it
     progress : told how many pairs are decided, and of how many
@@ -48,20 +50,19 @@ def run_stages(
     funnel = Funnel()
     started = time.perf_counter()
     method = METHODS[scene.method]
-    plane = plane_of(scene)
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     parts = [
         _unresolved(pieces, pairs, np.flatnonzero(covered)),
-        _static_contacts(scene, pieces, pairs, np.flatnonzero(static & ~covered)),
+        _static_contacts(scene, plane, pieces, pairs, np.flatnonzero(static & ~covered)),
     ]
     funnel.window_pairs = sum(map(len, parts))
     moving = np.flatnonzero(~static & ~covered)
     if method.last_stage < 3:
         parts.append(_unresolved(pieces, pairs, moving))
     elif moving.size:
-        first, last = _windows(scene, pieces, pairs.take(moving), funnel)
+        first, last = _windows(scene, plane, pieces, pairs.take(moving), funnel)
         possible = np.flatnonzero(first <= last)
         moving, first, last = moving[possible], first[possible], last[possible]
         funnel.window_pairs += len(moving)
@@ -74,6 +75,7 @@ def run_stages(
             funnel.solved_pairs = len(moving)
             contacts, funnel.effort = contacts_by_jobs(
                 scene,
+                plane,
                 pieces,
                 pairs.take(moving),
                 first,
@@ -87,12 +89,12 @@ def run_stages(
     funnel.met_pairs = len(np.unique(contacts.pair))
     conflicts = merged_by_object(scene, plane, pieces, pairs, contacts, footprints)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, pieces, pairs, conflicts)
+        conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts)
     funnel.stage4_s = time.perf_counter() - started
     return conflicts, funnel
 
 
-def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
+def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
     """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
     if not METHODS[scene.method].projects_regions:
         return _spans_s(pieces, pairs)
@@ -100,7 +102,7 @@ def _windows(scene: Scene, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tupl
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
     for rows, (low, high) in isolated(
         np.arange(len(pairs)),
-        lambda rows: windows(scene, pieces, pairs.take(rows)),
+        lambda rows: windows(scene, plane, pieces, pairs.take(rows)),
         lambda rows: _spans_s(pieces, pairs.take(rows)),
         "pair of pieces",
     ):
@@ -113,9 +115,9 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     return np.zeros(len(pairs)), (end - start) / 1e6
 
 
-def _static_contacts(scene: Scene, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> Contacts:
+def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> Contacts:
     """Return the contacts of pairs of areas: they last as long as both are there."""
-    verdict = still_pairs(scene, pieces, pairs.take(rows))
+    verdict = still_pairs(scene, plane, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
     return _whole_spans(pieces, pairs, rows[meets], verdict[meets])
 

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides, least_on_chord
-from conflictdb.model import SINCE_EVER_US, Scene
+from conflictdb.model import SINCE_EVER_US
 from conflictdb.motion.contract import Plane, sides_of
-from conflictdb.motion.registry import plane_of
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import (
     APPROACH_M,
@@ -210,7 +209,7 @@ class _Search:
         return inside
 
 
-def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
+def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
     """Return how close pairs of objects come during the time they share.
 
     Both ends of that time count, as limits: how close they come just before an end that no longer belongs to it.
@@ -218,7 +217,6 @@ def approaches(scene: Scene, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     group : (n,) of which pair of objects each pair of pieces is
     wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
     """
-    plane = plane_of(scene)
     searches = []
     for rows in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])

@@ -19,7 +19,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
-from conflictdb.motion.registry import plane_of
+from conflictdb.motion.contract import Plane
 from conflictdb.stage4.constants import END_RESOLUTION_S, TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest_at
 from conflictdb.stage4.encounters import Encounters, group_by_shape
@@ -53,7 +53,13 @@ class Effort:
 
 
 def contacts(
-    scene: Scene, pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats, progress: Progress | None = None
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    pairs: Pairs,
+    first_s: Floats,
+    last_s: Floats,
+    progress: Progress | None = None,
 ) -> tuple[Contacts, Effort]:
     """Return when the pairs interfere within their windows, and what it took.
 
@@ -64,7 +70,6 @@ def contacts(
     solver = METHODS[scene.method].solver
     if solver is None:
         raise ValueError(f"method {scene.method} stops before stage 4")
-    plane = plane_of(scene)
     effort = Effort()
     found = [nothing()]
 
@@ -159,9 +164,8 @@ def _how_deep(pairs: Encounters, start: Floats, end: Floats, margin_m: float, wo
     return verdict
 
 
-def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
+def still_pairs(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
-    plane = plane_of(scene)
     verdict = np.full(len(pairs), -1, np.int8)
 
     def judge(rows: NDArray[np.int64]) -> NDArray[np.int8]:
@@ -188,12 +192,11 @@ def still_pairs(scene: Scene, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     return verdict
 
 
-def meeting_points(scene: Scene, pieces: Pieces, pairs: Pairs, at_s: Floats) -> Floats:
+def meeting_points(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, at_s: Floats) -> Floats:
     """Return (n, 2) longitude and latitude, degrees, of where each pair meets at an instant of its shared span.
 
     Where the polygons touch it is the point of touch, where they overlap a point of both.
     """
-    plane = plane_of(scene)
     places = np.full((len(pairs), 2), np.nan)
 
     def meet(rows: NDArray[np.int64]) -> Floats:

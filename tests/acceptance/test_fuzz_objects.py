@@ -78,8 +78,8 @@ def test_the_fuzzing_finds_a_planted_bug(dsn: str, tmp_path: Path, monkeypatch: 
     """A detection that loses the tracks of a scene, and one that fails."""
     pieces_of = conflictdb.db.detect.pieces_of
 
-    def without_tracks(scene: Scene, areas: Any, tracks: Any) -> Any:
-        return pieces_of(scene, areas, tracks.take(NOTHING))
+    def without_tracks(scene: Scene, plane: Any, areas: Any, tracks: Any) -> Any:
+        return pieces_of(scene, plane, areas, tracks.take(NOTHING))
 
     monkeypatch.setattr(conflictdb.db.detect, "pieces_of", without_tracks)
     assert any("no row with the witness" in one or "known conflict" in one for one in fuzz(dsn, 3, 24, tmp_path).wrong)

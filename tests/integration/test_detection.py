@@ -11,6 +11,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces import covers
 from conflictdb.pieces.cutting import track_pieces
 
@@ -70,10 +71,10 @@ def test_an_object_that_could_not_be_cut_is_mended_by_its_change(
     )
     scene = Scene("covered")
 
-    def fails(scene: Scene, tracks: TrackBatch) -> Pieces:
+    def fails(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         if len(tracks):
             raise FloatingPointError("planted")
-        return track_pieces(scene, tracks)
+        return track_pieces(scene, plane, tracks)
 
     with monkeypatch.context() as planted:
         planted.setattr(covers, "track_pieces", fails)

@@ -16,6 +16,7 @@ from conflictdb.db.detect import detect
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane
 
 Conn = psycopg.Connection[Any]
@@ -163,7 +164,7 @@ def test_growing_havens_are_refused_where_python_refuses_them(conn: Conn) -> Non
         grown = ring * rng.uniform(0.5, 4.0)
         track = Track(f"T{k}", places, times, ring, outlines_m=np.array([ring, grown]))
         try:
-            check_plane(scene, [], [track])
+            check_plane(plane_of(scene), [], [track])
         except InvalidInput:
             held.append(False)
         else:

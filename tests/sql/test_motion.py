@@ -37,7 +37,7 @@ def haven(conn: Conn, key: str, us: int) -> shapely.Geometry | None:
 def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
     """Vertices (degrees, not wrapped) by the package's motion model, at an instant inside a leg."""
     plane = plane_of(scene)
-    pieces = track_pieces(scene, TrackBatch.of([track]))
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
     x, y = plane.shapes(pieces, row, np.array([us]), np.zeros((2, 1))).positions(np.zeros(1))[..., 0]
     lon, lat = plane.from_plane(x, y)

@@ -17,6 +17,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.motion.registry import plane_of
 from conflictdb.results import Verdict
 
 Conn = psycopg.Connection[Any]
@@ -227,13 +228,12 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
 
 def refresh_rest(conn: Conn, scene_id: int) -> None:
     """Finish transaction 1 on the snapshot that is open."""
-    from conflictdb.arrays.pieces import Pieces
-    from conflictdb.pieces.cutting import area_pieces, track_pieces
+    from conflictdb.pieces.covers import pieces_of
 
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     assert areas.floor_m.tolist() == [-np.inf, -np.inf]  # still the snapshot's
-    pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
+    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, pieces)
     conn.commit()
 

@@ -10,7 +10,8 @@ import shapely
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.model import Area, Scene, Track
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
 
 Conn = psycopg.Connection[Any]
 
@@ -42,7 +43,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
     store.begin_snapshot(conn)
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
-    pieces = Pieces.concatenate([area_pieces(settings, areas), track_pieces(settings, tracks)])
+    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, pieces)
     conn.commit()
     return pieces

@@ -7,6 +7,7 @@ from workloads import changing
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane
 
 METRES_PER_DEGREE = 111e3
@@ -49,7 +50,7 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _is_held(scene: Scene, areas: list[Area], tracks: list[Track]) -> bool:
     try:
-        check_plane(scene, areas, tracks)
+        check_plane(plane_of(scene), areas, tracks)
     except InvalidInput:
         return False
     return True

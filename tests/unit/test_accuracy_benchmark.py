@@ -11,6 +11,7 @@ from workloads import PAPER
 
 from conflictdb import Scene, Verdict, solve
 from conflictdb.model import EarthModel, Method
+from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind
 
@@ -67,7 +68,7 @@ def test_batch_of_scenes_gives_the_answers_of_each(earth: EarthModel) -> None:
     """What is timed in one batch is what `solve` says of the scenes one by one."""
     scenes = Scenes.of(PAPER, earth, scenes=3, objects=5)
     batch = replace(scenes.scene, method=Method.WINDOW, tolerance_m=10.0)
-    answer = by_name(run_stages(batch, *scenes.batch(10.0), scenes.footprints)[0])
+    answer = by_name(run_stages(batch, plane_of(batch), *scenes.batch(10.0), scenes.footprints)[0])
     expected = {}
     for k, (areas, tracks) in enumerate(scenes.thrown):
         for one in solve(tracks, areas, batch):

@@ -11,6 +11,7 @@ from verdicts import periods_us
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.in_memory import pairs_in_memory
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
 from conflictdb.pipeline import whole_areas
 from conflictdb.pipeline.object_pairs import company_of
@@ -54,12 +55,12 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
     """Every leg of it comes near a pole: without a bound for all of them together there were tens of thousands."""
     there = [(lon, 88.4 if k % 2 else -88.4) for k, lon in enumerate(np.mod(np.arange(30) * 170.0, 360.0) - 180.0)]
     wide = track("wide", there, 40_000.0)
-    pieces = track_pieces(Scene("s"), TrackBatch.of([wide]))
+    pieces = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([wide]))
     assert len(pieces) > MAX_SLICES  # it bends
     own = np.count_nonzero(pieces.turn == 0)
     assert own <= 29 * MAX_SLICES + MAX_SLICES_FOR_DEVIATION
     # In company it is cut as it is alone.
-    both = track_pieces(Scene("s"), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
+    both = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
     assert np.count_nonzero(both.object_id == both.object_id[0]) == len(pieces)
 
 
@@ -86,6 +87,6 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work(monkeypatch: 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     scene = Scene("s")
     tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
-    pieces = track_pieces(scene, TrackBatch.of(tracks))
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
     pairs = pairs_in_memory(pieces, regions=False)
     assert company_of(pieces, pairs).tolist() == [len(pairs)] * len(pairs)

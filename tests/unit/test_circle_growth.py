@@ -20,6 +20,7 @@ from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.model import Motion, Scene, Track
 from conflictdb.motion.gnomonic import Gnomonic
 from conflictdb.motion.great_circles import GreatCircleShapes
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
@@ -35,7 +36,7 @@ def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scen
 
 def in_reach(track: Track) -> bool:
     try:
-        check_plane(SCENE, [], [track])
+        check_plane(plane_of(SCENE), [], [track])
     except InvalidInput:
         return False
     return True
@@ -46,7 +47,7 @@ def test_vertices_agree_with_the_oracle() -> None:
     for seed in (21, 22):
         scene, _, tracks = throw(GROWING_CIRCLES, seed, 0, 8)
         for track in tracks:
-            pieces = track_pieces(scene, TrackBatch.of([track]))
+            pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
             for phase in oracle_circle.phases(oracle_circle.Chart.at(*scene.centre), track):
                 row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
                 seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
@@ -84,7 +85,7 @@ def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, shar
     """Velocities are what differences say; bounds on accelerations, `least_up`, chords and velocities hold."""
     if not in_reach(track):
         return
-    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
     one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
     t0 = start * LASTS_S
     t1 = t0 + share * (LASTS_S - t0)
@@ -145,7 +146,7 @@ def test_bounds_are_near_what_they_bound(
     """
     end = (start[0] + way[0], start[1] + way[1])
     track = replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
-    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
     one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
     seconds = np.linspace(0.0, LASTS_S, SAMPLES)
     ends = np.zeros(1), np.full(1, LASTS_S)
@@ -170,7 +171,7 @@ def test_havens_known_to_be_convex_are(track: Track) -> None:
     """At all times the vertices of what claims it turn one way."""
     if not in_reach(track):
         return
-    pieces = track_pieces(SCENE, TrackBatch.of([track]))
+    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
     one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
     if not one.is_convex or one.vertex_count < 3:
         return
@@ -195,10 +196,10 @@ def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:
 def test_a_haven_that_outgrows_the_plane_is_refused() -> None:
     """And told by which field it does."""
     track = scenes.track("T", [(20, -18), (20, -18)], [0, 10 * HOUR_S], 1000.0, 1000.0, 1000.0, 1000.0)
-    check_plane(SCENE, [], [track])
+    check_plane(plane_of(SCENE), [], [track])
     for other, field in (
         (replace(track, grow_mps=10.0), "grow_mps"),
         (replace(track, outlines_m=np.array([track.outline_m, 300.0 * track.outline_m])), "outlines_m"),
     ):
         with pytest.raises(InvalidInput, match=f"'T': {field}: the haven reaches beyond 60 degrees"):
-            check_plane(SCENE, [], [other])
+            check_plane(plane_of(SCENE), [], [other])

@@ -20,6 +20,7 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.contract import StaticShapes, shape_class
 from conflictdb.motion.mercator import Mercator
+from conflictdb.motion.registry import plane_of
 from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import check_plane, track_pieces
 from conflictdb.stage4.distance import separation
@@ -43,13 +44,13 @@ def whole_legs(pieces: Pieces) -> Pieces:
 
 def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """The one leg of a track, time counted from its start."""
-    pieces = whole_legs(track_pieces(scene, TrackBatch.of([track])))
+    pieces = whole_legs(track_pieces(scene, plane_of(scene), TrackBatch.of([track])))
     return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
 
 
 def in_reach(scene: Scene, track: Track) -> bool:
     try:
-        check_plane(scene, [], [track])
+        check_plane(plane_of(scene), [], [track])
     except InvalidInput:
         return False
     return True
@@ -87,7 +88,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
     globe, figure = oracle.Globe.of(earth), earth_of(earth)
     turn_m = 2 * np.pi * figure.radius_m
     for track in tracks:
-        pieces = whole_legs(track_pieces(scene, TrackBatch.of([track])))
+        pieces = whole_legs(track_pieces(scene, plane_of(scene), TrackBatch.of([track])))
         for phase in oracle.phases(globe, track, 0.0):
             row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
             seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
@@ -190,8 +191,8 @@ def test_no_growth_is_no_change_in_any_company() -> None:
     scene = Scene("s")
     rigid = scenes.track("R", [(0, 50), (3, 60)], [0, LASTS_S], 9000.0, 3000.0, 500.0, 4000.0)
     grows = replace(rigid, key="G", grow_mps=1.0)
-    alone = track_pieces(scene, TrackBatch.of([rigid]))
-    both = track_pieces(scene, TrackBatch.of([rigid, grows]))
+    alone = track_pieces(scene, plane_of(scene), TrackBatch.of([rigid]))
+    both = track_pieces(scene, plane_of(scene), TrackBatch.of([rigid, grows]))
     mine = both.take(np.flatnonzero(both.object_id == 0))
     assert both.changes
     for name in ("hull_xy", "shape_xy", "shape_to_xy", "start_us", "end_us"):
@@ -215,7 +216,7 @@ def test_no_growth_is_no_change_in_any_company() -> None:
 def test_growth_needs_no_more_slices(mps: float, sizes: tuple[float, ...]) -> None:
     """However small the haven begins, and however slowly it grows."""
     steady = scenes.track("T", [(0, 60), (4, 63)], [0, LASTS_S], *sizes)
-    pieces = track_pieces(Scene("s"), TrackBatch.of([replace(steady, grow_mps=mps)]))
+    pieces = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([replace(steady, grow_mps=mps)]))
     assert len(pieces) <= 32
 
 
@@ -228,9 +229,9 @@ def test_growth_beyond_the_plane_is_refused() -> None:
         (replace(still, outlines_m=late), "outlines_m"),
     ):
         with pytest.raises(InvalidInput, match=r"track 'far'.*89\.5 degrees of latitude") as refused:
-            check_plane(Scene("s"), [], [track])
+            check_plane(plane_of(Scene("s")), [], [track])
         assert refused.value.field == field
-    check_plane(Scene("s"), [], [replace(still, grow_mps=40.0)])
+    check_plane(plane_of(Scene("s")), [], [replace(still, grow_mps=40.0)])
 
 
 @pytest.mark.parametrize("earth", EarthModel)

@@ -13,6 +13,7 @@ from verdicts import periods_us
 import conflictdb
 from conflictdb.arrays.isolation import isolated
 from conflictdb.model import Area, Method, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces import covers
 from conflictdb.pipeline import closest_approaches, whole_areas
 from conflictdb.results import Verdict
@@ -84,7 +85,7 @@ def test_an_object_that_cannot_be_cut_is_unresolved_with_all_it_could_meet(
     """With everything that shares its time; every other pair is what it was."""
     expected = answer(scene)
     ids = "area_id" if which == "area_pieces" else "track_id"
-    planted = failing_for(getattr(covers, which), lambda scene, batch: number in getattr(batch, ids))
+    planted = failing_for(getattr(covers, which), lambda scene, plane, batch: number in getattr(batch, ids))
     monkeypatch.setattr(covers, which, planted)
     found = answer(scene)
     with_it = {pair for pair in found if key in pair}
@@ -102,8 +103,8 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
     """NaN would meet nothing, silently."""
     cut = covers.track_pieces
 
-    def spoilt(scene: Scene, batch: Any) -> Any:
-        pieces = cut(scene, batch)
+    def spoilt(scene: Scene, plane: Plane, batch: Any) -> Any:
+        pieces = cut(scene, plane, batch)
         pieces.hull_xy[np.repeat(pieces.object_id, np.diff(pieces.hull_offset)) == 1, 0] = bad
         return pieces
 

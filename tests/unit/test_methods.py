@@ -13,6 +13,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Solver, Steps
 from conflictdb.model import EarthModel, Scene
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.results import Verdict
 from conflictdb.stage4.contacts import contacts
@@ -35,14 +36,14 @@ def test_an_unknown_method_is_refused(method: object) -> None:
 @pytest.mark.parametrize("method", [Method.SCREEN, Method.WINDOW])
 def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Method) -> None:
     scene = Scene("s", earth=EarthModel.SPHERE, method=method)
-    still = area_pieces(scene, AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
-    moving = track_pieces(scene, TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
+    still = area_pieces(scene, plane_of(scene), AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
+    moving = track_pieces(scene, plane_of(scene), TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
     with pytest.raises(ValueError, match=f"method {method} stops before stage 4"):
-        contacts(scene, pieces, pair, np.zeros(1), np.full(1, 3600.0))
-    contacts(replace(scene, method=Method.EXACT), pieces, pair, np.zeros(1), np.full(1, 3600.0))
+        contacts(scene, plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
+    contacts(replace(scene, method=Method.EXACT), plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
 
 
 def test_a_solver_is_not_guessed() -> None:

@@ -16,6 +16,7 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.contract import padding_m
 from conflictdb.motion.mercator import Mercator
+from conflictdb.motion.registry import plane_of
 from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import track_pieces
 
@@ -29,7 +30,7 @@ def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) 
 
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     """One row per leg of a track, time counted from the leg's start."""
-    pieces = track_pieces(scene, TrackBatch.of([track]))
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     # Shapes are asked about the time of their slices: here those are the whole legs.
     pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     _, first = np.unique(pieces.leg_start_us, return_index=True)

@@ -194,6 +194,6 @@ def test_steady_scenes_know_nothing_of_growth() -> None:
 
 
 def scenes_of(scene: Scene, track: Track) -> list[np.ndarray]:
-    pieces = track_pieces(scene, TrackBatch.of([track]))
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     assert not pieces.changes
     return [pieces.hull_xy, pieces.shape_xy, pieces.start_us]

@@ -9,13 +9,14 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage3_projection import shared_span, windows
 
 
 def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, Pairs]:
     """Pieces, and the pairs of different objects whose hulls and spans meet, with their regions."""
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     hulls = [
         shapely.Polygon(pieces.hull_xy[start:end])
         for start, end in zip(pieces.hull_offset[:-1], pieces.hull_offset[1:], strict=True)
@@ -45,8 +46,9 @@ def test_window_on_the_equator_is_the_contact_itself(earth: EarthModel) -> None:
     """A rectangle along the equator through a box: nothing bends, so only the padding is over."""
     degree = scenes.parallel_m(earth, 0.0)
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
-    pieces, pairs = met(Scene("s", earth=earth), [scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
-    low, high = union_s(pieces, pairs, *windows(Scene("s", earth=earth), pieces, pairs))
+    scene = Scene("s", earth=earth)
+    pieces, pairs = met(scene, [scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
+    low, high = union_s(pieces, pairs, *windows(scene, plane_of(scene), pieces, pairs))
     begins, ends = (0.5 - 4000 / degree) * 3600, (0.6 + 2000 / degree) * 3600
     # A metre of tolerance here and there is 0.03 s each way; hulls are padded for it on both sides.
     assert begins - 0.3 <= low <= begins
@@ -62,7 +64,7 @@ def test_window_holds_a_growing_haven(lat: float, slack_s: float) -> None:
     speed = (m[1] - m[0]) / 36000
     track = scenes.track("T", [(0, lat), (0, lat + 2)], [0, 36000], 20000, 30000, 15000, 15000)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(-1, lat + 0.9, 1, lat + 1.1))], [track])
-    low, high = union_s(pieces, pairs, *windows(scene, pieces, pairs))
+    low, high = union_s(pieces, pairs, *windows(scene, plane_of(scene), pieces, pairs))
     begins, ends = (m[2] - m[0] - 20000) / speed, (m[3] - m[0] + 30000) / speed
     assert begins - slack_s <= low <= begins
     assert ends <= high <= ends + slack_s
@@ -75,13 +77,13 @@ def test_two_tracks_have_the_window_that_both_allow() -> None:
     east = scenes.track("E", [(-1, 0), (1, 0)], [0, 7200], *sizes)
     north = scenes.track("N", [(0.02, -1), (0.02, 1)], [0, 7200], *sizes)
     pieces, pairs = met(scene, [], [east, north])
-    first, last = windows(scene, pieces, pairs)
+    first, last = windows(scene, plane_of(scene), pieces, pairs)
     assert (first <= last).any()
     low, high = union_s(pieces, pairs, first, last)
     assert low <= 3600 + 72 - 36 <= high
     late = scenes.track("N", [(0.02, -1), (0.02, 1)], [300, 7500], *sizes)
     pieces, pairs = met(scene, [], [east, late])
-    first, last = windows(scene, pieces, pairs)
+    first, last = windows(scene, plane_of(scene), pieces, pairs)
     assert not (first <= last).any()
 
 
@@ -89,7 +91,7 @@ def test_loiter_has_its_whole_span_for_a_window() -> None:
     scene = Scene("s")
     waiting = scenes.track("T", [(0, 0), (0, 0)], [0, 3600], 5000, 5000, 5000, 5000)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(0, 0, 1, 1), 600, 1200)], [waiting])
-    first, last = windows(scene, pieces, pairs)
+    first, last = windows(scene, plane_of(scene), pieces, pairs)
     assert len(pairs) == 1
     assert first[0] <= 0.0
     assert last[0] >= 600.0
@@ -99,6 +101,6 @@ def test_areas_share_their_span() -> None:
     scene = Scene("s")
     areas = [scenes.area("A", shapely.box(0, 0, 1, 1)), scenes.area("B", shapely.box(0, 0, 1, 1))]
     pieces, pairs = met(scene, areas, [])
-    first, last = windows(scene, pieces, pairs)
+    first, last = windows(scene, plane_of(scene), pieces, pairs)
     assert first.tolist() == [0.0]
     assert last.tolist() == [np.inf]

@@ -26,7 +26,10 @@ PROGRAMS = pytest.mark.parametrize("program", [linear_program, nonlinear_program
 
 def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
     """An area and the first leg of a track, seconds from its start."""
-    still, moving = area_pieces(SCENE, AreaBatch.of([area])), track_pieces(SCENE, TrackBatch.of([track]))
+    still, moving = (
+        area_pieces(SCENE, plane_of(SCENE), AreaBatch.of([area])),
+        track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track])),
+    )
     pieces = Pieces.concatenate([still, moving])
     row, none = np.zeros(1, np.int64), np.zeros(2, np.int64)
     pairs = Pairs(row, row + len(still), np.empty((0, 2)), none)

@@ -17,7 +17,7 @@ from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.model import EarthModel, Motion, Scene
 from conflictdb.motion.contract import StaticShapes
 from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest
 from conflictdb.stage4.encounters import Encounters
@@ -179,7 +179,7 @@ def encounters(scene: Scene, pieces: Pieces, a: int, b: int) -> tuple[Encounters
 def test_what_is_not_a_leaf_is_clear(workload: object, earth: EarthModel, margin_m: float, separation_m: float) -> None:
     """Outside of the leaves no sample is within the margin; a leaf of contact or closeness says when."""
     scene, areas, tracks = throw(workload, 2, 8, 6, earth, separation_m=separation_m)
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = []
     for b in np.flatnonzero(pieces.kind == 1).tolist():
         for a in range(b):
@@ -209,7 +209,7 @@ def test_crossing_of_a_passage() -> None:
     degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
     box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of([box])), track_pieces(scene, TrackBatch.of([track]))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     (k,) = [k for k in range(1, len(pieces)) if pieces.start_us[k] <= scenes.instant_us(1700) < pieces.end_us[k]][:1]
     pair, span_s = encounters(scene, pieces, 0, k)
     begins = (0.5 - 500.0 / degree) * 3600 - (int(pieces.start_us[k]) - scenes.T0_US) / 1e6
@@ -240,12 +240,7 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
             turn = lon_apart / np.cos(np.radians(lat))
             place = shapely.box(turn - 0.01, lat + lat_apart - 0.01, turn + 0.01, lat + lat_apart + 0.01)
             haven = replace(scenes.track("T", course, [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=np.array(ring))
-            pieces = Pieces.concatenate(
-                [
-                    area_pieces(scene, AreaBatch.of([scenes.area("A", place)])),
-                    track_pieces(scene, TrackBatch.of([haven])),
-                ]
-            )
+            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([scenes.area("A", place)]), TrackBatch.of([haven]))
             pair, _ = encounters(scene, pieces, 0, len(pieces) - 1)
             one, other = (shape.positions(AT) for shape in (pair.a, pair.b))
             vertices = other[:, :, 0].T

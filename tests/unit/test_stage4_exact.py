@@ -10,13 +10,13 @@ from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pieces.cutting import area_pieces
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
@@ -41,7 +41,7 @@ class Group:
 
 def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     """All pairs with a track that pass stages 1 and 2."""
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of(areas)), track_pieces(scene, TrackBatch.of(tracks))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = pairs_in_memory(pieces, regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
@@ -124,10 +124,10 @@ def test_uniform_motion_takes_the_closed_form() -> None:
         group.settled(TOUCH_M, work)
     assert work.closed_forms >= 1
     assert work.windows == work.evaluations == 0
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of([box])), track_pieces(scene, TrackBatch.of([track]))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = pairs_in_memory(pieces, regions=False)
     start, end = shared_span(pieces, pairs)
-    found, _ = contacts(scene, pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    found, _ = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     seconds = (start[found.pair] - scenes.T0_US) / 1e6
     assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
     assert (seconds + found.end_s).max() == pytest.approx((0.6 + 2000 / DEGREE) * 3600, abs=1e-6)
@@ -154,10 +154,10 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     north = np.degrees((500.0 - depth_m) / 6371008.771415)
     box = scenes.area("A", shapely.box(0.5, north, 0.6, north + 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
-    pieces = Pieces.concatenate([area_pieces(scene, AreaBatch.of([box])), track_pieces(scene, TrackBatch.of([track]))])
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = pairs_in_memory(pieces, regions=False)
     start, end = shared_span(pieces, pairs)
-    found, effort = contacts(scene, pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
         assert effort.searched_pairs == 0
@@ -182,7 +182,7 @@ def test_no_pairs_are_settled_as_none() -> None:
     """An empty batch of pairs is settled, too."""
     scene = Scene("s", tolerance_m=0.0)
     box = scenes.area("A", shapely.box(0, 0, 1, 1))
-    pieces = area_pieces(scene, AreaBatch.of([box]))
+    pieces = area_pieces(scene, plane_of(scene), AreaBatch.of([box]))
     none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
-    found, effort = contacts(scene, pieces, none, np.empty(0), np.empty(0))
+    found, effort = contacts(scene, plane_of(scene), pieces, none, np.empty(0), np.empty(0))
     assert len(found) == effort.searched_pairs == 0
