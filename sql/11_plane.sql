@@ -17,6 +17,29 @@ END;
 COMMENT ON FUNCTION _exact_numeric(double precision) IS
 'The number with all its digits: cast back it is the same number, whatever the session''s extra_float_digits.';
 
+-- The size of the earth stands once in SQL: here (in Python: conflictdb/earth/geodesy.py). Numeric: its text is exact.
+
+CREATE OR REPLACE FUNCTION _sphere_m() RETURNS numeric
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 6371008.771415;
+END;
+COMMENT ON FUNCTION _sphere_m() IS 'Radius of the sphere, metres: the mean radius of WGS84, (2a + b) / 3.';
+
+CREATE OR REPLACE FUNCTION _wgs84_m() RETURNS numeric
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 6378137.0;
+END;
+COMMENT ON FUNCTION _wgs84_m() IS 'Equatorial radius of WGS84, metres.';
+
+CREATE OR REPLACE FUNCTION _globe() RETURNS text
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT '+proj=longlat +R=' || _sphere_m()::text || ' +no_defs';
+END;
+COMMENT ON FUNCTION _globe() IS 'What PROJ makes longitude and latitude on the sphere of.';
+
 CREATE OR REPLACE FUNCTION _plane(
     p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS text
@@ -24,8 +47,8 @@ LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Without exponents, which PROJ takes for "east". A scene without objects has no centre yet.
     SELECT CASE p_motion WHEN 'great_circle' THEN
-        format('+proj=gnom +lon_0=%s +lat_0=%s +R=6371008.771415 +no_defs',
-               _exact_numeric(coalesce(p_centre_lon, 0)), _exact_numeric(coalesce(p_centre_lat, 0)))
+        format('+proj=gnom +lon_0=%s +lat_0=%s +R=%s +no_defs',
+               _exact_numeric(coalesce(p_centre_lon, 0)), _exact_numeric(coalesce(p_centre_lat, 0)), _sphere_m())
     ELSE p_earth END;
 END;
 COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
@@ -35,7 +58,7 @@ COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
 CREATE OR REPLACE FUNCTION _radius_m(p_plane text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_plane WHEN 'wgs84' THEN 6378137.0 ELSE 6371008.771415 END::double precision;
+    SELECT CASE p_plane WHEN 'wgs84' THEN _wgs84_m() ELSE _sphere_m() END::double precision;
 END;
 COMMENT ON FUNCTION _radius_m(text) IS
 'Equatorial radius of the earth of a plane, metres: of a Mercator plane, x per radian.';
@@ -63,14 +86,14 @@ LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN
         ST_Translate(ST_Transform(ST_Translate(p_geometry, -_middle_x(p_geometry, 180.0), 0), 3395),
-                     radians(_middle_x(p_geometry, 180.0)) * 6378137.0, 0)
+                     radians(_middle_x(p_geometry, 180.0)) * _wgs84_m(), 0)
     WHEN 'sphere' THEN
         ST_SetSRID(ST_Translate(
             ST_Scale(ST_Transform(ST_Translate(p_geometry, -_middle_x(p_geometry, 180.0), 0), 3857),
-                     6371008.771415 / 6378137.0, 6371008.771415 / 6378137.0),
-            radians(_middle_x(p_geometry, 180.0)) * 6371008.771415, 0), 0)
+                     _sphere_m() / _wgs84_m(), _sphere_m() / _wgs84_m()),
+            radians(_middle_x(p_geometry, 180.0)) * _sphere_m(), 0), 0)
     ELSE
-        ST_Transform(p_geometry, '+proj=longlat +R=6371008.771415 +no_defs', p_plane)
+        ST_Transform(p_geometry, _globe(), p_plane)
     END;
 END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
@@ -111,11 +134,11 @@ COMMENT ON FUNCTION _off_the_pole(geometry) IS
 CREATE OR REPLACE FUNCTION _from_gnomonic(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    c_globe CONSTANT text := '+proj=longlat +R=6371008.771415 +no_defs';
+    c_globe CONSTANT text := _globe();
     -- Sides are great circles, which longitude and latitude bend: 25 km of one leave the line by 50 m at 60 degrees.
     c_side_m CONSTANT double precision := 25000;
     v_lat double precision := substring(p_plane from 'lat_0=([-0-9.]+)')::double precision;
-    v_pole geometry := ST_MakePoint(0, 6371008.771415 * sign(v_lat) / greatest(tand(abs(v_lat)), 1e-3));
+    v_pole geometry := ST_MakePoint(0, _sphere_m() * sign(v_lat) / greatest(tand(abs(v_lat)), 1e-3));
     v_middle double precision;
 BEGIN
     IF ST_IsEmpty(p_geometry) THEN
@@ -159,13 +182,14 @@ LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN
         ST_Translate(
-            ST_Transform(ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6378137.0), 0), 3395), 4326),
-            degrees(_middle_x(p_geometry, pi() * 6378137.0) / 6378137.0), 0)
+            ST_Transform(
+                ST_SetSRID(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * _wgs84_m()), 0), 3395), 4326),
+            degrees(_middle_x(p_geometry, pi() * _wgs84_m()) / _wgs84_m()), 0)
     WHEN 'sphere' THEN
         ST_Translate(ST_Transform(ST_SetSRID(
-            ST_Scale(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * 6371008.771415), 0),
-                     6378137.0 / 6371008.771415, 6378137.0 / 6371008.771415), 3857), 4326),
-            degrees(_middle_x(p_geometry, pi() * 6371008.771415) / 6371008.771415), 0)
+            ST_Scale(ST_Translate(p_geometry, -_middle_x(p_geometry, pi() * _sphere_m()), 0),
+                     _wgs84_m() / _sphere_m(), _wgs84_m() / _sphere_m()), 3857), 4326),
+            degrees(_middle_x(p_geometry, pi() * _sphere_m()) / _sphere_m()), 0)
     ELSE
         _from_gnomonic(p_geometry, p_plane)
     END;

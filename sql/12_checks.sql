@@ -52,7 +52,7 @@ CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m doubl
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
-        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_speakable');
+        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_valid');
     END IF;
     PERFORM _check_heights(p_who, p_floor_m, p_ceiling_m);
     IF jsonb_typeof(p_properties) IS DISTINCT FROM 'object' THEN

@@ -230,7 +230,7 @@ DECLARE
 BEGIN
     IF NEW.name IS NULL OR btrim(NEW.name) = '' OR octet_length(NEW.name) > 1000 THEN
         PERFORM _refuse('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
-                        'scene_name_speakable');
+                        'scene_name_valid');
     END IF;
     IF TG_OP = 'UPDATE' AND NEW.scene_id <> OLD.scene_id THEN
         PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the scene and create it anew',

@@ -28,7 +28,7 @@ COMMENT ON FUNCTION _series(double precision, double precision[]) IS
 CREATE OR REPLACE FUNCTION _rectifying_m(p_earth text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT CASE p_earth WHEN 'sphere' THEN 6371008.771415 ELSE 6367449.1458234153 END::double precision;
+    SELECT CASE p_earth WHEN 'sphere' THEN _sphere_m() ELSE 6367449.1458234153 END::double precision;
 END;
 COMMENT ON FUNCTION _rectifying_m(text) IS 'Metres of meridian per radian of rectifying latitude.';
 

@@ -77,9 +77,9 @@ CREATE OR REPLACE FUNCTION _circle_vertices(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     WITH corner AS (
-        SELECT d.path[2] AS n, ST_X(d.geom) / 6371008.771415 AS across,
-               _mixed(p_start, cos(p_angle + ST_Y(d.geom) / 6371008.771415),
-                      p_heading, sin(p_angle + ST_Y(d.geom) / 6371008.771415)) AS ahead
+        SELECT d.path[2] AS n, ST_X(d.geom) / _sphere_m() AS across,
+               _mixed(p_start, cos(p_angle + ST_Y(d.geom) / _sphere_m()),
+                      p_heading, sin(p_angle + ST_Y(d.geom) / _sphere_m())) AS ahead
         FROM ST_DumpPoints(p_outline) d
     ), vertex AS (
         SELECT c.n, _mixed(c.ahead, cos(c.across), ARRAY[
@@ -115,9 +115,9 @@ CREATE OR REPLACE FUNCTION _sag(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT max(2 * abs((p_angle + v.ahead) * v.across) * sin(v.widest) + v.across ^ 2) / 8
-    FROM (SELECT (ST_Y(b.geom) - ST_Y(a.geom)) / 6371008.771415 AS ahead,
-                 _not_tiny(ST_X(b.geom) - ST_X(a.geom)) / 6371008.771415 AS across,
-                 greatest(abs(ST_X(a.geom)), abs(ST_X(b.geom))) / 6371008.771415 AS widest
+    FROM (SELECT (ST_Y(b.geom) - ST_Y(a.geom)) / _sphere_m() AS ahead,
+                 _not_tiny(ST_X(b.geom) - ST_X(a.geom)) / _sphere_m() AS across,
+                 greatest(abs(ST_X(a.geom)), abs(ST_X(b.geom))) / _sphere_m() AS widest
           FROM ST_DumpPoints(p_first) a JOIN ST_DumpPoints(p_last) b ON b.path = a.path) v;
 END;
 COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
@@ -133,7 +133,7 @@ DECLARE
     v_changes boolean := p_grow_mps > 0 OR p_outlines IS NOT NULL;
     v_widest geometry := coalesce(p_outlines, _outline_at(p_path, p_outline, p_grow_mps, NULL, ST_NPoints(p_path)));
     v_most_deg CONSTANT double precision := CASE WHEN v_changes THEN 30 ELSE 60 END;
-    v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 6371008.771415);
+    v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / _sphere_m());
 BEGIN
     -- A vertex is no further from its reference point than by both steps.
     IF _from_centre_deg(p_path, p_centre_lon, p_centre_lat) + sqrt(2) * v_reach_deg <= 60 THEN

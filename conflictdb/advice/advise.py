@@ -36,9 +36,9 @@ from conflictdb.advice.estimates import (
     Setting,
     Share,
     duration,
+    errors_of,
     extrapolated_s,
     recommendation,
-    wrongness,
 )
 from conflictdb.advice.sample import Frame, Objects
 from conflictdb.arrays.answers import Conflicts
@@ -250,7 +250,7 @@ class _Measure:
         reports, done = self._run(setting, n)
         found = self._answer(reports)
         truth = self._truth.among(self._drawn[:n])
-        wrong = wrongness(found, truth)
+        wrong = errors_of(found, truth)
         candidate, intersecting, solved = (
             self._frame.total(of_pair, self._drawn, self._frame.pieces_per_pair)
             for of_pair in (done.candidates, done.met, done.solved)

@@ -132,7 +132,7 @@ class Cost:
 
 
 @dataclass(frozen=True, slots=True)
-class Wrongness:
+class Errors:
     """How an answer on the sampled pairs of objects differs from the true one (`exact` at tolerance 0).
 
     reported : pairs of objects that the answer reports
@@ -176,7 +176,7 @@ class Estimate:
     solved_pairs: Count
     conflicts: Count
     cost: Cost
-    wrong: Wrongness
+    wrong: Errors
     false_share: Share
     unresolved_share: Share
     missed_share: Share
@@ -220,7 +220,7 @@ class Answer:
         return self.take(np.flatnonzero(np.isin(self.pair, pair)))
 
 
-def wrongness(found: Answer, truth: Answer) -> Wrongness:
+def errors_of(found: Answer, truth: Answer) -> Errors:
     """Return how `found` differs from `truth`, both on the same pairs of objects.
 
     Pairs that the truth leaves unresolved are neither false nor missed, nor do their periods count.
@@ -232,7 +232,7 @@ def wrongness(found: Answer, truth: Answer) -> Wrongness:
     outward = np.concatenate([early, late])
     slack = np.maximum(outward, 0.0)
     median, most, worst = np.quantile(slack, [0.5, 0.95, 1.0]).tolist() if len(slack) else [math.nan] * 3
-    return Wrongness(
+    return Errors(
         reported=len(found.pair),
         false_pairs=int((~np.isin(found.pair, truth.pair)).sum()),
         meeting_pairs=len(meets.pair),

@@ -13,12 +13,12 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import Final, NoReturn
 
-from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_UNFIT, TERMINATED
+from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED
 from conflictdb.cli.output import Formatter, remark
 from conflictdb.cli.parser import build
 from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
 
-_CODES: Final = ((InvalidInput, INPUT_REFUSED), (SchemaError, SCHEMA_UNFIT), (ServerError, NO_SERVER))
+_CODES: Final = ((InvalidInput, INPUT_REFUSED), (SchemaError, SCHEMA_MISMATCH), (ServerError, NO_SERVER))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

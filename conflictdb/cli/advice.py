@@ -32,7 +32,7 @@ def _show(done: int, total: int) -> None:
 
 
 def advice_text(advice: Advice) -> str:
-    """Return the advice as tables: cost, then wrongness, then what follows."""
+    """Return the advice as tables: cost, then errors_of, then what follows."""
     scene = advice.scene
     if not advice.estimates:
         return f"{scene.name}: {advice.recommendation}"

@@ -5,7 +5,7 @@ from typing import Final
 DONE: Final = 0
 FAILED: Final = 1
 USAGE: Final = 2
-SCHEMA_UNFIT: Final = 3
+SCHEMA_MISMATCH: Final = 3
 INPUT_REFUSED: Final = 4
 NO_SERVER: Final = 5
 LEFT_OUT: Final = 6
@@ -17,7 +17,7 @@ MEANING: Final = {
     DONE: "done",
     FAILED: "failed",
     USAGE: "usage: an option or argument is wrong",
-    SCHEMA_UNFIT: "the schema is missing, older or newer than the program",
+    SCHEMA_MISMATCH: "the schema is missing, older or newer than the program",
     INPUT_REFUSED: "input refused; nothing was changed",
     NO_SERVER: "no usable PostgreSQL with PostGIS",
     LEFT_OUT: "done, but objects were left out (--skip-invalid)",

@@ -226,8 +226,8 @@ VIEW scenes (
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
 CONSTRAINT area_ceiling_above_floor ON area: CHECK ((ceiling_m > floor_m));
 CONSTRAINT area_heights_finite ON area: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
-CONSTRAINT area_key_speakable ON area: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT area_key_unique ON area: UNIQUE (scene_id, key);
+CONSTRAINT area_key_valid ON area: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT area_pkey ON area: PRIMARY KEY (area_id);
 CONSTRAINT area_properties_object ON area: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT area_scene_fkey ON area: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -265,8 +265,8 @@ CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text,
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
 CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
-CONSTRAINT scene_name_speakable ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
+CONSTRAINT scene_name_valid ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double precision) AND (nearest_m < 'Infinity'::double precision)));
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
@@ -277,8 +277,8 @@ CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double pre
 CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
 CONSTRAINT track_heights_finite ON track: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
 CONSTRAINT track_heights_in_a_row ON track: CHECK (((array_ndims(floors_m) = 1) AND (array_ndims(ceilings_m) = 1)));
-CONSTRAINT track_key_speakable ON track: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT track_key_unique ON track: UNIQUE (scene_id, key);
+CONSTRAINT track_key_valid ON track: CHECK (((key <> ''::text) AND (octet_length(key) <= 1000)));
 CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
 CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -427,6 +427,9 @@ FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
 
 FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _globe()
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -587,6 +590,9 @@ FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_t
 FUNCTION _settle_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _sphere_m()
+    RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -604,6 +610,9 @@ FUNCTION _warn_if_incomplete(p_scene text)
 
 FUNCTION _warn_if_no_object(p_scene text, p_key text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _wgs84_m()
+    RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision, p_is_changed boolean)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

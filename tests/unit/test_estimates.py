@@ -10,18 +10,18 @@ from conflictdb.advice.estimates import (
     Answer,
     Cost,
     Count,
+    Errors,
     Estimate,
     Sampling,
     Setting,
     Share,
-    Wrongness,
     duration,
+    errors_of,
     extrapolated_s,
     object_error,
     percent,
     recommendation,
     whole,
-    wrongness,
 )
 from conflictdb.advice.sample import Frame
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, EarthModel, Method
@@ -38,15 +38,15 @@ def answer(*rows: tuple[int, int, int, bool]) -> Answer:
 
 def test_an_answer_is_not_wrong_against_itself() -> None:
     same = answer((3, 0, HOUR_US, False), (7, SINCE_EVER_US, FOR_EVER_US, False))
-    wrong = wrongness(same, same)
-    assert wrong == Wrongness(2, 0, 2, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.25)
+    wrong = errors_of(same, same)
+    assert wrong == Errors(2, 0, 2, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.25)
 
 
 def test_false_missed_and_unresolved_pairs_are_told_apart() -> None:
     """What the truth leaves open is neither false nor missed."""
     truth = answer((1, 0, 10, False), (2, 0, 10, False), (3, 0, 10, True), (4, 0, 10, True))
     found = answer((9, 0, 10, True), (2, 0, 10, False), (3, 0, 99, False))
-    wrong = wrongness(found, truth)
+    wrong = errors_of(found, truth)
     assert (wrong.reported, wrong.false_pairs, wrong.unresolved) == (3, 1, 1)
     assert (wrong.meeting_pairs, wrong.missed_pairs) == (2, 1)
     assert wrong.slack_worst_s == 0.0
@@ -55,13 +55,13 @@ def test_false_missed_and_unresolved_pairs_are_told_apart() -> None:
 def test_slack_is_taken_over_both_ends_and_shortness_apart() -> None:
     truth = answer((1, 10_000_000, 20_000_000, False), (2, 10_000_000, 20_000_000, False))
     found = answer((2, 9_000_000, 24_000_000, False), (1, 12_000_000, 20_000_000, False))
-    wrong = wrongness(found, truth)
+    wrong = errors_of(found, truth)
     assert (wrong.slack_median_s, wrong.slack_worst_s, wrong.short_worst_s) == (0.5, 4.0, 2.0)
     assert wrong.slack_p95_s == pytest.approx(np.quantile([0.0, 0.0, 1.0, 4.0], 0.95))
 
 
 def test_without_a_pair_that_meets_there_is_no_slack() -> None:
-    wrong = wrongness(answer((1, 0, 1, False)), answer())
+    wrong = errors_of(answer((1, 0, 1, False)), answer())
     assert math.isnan(wrong.slack_median_s)
     assert math.isnan(wrong.slack_worst_s)
     assert (wrong.reported, wrong.false_pairs, wrong.meeting_pairs) == (1, 1, 0)
@@ -261,7 +261,7 @@ def test_durations(seconds: float, text: str) -> None:
 def estimate(
     method: Method, tolerance_m: float, seconds: float, reported: int, false_pairs: int, fraction: float = 1.0
 ) -> Estimate:
-    wrong = Wrongness(reported, false_pairs, 10, 0, 0, 0.0, 60.0, 600.0, 0.0, 0.0)
+    wrong = Errors(reported, false_pairs, 10, 0, 0, 0.0, 60.0, 600.0, 0.0, 0.0)
     none = Count(0.0, 0.0, 0.0)
     setting = Setting(method, EarthModel.WGS84, tolerance_m)
     cost = replace(NO_COST, stage4_s=seconds)

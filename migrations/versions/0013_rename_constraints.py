@@ -1,0 +1,23 @@
+"""Rename the constraints on keys and names: what they check is that those are valid."""
+
+from alembic import op
+
+revision = "0013"
+down_revision = "0012"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "85b6b37c4f1c1ef109addd5d4f90b3618f2b129b0fa6cbb0363b53e1fed729ff"
+
+
+RENAMED = (("area", "area_key"), ("track", "track_key"), ("scene", "scene_name"))
+
+
+def upgrade() -> None:
+    for table, name in RENAMED:
+        op.execute(f"ALTER TABLE conflictdb.{table} RENAME CONSTRAINT {name}_speakable TO {name}_valid")
+
+
+def downgrade() -> None:
+    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")

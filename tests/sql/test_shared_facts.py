@@ -1,0 +1,73 @@
+"""What Python and SQL both know is the same in both: verdicts, kinds, the choices of a scene, the size of the earth."""
+
+import re
+from enum import StrEnum
+from typing import Any
+
+import psycopg
+import pytest
+
+from conflictdb.db import schema
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, earth_of
+from conflictdb.model import EarthModel, Method, Motion
+from conflictdb.results import Kind, Verdict
+
+Conn = psycopg.Connection[Any]
+
+
+@pytest.mark.parametrize(
+    ("constraint", "names"),
+    [
+        ("conflict_verdict_known", Verdict),
+        ("scene_method_known", Method),
+        ("scene_earth_known", EarthModel),
+        ("scene_motion_known", Motion),
+    ],
+)
+def test_tables_take_the_names_that_python_has(conn: Conn, constraint: str, names: type[StrEnum]) -> None:
+    (definition,) = conn.execute(
+        "SELECT pg_get_constraintdef(oid) FROM pg_constraint WHERE conname = %s", [constraint]
+    ).fetchone() or ("",)
+    assert set(re.findall("'([^']*)'", definition)) == {one.value for one in names}
+
+
+def test_kinds_have_one_code(conn: Conn) -> None:
+    """An area and a track of a scene are marked, each with the code of its kind; views say its name."""
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    conn.execute("SELECT conflictdb.put_area('s', 'A', ST_MakeEnvelope(4, 57, 5, 58, 4326))")
+    assert conn.execute("SELECT object_kind FROM conflictdb.change").fetchall() == [(Kind.AREA.code,)]
+    conn.execute("DELETE FROM conflictdb.change")
+    conn.execute(
+        """SELECT conflictdb.put_track('s', 'T', ST_GeomFromText('LINESTRING M (4 57 0, 5 58 3600)', 4326),
+                                       ST_MakeEnvelope(-10, -10, 10, 10))"""
+    )
+    assert conn.execute("SELECT object_kind FROM conflictdb.change").fetchall() == [(Kind.TRACK.code,)]
+    for view in ("conflicts", "approaches"):
+        (text,) = conn.execute("SELECT pg_get_viewdef(%s::regclass)", [f"conflictdb.{view}"]).fetchone() or ("",)
+        cases = re.findall(r"WHEN (\d) THEN '(\w+)'::text\s+ELSE '(\w+)'::text", text)
+        assert cases == [(str(Kind.AREA.code), Kind.AREA, Kind.TRACK)] * 2
+    for kind in Kind:
+        assert Kind.of_code(kind.code) is kind
+    for verdict in Verdict:
+        assert Verdict.of_code(verdict.code) is verdict
+
+
+def test_the_earth_has_one_size(conn: Conn) -> None:
+    """And stands once in SQL; what follows from the flattening is what Python makes of it."""
+    found = conn.execute(
+        """SELECT conflictdb._radius_m('sphere'), conflictdb._radius_m('wgs84'),
+                  conflictdb._rectifying_m('sphere'), conflictdb._rectifying_m('wgs84'),
+                  conflictdb._latitude(conflictdb._rectifying(0.7, 'wgs84'), 'wgs84'),
+                  conflictdb._rectifying(0.7, 'wgs84'), conflictdb._globe()"""
+    ).fetchone()
+    assert found is not None
+    wgs84 = earth_of(EarthModel.WGS84)
+    assert found[:2] == (MEAN_RADIUS_M, WGS84_RADIUS_M)
+    assert found[2:4] == (MEAN_RADIUS_M, pytest.approx(wgs84.rectifying_m, rel=1e-15))
+    assert found[4] == pytest.approx(0.7, rel=1e-15)
+    assert found[5] == pytest.approx(float(wgs84.rectifying(0.7)), rel=1e-15)
+    assert found[6] == f"+proj=longlat +R={MEAN_RADIUS_M} +no_defs"
+    assert pytest.approx(WGS84_RADIUS_M * (1.0 - WGS84_FLATTENING / 3.0), rel=1e-12) == MEAN_RADIUS_M
+    text = "".join(re.sub("--.*|^COMMENT(.|\n)*?;$", "", f.read_text(), flags=re.M) for f in schema.routine_files())
+    for number in ("6371008", "6378137"):
+        assert len(re.findall(number, text)) == 1, number
