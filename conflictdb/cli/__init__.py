@@ -31,6 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         handler = logging.StreamHandler()
         handler.setFormatter(Formatter("%(asctime)s %(name)s: %(message)s"))
         logging.basicConfig(level=logging.DEBUG, handlers=[handler])
+    elif not (driver := logging.getLogger("psycopg")).handlers:
+        # What the driver could not roll back after Ctrl-C is gone with the connection; the error itself is told below.
+        driver.addHandler(logging.NullHandler())
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
         with _termination_as_interrupt():

@@ -188,3 +188,14 @@ def test_server_starts_stays_and_stops(
     finally:
         subprocess.run([*program, "stop"], env=environ, capture_output=True, timeout=120, check=False)
         subprocess.run(["rm", "-rf", str(home)], check=True)
+
+
+def test_what_the_driver_mutters_is_not_shown() -> None:
+    """After Ctrl-C at some moments it logs that it could not roll back, on a connection that is closed anyway."""
+    script = (
+        "import logging\nfrom conflictdb.cli import main\nmain(['--dsn', 'host=/nowhere', 'status'])\n"
+        "logging.getLogger('psycopg').warning('error ignored in rollback')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stderr.startswith("conflictdb: ")
+    assert "error ignored" not in done.stderr
