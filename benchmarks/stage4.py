@@ -37,8 +37,9 @@ from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import contacts
 from conflictdb.stage4.distance import edge_gaps
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import BLOCK, Work, settle_exactly
+from conflictdb.stage4.exact.solver import BLOCK, Work, solve_exactly
 from conflictdb.stage4.exact.touching import Touching, closed_form
+from conflictdb.stage4.outcomes import Outcome
 from conflictdb.stage4.published.nonlinear_program import extreme_contact
 
 ROUNDS = 5
@@ -153,7 +154,7 @@ def main() -> None:
     args = parser.parse_args()
     print(
         f"{'workload':>15} {'earth':>7} {'pairs':>7} {'meet':>5} {'exact':>9} {'first step':>10} {'uniform':>8} "
-        f"{'closed form':>11} {'SLSQP':>9} {'SLSQP/exact':>11} {'windows':>8} {'evaluations':>11} {'not settled':>11} "
+        f"{'closed form':>11} {'SLSQP':>9} {'SLSQP/exact':>11} {'windows':>8} {'evaluations':>11} {'undecided':>11} "
         "  (us a pair)"
     )
     for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS):
@@ -162,17 +163,17 @@ def main() -> None:
             uniform = load(workload, earth, args.scenes, args.tracks, equatorial=True)
             pairs, level = loaded.encounters(), uniform.encounters()
             work = Work()
-            settled = settle_exactly(pairs, np.zeros(len(pairs)), loaded.span_s, TOUCH_M, work)
+            solution = solve_exactly(pairs, np.zeros(len(pairs)), loaded.span_s, TOUCH_M, work)
             rng = np.random.default_rng(0)
             half = args.programs // 2
             chosen = np.concatenate(
                 [
-                    rng.permutation(np.flatnonzero(settled.is_solved))[:half],
-                    rng.permutation(np.flatnonzero(settled.is_clear))[:half],
+                    rng.permutation(np.flatnonzero(solution.ended(Outcome.CONTACT)))[:half],
+                    rng.permutation(np.flatnonzero(solution.ended(Outcome.SEPARATED)))[:half],
                 ]
             )
             level_work = Work()
-            settle_exactly(level, np.zeros(len(level)), uniform.span_s, TOUCH_M, level_work)
+            solve_exactly(level, np.zeros(len(level)), uniform.span_s, TOUCH_M, level_work)
             if level_work.closed_forms != len(level):
                 raise SystemExit(
                     f"only {level_work.closed_forms} of {len(level)} equatorial pairs took the closed form"
@@ -183,7 +184,7 @@ def main() -> None:
                     spent(lambda loaded=loaded: exact(loaded)) / len(pairs),
                     spent(lambda pairs=pairs, loaded=loaded: first_step(pairs, loaded.span_s)) / len(pairs),
                     spent(
-                        lambda level=level, uniform=uniform: settle_exactly(
+                        lambda level=level, uniform=uniform: solve_exactly(
                             level, np.zeros(len(level)), uniform.span_s, TOUCH_M, Work()
                         )
                     )
@@ -195,10 +196,10 @@ def main() -> None:
                 least = np.minimum(least, rounds)
             whole, first, level_us, closed, slsqp = 1e6 * least
             print(
-                f"{workload.name:>15} {earth:>7} {len(pairs):>7,} {settled.is_solved.mean():>5.0%} {whole:>9.2f} "
-                f"{first:>10.2f} {level_us:>8.2f} {closed:>11.2f} {slsqp:>9,.0f} {slsqp / whole:>11,.0f} "
+                f"{workload.name:>15} {earth:>7} {len(pairs):>7,} {solution.ended(Outcome.CONTACT).mean():>5.0%} "
+                f"{whole:>9.2f} {first:>10.2f} {level_us:>8.2f} {closed:>11.2f} {slsqp:>9,.0f} {slsqp / whole:>11,.0f} "
                 f"{work.windows / len(pairs):>8.2f} {work.evaluations / len(pairs):>11.2f} "
-                f"{(~(settled.is_solved | settled.is_clear)).mean():>11.3%}",
+                f"{solution.ended(Outcome.UNDECIDED).mean():>11.3%}",
                 flush=True,
             )
 

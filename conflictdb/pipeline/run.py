@@ -23,7 +23,7 @@ from conflictdb.pipeline.parallel import contacts_by_jobs
 from conflictdb.pipeline.whole_areas import Footprints
 from conflictdb.results import Kind
 from conflictdb.stage3_projection import shared_span, windows
-from conflictdb.stage4.contacts import UNRESOLVED, still_pairs
+from conflictdb.stage4.contacts import UNRESOLVED, static_verdicts
 
 __all__ = ["Footprints", "Funnel", "Progress", "run_stages"]
 
@@ -117,7 +117,7 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
 
 def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> Contacts:
     """Return the contacts of pairs of areas: they last as long as both are there."""
-    verdict = still_pairs(scene, plane, pieces, pairs.take(rows))
+    verdict = static_verdicts(scene, plane, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
     return _whole_spans(pieces, pairs, rows[meets], verdict[meets])
 

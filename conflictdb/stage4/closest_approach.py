@@ -40,7 +40,7 @@ from conflictdb.stage4.constants import (
 )
 from conflictdb.stage4.distance import clearance_m, gap_along, nearest, nearest_at
 from conflictdb.stage4.encounters import Encounters, group_by_shape, short_m
-from conflictdb.stage4.proofs import Leaf, not_clear
+from conflictdb.stage4.proofs import Reason, undecided_separation
 
 GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 
@@ -183,12 +183,12 @@ class _Search:
             if not active.size:
                 break
             before = first[active] - SHORTEST_INTERVAL_S
-            leaves = not_clear(
+            undecided = undecided_separation(
                 self.pairs.take(rows[active]), np.arange(len(active)), np.zeros(len(active)), before, 0.0
             )
-            touch = leaves.kind == Leaf.CONTACT
+            touch = undecided.reason == Reason.CONTACT
             at = np.full(len(active), np.inf)
-            np.minimum.at(at, leaves.row[touch], leaves.at[touch])
+            np.minimum.at(at, undecided.row[touch], undecided.at[touch])
             active, at = active[np.isfinite(at)], at[np.isfinite(at)]
             first[active] = self._onset(rows[active], at, level_m[active])
         return first

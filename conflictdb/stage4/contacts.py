@@ -1,6 +1,6 @@
 """Stage 4: when exactly do two pieces interfere.
 
-Pairs are taken together where their shapes can share arrays. Method `exact` settles most of them at once
+Pairs are taken together where their shapes can share arrays. Method `exact` solves most of them at once
 (`stage4.exact.solver`) and takes the rest apart (`stage4.search`); method `nlp` takes every pair apart, and asks the
 published programs where to look.
 """
@@ -23,11 +23,11 @@ from conflictdb.motion.contract import Plane
 from conflictdb.stage4.constants import END_RESOLUTION_S, TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest_at
 from conflictdb.stage4.encounters import Encounters, group_by_shape
-from conflictdb.stage4.exact.solver import Settled, Work, settle_exactly
-from conflictdb.stage4.exact.touching import depth_of
+from conflictdb.stage4.exact.solver import Work, solve_depth, solve_exactly
+from conflictdb.stage4.outcomes import Outcome, Solution
 from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
 
-__all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "still_pairs"]
+__all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "static_verdicts"]
 
 Progress = Callable[[int], None]
 
@@ -64,8 +64,8 @@ def contacts(
     """Return when the pairs interfere within their windows, and what it took.
 
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
-        a pair must not be unbounded in time together (pairs of areas are `still_pairs`).
-    progress : called with the number of pairs settled since the last call
+        a pair must not be unbounded in time together (pairs of areas are `static_verdicts`).
+    progress : called with the number of pairs solved since the last call
     """
     solver = METHODS[scene.method].solver
     if solver is None:
@@ -81,7 +81,7 @@ def contacts(
         low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
         belongs = _end_belongs(pieces, pairs, rows, end)
         beyond = np.where(belongs, np.inf, span)
-        return _settled(scene, solver, encounters, low, high, beyond, effort)
+        return _group_contacts(scene, solver, encounters, low, high, beyond, effort)
 
     def leave(rows: NDArray[np.int64]) -> Contacts:
         width, verdict = last_s[rows] - first_s[rows], np.full(len(rows), UNRESOLVED, np.int8)
@@ -95,14 +95,14 @@ def contacts(
     return Contacts.concatenate(found), effort
 
 
-def _settled(
+def _group_contacts(
     scene: Scene, solver: Solver, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort
 ) -> Contacts:
     """Return the contacts of like pairs by the solver of the scene's method."""
     if solver is Solver.PROGRAMS:
         effort.searched_pairs += len(pairs)
         return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
-    found, rest = _settled_exactly(scene, pairs, low, high, beyond_s, effort.exact)
+    found, rest = _exact_contacts(scene, pairs, low, high, beyond_s, effort.exact)
     effort.searched_pairs += len(rest)
     if rest.size:
         searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
@@ -110,14 +110,14 @@ def _settled(
     return Contacts.concatenate(found)
 
 
-def _settled_exactly(
+def _exact_contacts(
     scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, work: Work
 ) -> tuple[list[Contacts], NDArray[np.int64]]:
     """Return the contacts that are certain, and the rows of which nothing is."""
 
-    def known(settled: Settled, rows: NDArray[np.int64], is_solved: NDArray[np.bool_], verdict: int) -> Contacts:
-        some = np.flatnonzero(is_solved)
-        times = settled.start_s[some], settled.end_s[some], settled.error_s[some]
+    def known(solution: Solution, rows: NDArray[np.int64], is_known: NDArray[np.bool_], verdict: int) -> Contacts:
+        some = np.flatnonzero(is_known)
+        times = solution.start_s[some], solution.end_s[some], solution.error_s[some]
         verdicts, touches = np.full(len(some), verdict, np.int8), np.ones(len(some), np.bool_)
         return Contacts(rows[some], *times, verdicts, touches)
 
@@ -125,46 +125,42 @@ def _settled_exactly(
     margin_m = max(scene.tolerance_m, TOUCH_M)
     # What begins where the span ends may not belong to it: the search looks closer.
     last = beyond_s - 2.0 * END_RESOLUTION_S
-    settled = settle_exactly(pairs, low, high, margin_m, work)
-    deep = settled.is_solved & (settled.start_s < last)
-    found = [nothing(), known(settled, every, deep, CONFLICT)]
-    rest = np.flatnonzero(~deep & ~settled.is_clear)
+    solution = solve_exactly(pairs, low, high, margin_m, work)
+    deep = solution.ended(Outcome.CONTACT) & (solution.start_s < last)
+    found = [nothing(), known(solution, every, deep, CONFLICT)]
+    rest = np.flatnonzero(~deep & ~solution.ended(Outcome.SEPARATED))
     if margin_m == TOUCH_M or not rest.size:
         return found, rest
     # Too close to call, perhaps: do they meet at all, and how deep; if not, when are they within the tolerance?
     some = pairs.take(rest)
-    settled = settle_exactly(some, low[rest], high[rest], TOUCH_M, work)
-    meets = settled.is_solved & (settled.start_s < last[rest])
-    depth = np.full(len(rest), -1)
+    solution = solve_exactly(some, low[rest], high[rest], TOUCH_M, work)
+    meets = solution.ended(Outcome.CONTACT) & (solution.start_s < last[rest])
+    depth = np.full(len(rest), Outcome.UNDECIDED, np.int8)
     rows = np.flatnonzero(meets)
-    depth[rows] = _how_deep(some.take(rows), settled.start_s[rows], settled.end_s[rows], margin_m, work)
-    found += [known(settled, rest, depth == verdict, verdict) for verdict in (GRAZING, CONFLICT)]
-    rows = np.flatnonzero(settled.is_clear)
+    depth[rows] = _depth(some.take(rows), solution.start_s[rows], solution.end_s[rows], margin_m, work)
+    found.append(known(solution, rest, depth == Outcome.SEPARATED, GRAZING))
+    found.append(known(solution, rest, depth == Outcome.CONTACT, CONFLICT))
+    rows = np.flatnonzero(solution.ended(Outcome.SEPARATED))
     wider = replace(some.take(rows), separation_m=pairs.separation_m + margin_m)
-    near = settle_exactly(wider, low[rest[rows]], high[rest[rows]], TOUCH_M, work)
-    close = near.is_solved & (near.start_s < last[rest[rows]])
+    near = solve_exactly(wider, low[rest[rows]], high[rest[rows]], TOUCH_M, work)
+    close = near.ended(Outcome.CONTACT) & (near.start_s < last[rest[rows]])
     found.append(replace(known(near, rest[rows], close, GRAZING), touches=np.zeros(int(close.sum()), np.bool_)))
-    done = depth >= 0
-    done[rows] = close | near.is_clear
+    done = depth != Outcome.UNDECIDED
+    done[rows] = close | near.ended(Outcome.SEPARATED)
     return found, rest[~done]
 
 
-def _how_deep(pairs: Encounters, start: Floats, end: Floats, margin_m: float, work: Work) -> NDArray[np.int8]:
-    """Return (n,) whether pairs that meet from start to end do so deeper than a margin (CONFLICT) or not (GRAZING).
-
-    -1 where neither is certain.
-    """
-    verdict = np.full(len(pairs), -1, np.int8)
+def _depth(pairs: Encounters, start: Floats, end: Floats, margin_m: float, work: Work) -> NDArray[np.int8]:
+    """Return (n,) the outcome of asking whether pairs that meet from start to end do so deeper than a margin."""
     if pairs.separation_m > margin_m:
-        closer = settle_exactly(replace(pairs, separation_m=pairs.separation_m - margin_m), start, end, TOUCH_M, work)
-        verdict[closer.is_clear], verdict[closer.is_solved] = GRAZING, CONFLICT
-    elif pairs.separation_m == 0.0 and len(pairs):
-        shallow, deep = depth_of(pairs, start, end, margin_m)
-        verdict[shallow], verdict[deep] = GRAZING, CONFLICT
-    return verdict
+        deeper = replace(pairs, separation_m=pairs.separation_m - margin_m)
+        return solve_exactly(deeper, start, end, TOUCH_M, work).outcome
+    if pairs.separation_m == 0.0 and len(pairs):
+        return solve_depth(pairs, start, end, margin_m)
+    return np.full(len(pairs), Outcome.UNDECIDED, np.int8)
 
 
-def still_pairs(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
+def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
     verdict = np.full(len(pairs), -1, np.int8)
 

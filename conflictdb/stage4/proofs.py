@@ -28,37 +28,38 @@ from conflictdb.stage4.distance import clearance_m, edges, gap_along, gaps_along
 from conflictdb.stage4.encounters import Encounters
 
 
-class Leaf(IntEnum):
-    """Why an interval is not clear."""
+class Reason(IntEnum):
+    """Why an interval stays undecided."""
 
-    CONTACT = 0  # closer than wanted at the instant `at`
-    NEAR = 1  # within the margin of it at the instant `at`
-    BORDER = 2  # neither shown, down to the shortest interval
+    CONTACT = 0  # in contact at the instant `at`
+    NEAR = 1  # apart at the instant `at`, but within the margin
+    BORDER = 2  # neither is shown, down to the shortest interval, or the work was used up
 
 
 @dataclass(frozen=True, slots=True)
-class Leaves:
-    """m intervals that are not proven clear: row (m,), start, end, at (m,) seconds, kind (m,) Leaf values."""
+class Undecided:
+    """m intervals of which a proof was not found: row (m,), start, end, at (m,) seconds, reason (m,) `Reason`."""
 
     row: NDArray[np.int64]
     start: Floats
     end: Floats
     at: Floats
-    kind: NDArray[np.int8]
+    reason: NDArray[np.int8]
 
 
-def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats, margin_m: float) -> Leaves:
-    """Return what remains of [start, end] of rows where the pairs are not proven further apart than wanted + margin.
+def undecided_separation(
+    pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats, margin_m: float
+) -> Undecided:
+    """Return the intervals of [start, end] in which the clearance of rows is not proven to exceed the margin.
 
-    With a negative margin: not proven to overlap by less than that. Everything outside the leaves is proven clear. An
-    interval becomes a leaf as soon as its middle is found closer than that, so a leaf may hold more than is needed,
-    never less.
+    Outside of the intervals returned, clearance > margin_m is proven. (A negative margin allows that much overlap.) An
+    interval is returned whole as soon as its middle is found nearer: it may hold more than is needed, never less.
     """
     found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
     rows, start, end = rows.copy(), start.copy(), end.copy()
 
-    def keep(mask: NDArray[np.bool_], at: Floats, kind: NDArray[np.int8]) -> None:
-        found.append((rows[mask], start[mask], end[mask], at[mask], kind[mask]))
+    def keep(mask: NDArray[np.bool_], at: Floats, reason: NDArray[np.int8]) -> None:
+        found.append((rows[mask], start[mask], end[mask], at[mask], reason[mask]))
 
     most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
     for _ in range(MAX_LEVELS):
@@ -68,10 +69,10 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
         u, v, clearance = _window(pairs, rows, start, middle, end, margin_m)
         open_ = u <= v
         close = open_ & (clearance <= margin_m)
-        keep(close, middle, np.where(clearance <= TOUCH_M, Leaf.CONTACT, Leaf.NEAR).astype(np.int8))
+        keep(close, middle, np.where(clearance <= TOUCH_M, Reason.CONTACT, Reason.NEAR).astype(np.int8))
         short = open_ & ~close & (end - start <= SHORTEST_INTERVAL_S)
         crowded = (np.bincount(rows)[rows] > most[rows]) & open_ & ~close & ~short
-        keep(short | crowded, middle, np.full(len(rows), Leaf.BORDER, np.int8))
+        keep(short | crowded, middle, np.full(len(rows), Reason.BORDER, np.int8))
         split = open_ & ~close & ~short & ~crowded
         width = (end - start)[split]
         a, b, row = start[split] + u[split] * width, start[split] + v[split] * width, rows[split]
@@ -79,14 +80,14 @@ def not_clear(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Fl
         rows = np.concatenate([row, row])
         start, end = np.concatenate([a, c]), np.concatenate([c, b])
     else:
-        keep(np.ones(len(rows), np.bool_), 0.5 * (start + end), np.full(len(rows), Leaf.BORDER, np.int8))
-    return _leaves(found)
+        keep(np.ones(len(rows), np.bool_), 0.5 * (start + end), np.full(len(rows), Reason.BORDER, np.int8))
+    return _undecided(found)
 
 
-def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> Leaves:
-    """Return what remains of [start, end] of rows where the pairs are not proven to be as close as wanted throughout.
+def undecided_contact(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Floats) -> Undecided:
+    """Return the intervals of [start, end] in which rows are not proven to be in contact throughout.
 
-    Leaves of kind NEAR are apart at the instant `at`; those of kind BORDER may only touch, or were given up.
+    Those of reason NEAR are apart at the instant `at`; those of reason BORDER may only touch, or were given up.
     """
     found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]] = []
     most = pairs.share(MAX_INTERVALS, MIN_INTERVALS_PER_PAIR, MAX_INTERVALS_PER_PAIR)
@@ -94,22 +95,22 @@ def not_held(pairs: Encounters, rows: NDArray[np.int64], start: Floats, end: Flo
         if not len(rows):
             break
         middle, h = 0.5 * (start + end), end - start
-        sunk = _sunk(pairs, rows, middle, h)
-        held, apart = sunk < 0.0, sunk == np.inf
+        upper = _clearance_upper_bound(pairs, rows, middle, h)
+        held, apart = upper < 0.0, upper == np.inf
         short = ~held & ~apart & (h <= SHORTEST_INTERVAL_S)
         crowded = (np.bincount(rows)[rows] > most[rows]) & ~held & ~apart & ~short
-        leaf = apart | short | crowded
-        kind = np.where(apart, Leaf.NEAR, Leaf.BORDER).astype(np.int8)
-        found.append((rows[leaf], start[leaf], end[leaf], middle[leaf], kind[leaf]))
-        split = ~held & ~leaf
+        done = apart | short | crowded
+        reason = np.where(apart, Reason.NEAR, Reason.BORDER).astype(np.int8)
+        found.append((rows[done], start[done], end[done], middle[done], reason[done]))
+        split = ~held & ~done
         row, a, b, c = rows[split], start[split], end[split], middle[split]
         rows = np.concatenate([row, row])
         start, end = np.concatenate([a, c]), np.concatenate([c, b])
-    return _leaves(found)
+    return _undecided(found)
 
 
-def _sunk(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats) -> Floats:
-    """Return (n,) a bound on the clearance during h seconds around instants, plane metres; inf where it is positive."""
+def _clearance_upper_bound(pairs: Encounters, rows: NDArray[np.int64], middle: Floats, h: Floats) -> Floats:
+    """Return (n,) upper bounds on the clearance during h seconds around instants, plane metres; inf where apart."""
     parts = []
     for batch in pairs.batches(len(rows)):
         some, t, width = pairs.take(rows[batch]), middle[batch], h[batch]
@@ -167,13 +168,13 @@ def crossing(
     return outer, inner
 
 
-def _leaves(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]]) -> Leaves:
+def _undecided(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]]) -> Undecided:
     if not found:
         none = np.empty(0)
-        return Leaves(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
+        return Undecided(np.empty(0, np.int64), none, none, none, np.empty(0, np.int8))
     columns = [np.concatenate(column) for column in zip(*found, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
-    return Leaves(*(column[order] for column in columns))
+    return Undecided(*(column[order] for column in columns))
 
 
 def _window(

@@ -6,6 +6,7 @@ bisection where that hardly narrows the bracket, as where the measure only just 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from conflictdb.earth.geodesy import Floats
 from conflictdb.stage4.constants import MAX_ROOT_STEPS, MOST_TOUCHES, RESOLVED_SPACINGS, SLOW_STEPS
 
-# Of rows (numbers) at instants, how much further apart than wanted they are.
+# Of rows (numbers) at instants, a function of time: their clearance, or their distance.
 Measure = Callable[[NDArray[np.int64], Floats], Floats]
 
 
@@ -48,11 +49,11 @@ def roots(measure: Measure, outside: Floats, gap: Floats, inside: Floats, depth:
         np.concatenate([MOST_TOUCHES * touch, -touch]),
         np.concatenate([zero.at + way, zero.at - way]),
     )
-    found = both.is_found
+    found = both.ending == _Ending.FOUND
     # Where instants are too few to reach that, the bracket itself is left.
     outer, above = (np.where(found, *ends)[:n] for ends in ((both.at, both.outside), (both.value, both.gap)))
     inner, below = (np.where(found, *ends)[n:] for ends in ((both.at, both.inside), (both.value, both.depth)))
-    is_wide = both.is_wide[:n] | both.is_wide[n:]
+    is_wide = (both.ending == _Ending.OUT_OF_STEPS).reshape(2, n).any(axis=0)
     return Roots(outer, inner, ~is_wide & (above > touch) & (below < -touch))
 
 
@@ -66,18 +67,24 @@ class _Bracket:
     depth: Floats
 
 
+class _Ending(IntEnum):
+    """How the narrowing of a bracket ended."""
+
+    FOUND = 0  # the measure is in the wanted range
+    RESOLVED = 1  # the bracket is as narrow as instants can be
+    OUT_OF_STEPS = 2
+
+
 @dataclass(frozen=True, slots=True)
 class _Narrowed(_Bracket):
     """What is left of brackets, and the instants that were looked for, with the values there.
 
-    is_found : (n,) whether the value is in the wanted range; else it is that of the inner end
-    is_wide : (n,) whether the steps were used up; if neither, the bracket is as narrow as instants can be
+    ending : (n,) int8, `_Ending`; where it is not FOUND the instant and value are those of the inner end
     """
 
     at: Floats
     value: Floats
-    is_found: NDArray[np.bool_]
-    is_wide: NDArray[np.bool_]
+    ending: NDArray[np.int8]
 
     def halves(self) -> tuple[tuple[Floats, Floats], ...]:
         """Return the brackets outside and inside of the instants: outsides, gaps, insides, depths of both."""
@@ -104,8 +111,7 @@ def _narrowed(
     at, value, is_found = b.copy(), fb.copy(), fb > least
     first = fa < most
     at[first], value[first], is_found[first] = a[first], fa[first], True
-    is_wide = ~is_found & _resolved(a, b)
-    active = np.flatnonzero(is_wide)
+    active = np.flatnonzero(~is_found & _differ(a, b))
     for step in range(MAX_ROOT_STEPS):
         if not active.size:
             break
@@ -131,13 +137,13 @@ def _narrowed(
         some = active[done]
         at[some], value[some], is_found[some] = x[done], f[done], True
         active = active[~done]
-        active = active[_resolved(a[active], b[active])]
-    is_wide[:] = False
-    is_wide[active] = True
+        active = active[_differ(a[active], b[active])]
+    ending = np.where(is_found, _Ending.FOUND, _Ending.RESOLVED).astype(np.int8)
+    ending[active] = _Ending.OUT_OF_STEPS
     at, value = np.where(is_found, at, b), np.where(is_found, value, fb)
-    return _Narrowed(a, fa, b, fb, at, value, is_found, is_wide)
+    return _Narrowed(a, fa, b, fb, at, value, ending)
 
 
-def _resolved(a: Floats, b: Floats) -> NDArray[np.bool_]:
+def _differ(a: Floats, b: Floats) -> NDArray[np.bool_]:
     """Return whether there are instants between two."""
     return np.asarray(np.abs(b - a) > RESOLVED_SPACINGS * np.spacing(np.maximum(np.abs(a), np.abs(b))))

@@ -4,7 +4,7 @@ For each pair and its window: (1) what is proven clear is left out; (2) the firs
 the true motion, between an instant proven clear and one of contact; where asked, the linear program (uniform motion)
 or the nonlinear one says where to look; (3) what lies outside of them is proven clear, or the search goes on there;
 (4) the contact in between is proven to hold throughout, or cut where the pair is apart; (5) a pair whose least
-separation is within the margin of zero is marked as grazing. What cannot be settled is `unresolved`: it stays in the
+separation is within the margin of zero is marked as grazing. What stays undecided is `unresolved`: it stays in the
 answer with the time in which it might happen.
 """
 
@@ -27,7 +27,7 @@ from conflictdb.stage4.constants import (
 )
 from conflictdb.stage4.distance import clearance_m
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.proofs import Leaf, Leaves, crossing, not_clear, not_held
+from conflictdb.stage4.proofs import Reason, Undecided, crossing, undecided_contact, undecided_separation
 from conflictdb.stage4.published import linear_program, nonlinear_program
 
 CONFLICT: Final = Verdict.CONFLICT.code
@@ -58,11 +58,11 @@ def search(
     beyond_s : (n,) the first instant that is no longer in the span; infinite where the last one is
     programs : counts the calls of the programs that are asked for a guess; none are if there is no counter
     """
-    return _Search(pairs, tolerance_m, low, high, beyond_s, programs).settle()
+    return _Search(pairs, tolerance_m, low, high, beyond_s, programs).solve()
 
 
 class _Search:
-    """Pairs of like shapes, settled together; rows number them."""
+    """Pairs of like shapes, searched together; rows number them."""
 
     def __init__(
         self,
@@ -83,67 +83,73 @@ class _Search:
         self.programs = programs
         self.found: list[Contacts] = [nothing()]
 
-    def settle(self) -> Contacts:
+    def solve(self) -> Contacts:
         n = len(self.low)
-        leaves = not_clear(self.pairs, np.arange(n), self.low, self.high, self.margin_m)
-        # Where only closeness was found, look for contact within those leaves.
+        undecided = undecided_separation(self.pairs, np.arange(n), self.low, self.high, self.margin_m)
+        # Where only closeness was found, look for contact within those intervals.
         touched = np.zeros(n, np.bool_)
-        touched[leaves.row[leaves.kind == Leaf.CONTACT]] = True
-        near = ~touched[leaves.row]
-        deeper = not_clear(self.pairs, leaves.row[near], leaves.start[near], leaves.end[near], 0.0)
-        touched[deeper.row[deeper.kind == Leaf.CONTACT]] = True
-        witnesses = [leaf.kind == Leaf.CONTACT for leaf in (leaves, deeper)]
-        row = np.concatenate([leaves.row[witnesses[0]], deeper.row[witnesses[1]]])
-        at = np.concatenate([leaves.at[witnesses[0]], deeper.at[witnesses[1]]])
+        touched[undecided.row[undecided.reason == Reason.CONTACT]] = True
+        near = ~touched[undecided.row]
+        deeper = undecided_separation(self.pairs, undecided.row[near], undecided.start[near], undecided.end[near], 0.0)
+        touched[deeper.row[deeper.reason == Reason.CONTACT]] = True
+        witnesses = [intervals.reason == Reason.CONTACT for intervals in (undecided, deeper)]
+        row = np.concatenate([undecided.row[witnesses[0]], deeper.row[witnesses[1]]])
+        at = np.concatenate([undecided.at[witnesses[0]], deeper.at[witnesses[1]]])
         rows = np.flatnonzero(touched)
         if rows.size:
             earliest, last = np.full(n, np.inf), np.full(n, -np.inf)
             np.minimum.at(earliest, row, at)
             np.maximum.at(last, row, at)
-            low, high = _hull(leaves, n)
-            self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], leaves)
+            low, high = _hull(undecided, n)
+            self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], undecided)
         # What could not be proven apart may be a touch, too short to be seen; the rest is only close.
         unproven = np.zeros(n, np.bool_)
         unproven[deeper.row] = True
         self._closeness(deeper, unproven & ~touched, touches=True)
-        self._closeness(leaves, ~unproven & ~touched, touches=False)
+        self._closeness(undecided, ~unproven & ~touched, touches=False)
         return Contacts.concatenate(self.found)
 
-    def _closeness(self, leaves: Leaves, wanted: NDArray[np.bool_], *, touches: bool) -> None:
+    def _closeness(self, undecided: Undecided, wanted: NDArray[np.bool_], *, touches: bool) -> None:
         """Report pairs that come within the margin (or touch, if `touches`), but are not seen to meet.
 
         They are grazing, or unresolved.
         """
-        mine = wanted[leaves.row]
+        mine = wanted[undecided.row]
         if not mine.any():
             return
-        rows = np.unique(leaves.row[mine])
-        low, high = (ends[rows] for ends in _hull(leaves, len(wanted)))
-        # An interval that could not be settled down to a microsecond is within rounding of the margin. One that was
+        rows = np.unique(undecided.row[mine])
+        low, high = (ends[rows] for ends in _hull(undecided, len(wanted)))
+        # An interval that stayed undecided down to a microsecond is within rounding of the margin. One that was
         # given up earlier is as good if nothing in it is deeper than the margin; else it is unresolved.
-        given_up = (leaves.kind == Leaf.BORDER) & (leaves.end - leaves.start > 2.0 * SHORTEST_INTERVAL_S) & mine
-        deep = not_clear(self.pairs, leaves.row[given_up], leaves.start[given_up], leaves.end[given_up], -self.margin_m)
-        unresolved = np.isin(rows, deep.row) | ~self._is_close(rows, leaves, mine)
-        near = leaves.kind == Leaf.NEAR
+        given_up = (
+            (undecided.reason == Reason.BORDER) & (undecided.end - undecided.start > 2.0 * SHORTEST_INTERVAL_S) & mine
+        )
+        deep = undecided_separation(
+            self.pairs, undecided.row[given_up], undecided.start[given_up], undecided.end[given_up], -self.margin_m
+        )
+        unresolved = np.isin(rows, deep.row) | ~self._is_close(rows, undecided, mine)
+        near = undecided.reason == Reason.NEAR
         earliest, last = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
-        np.minimum.at(earliest, leaves.row[near], leaves.at[near])
-        np.maximum.at(last, leaves.row[near], leaves.at[near])
+        np.minimum.at(earliest, undecided.row[near], undecided.at[near])
+        np.maximum.at(last, undecided.row[near], undecided.at[near])
         seen = np.isfinite(earliest[rows]) & ~unresolved
         error = high - low
         error[seen] = np.maximum(earliest[rows] - low, high - last[rows])[seen]
         verdict = np.where(unresolved, UNRESOLVED, GRAZING).astype(np.int8)
         self.found.append(Contacts(rows, low, high, error, verdict, np.full(len(rows), touches)))
 
-    def _is_close(self, rows: NDArray[np.int64], leaves: Leaves, mine: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _is_close(self, rows: NDArray[np.int64], undecided: Undecided, mine: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return whether rows are certain to come within the margin, whatever distances are understated by."""
         error_m = self.pairs.distance_error_m(self.pairs.separation_m + self.margin_m)
         if self.pairs.separation_m == 0.0 or not len(rows):
             return np.ones(len(rows), np.bool_)
-        close = not_clear(self.pairs, leaves.row[mine], leaves.start[mine], leaves.end[mine], self.margin_m - error_m)
-        return np.isin(rows, close.row[close.kind != Leaf.BORDER])
+        close = undecided_separation(
+            self.pairs, undecided.row[mine], undecided.start[mine], undecided.end[mine], self.margin_m - error_m
+        )
+        return np.isin(rows, close.row[close.reason != Reason.BORDER])
 
     def _contact(
-        self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, leaves: Leaves
+        self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, undecided: Undecided
     ) -> None:
         """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
         pairs = self.pairs.take(rows)
@@ -152,10 +158,10 @@ class _Search:
         grazes = clearance_m(pairs, np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
-            deeper = not_clear(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
-            grazes[deeper.row[deeper.kind == Leaf.CONTACT]] = False
+            deeper = undecided_separation(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
+            grazes[deeper.row[deeper.reason == Reason.CONTACT]] = False
         kept = self._belongs(rows, start, end)
-        self._leave_to_closeness(rows[~kept], leaves)
+        self._leave_to_closeness(rows[~kept], undecided)
         parts = np.flatnonzero(kept)
         slot, start, end, error = self._parted(
             pairs.take(parts), start[kept], end[kept], start_error[kept], end_error[kept]
@@ -165,10 +171,10 @@ class _Search:
         verdict = np.where(grazes, shallow_verdict, CONFLICT).astype(np.int8)[parts[slot]]
         self.found.append(Contacts(rows[parts[slot]], start, end, error, verdict, np.ones(len(slot), np.bool_)))
 
-    def _leave_to_closeness(self, rows: NDArray[np.int64], leaves: Leaves) -> None:
+    def _leave_to_closeness(self, rows: NDArray[np.int64], undecided: Undecided) -> None:
         """Report pairs whose only contact is at an instant outside of the span as what they are within it: close."""
         if rows.size and self.margin_m > TOUCH_M:
-            self._closeness(leaves, np.isin(np.arange(len(self.low)), rows), touches=False)
+            self._closeness(undecided, np.isin(np.arange(len(self.low)), rows), touches=False)
 
     def _belongs(self, rows: NDArray[np.int64], start: Floats, end: Floats) -> NDArray[np.bool_]:
         """Return whether a contact is within the span, not only at the first instant after it."""
@@ -197,9 +203,9 @@ class _Search:
             # What is in doubt at the very ends is their error.
             first = start + start_error
             last = np.maximum(end - end_error, first)
-            leaves = not_held(some, np.arange(len(slot)), first, last)
+            undecided = undecided_contact(some, np.arange(len(slot)), first, last)
             at = np.full(len(slot), np.nan)
-            at[leaves.row[leaves.kind == Leaf.NEAR]] = leaves.at[leaves.kind == Leaf.NEAR]
+            at[undecided.row[undecided.reason == Reason.NEAR]] = undecided.at[undecided.reason == Reason.NEAR]
             whole = np.isnan(at) | (last - first <= SHORTEST_INTERVAL_S)
             done.append((slot[whole], start[whole], end[whole], np.maximum(start_error, end_error)[whole]))
             cut = np.flatnonzero(~whole)
@@ -233,9 +239,9 @@ class _Search:
             outside, inside = self._bracket(pairs, active, limit[active], witness[active], latest=latest)
             outer[active] = crossing(pairs, active, outside, inside, CLEAR_M)[0]
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
-            rest = not_clear(pairs, active, *ends, 0.0)
+            rest = undecided_separation(pairs, active, *ends, 0.0)
             # Within rounding of a touch, next to the contact: it belongs to it.
-            border = rest.kind != Leaf.CONTACT
+            border = rest.reason != Reason.CONTACT
             if latest:
                 np.maximum.at(outer, rest.row[border], rest.end[border])
                 np.maximum.at(witness, rest.row[~border], rest.at[~border])
@@ -302,16 +308,16 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
         doubt = end - start
         quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
         for deep in (outer, *quarters, witness):
-            sunk = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (doubt >= end - start))
-            settled = crossing(pairs, sunk, outer[sunk], deep[sunk], deep_m[sunk])[1]
-            doubt[sunk] = np.abs(settled - outer[sunk])
+            rows = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (doubt >= end - start))
+            certain = crossing(pairs, rows, outer[rows], deep[rows], deep_m[rows])[1]
+            doubt[rows] = np.abs(certain - outer[rows])
         doubts.append(doubt)
     return doubts[0], doubts[1]
 
 
-def _hull(leaves: Leaves, n: int) -> tuple[Floats, Floats]:
-    """Return (n,) the first start and the last end of each row's leaves."""
+def _hull(undecided: Undecided, n: int) -> tuple[Floats, Floats]:
+    """Return (n,) the first start and the last end of each row's intervals."""
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
-    np.minimum.at(low, leaves.row, leaves.start)
-    np.maximum.at(high, leaves.row, leaves.end)
+    np.minimum.at(low, undecided.row, undecided.start)
+    np.maximum.at(high, undecided.row, undecided.end)
     return low, high

@@ -25,8 +25,9 @@ from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import check_plane, track_pieces
 from conflictdb.stage4.distance import separation
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import settle_exactly
+from conflictdb.stage4.exact.solver import solve_exactly
 from conflictdb.stage4.exact.windows import Work
+from conflictdb.stage4.outcomes import Outcome
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65
@@ -324,5 +325,5 @@ def test_polygons_without_any_edge_have_no_depth() -> None:
     plane = Mercator(earth_of(EarthModel.SPHERE))
     pairs = Encounters(plane, *points, np.zeros((2, 1)), 0.0)
     assert np.isnan(separation(pairs, points[0].xy, points[1].xy)).all()
-    settled = settle_exactly(pairs, np.zeros(1), np.full(1, 100.0), 1.0, Work())
-    assert not settled.is_solved.any()
+    solution = solve_exactly(pairs, np.zeros(1), np.full(1, 100.0), 1.0, Work())
+    assert not solution.ended(Outcome.CONTACT).any()

@@ -21,7 +21,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.proofs import Leaf, crossing, not_clear
+from conflictdb.stage4.proofs import Reason, crossing, undecided_separation
 
 SPHERE = plane_of(Scene("sphere", earth=EarthModel.SPHERE))
 ROW = np.zeros(1, np.int64)
@@ -177,7 +177,7 @@ def encounters(scene: Scene, pieces: Pieces, a: int, b: int) -> tuple[Encounters
 @pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE], ids=lambda w: w.name)
 @pytest.mark.parametrize(("margin_m", "separation_m"), [(0.0, 0.0), (2000.0, 0.0), (1.0, 5000.0)])
 def test_what_is_not_a_leaf_is_clear(workload: object, earth: EarthModel, margin_m: float, separation_m: float) -> None:
-    """Outside of the leaves no sample is within the margin; a leaf of contact or closeness says when."""
+    """Outside of undecided intervals no sample is within the margin; one of contact or closeness says when."""
     scene, areas, tracks = throw(workload, 2, 8, 6, earth, separation_m=separation_m)
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = []
@@ -186,21 +186,21 @@ def test_what_is_not_a_leaf_is_clear(workload: object, earth: EarthModel, margin
             if max(pieces.start_us[a], pieces.start_us[b]) < min(pieces.end_us[a], pieces.end_us[b]):
                 pair, span_s = encounters(scene, pieces, a, b)
                 pairs.append((float(clearance_m(pair, ROW, np.array([span_s / 2]))[0]), a, b))
-    leaves_seen = 0
+    intervals_seen = 0
     for _, a, b in sorted(pairs)[:40]:
         pair, span_s = encounters(scene, pieces, a, b)
-        leaves = not_clear(pair, ROW, np.zeros(1), np.array([span_s]), margin_m)
+        undecided = undecided_separation(pair, ROW, np.zeros(1), np.array([span_s]), margin_m)
         seconds = np.linspace(0.0, span_s, 400)
         clearance = clearance_m(pair, np.zeros(400, np.int64), seconds)
         inside = np.zeros(400, bool)
-        for k in range(len(leaves.row)):
-            inside |= (leaves.start[k] <= seconds) & (seconds <= leaves.end[k])
-            said = float(clearance_m(pair, ROW, leaves.at[k : k + 1])[0])
-            assert leaves.kind[k] != Leaf.CONTACT or said <= TOUCH_M
-            assert leaves.kind[k] != Leaf.NEAR or said <= margin_m
+        for k in range(len(undecided.row)):
+            inside |= (undecided.start[k] <= seconds) & (seconds <= undecided.end[k])
+            said = float(clearance_m(pair, ROW, undecided.at[k : k + 1])[0])
+            assert undecided.reason[k] != Reason.CONTACT or said <= TOUCH_M
+            assert undecided.reason[k] != Reason.NEAR or said <= margin_m
         assert (clearance[~inside] > margin_m).all()
-        leaves_seen += len(leaves.row)
-    assert leaves_seen >= 5
+        intervals_seen += len(undecided.row)
+    assert intervals_seen >= 5
 
 
 def test_crossing_of_a_passage() -> None:

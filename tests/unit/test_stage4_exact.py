@@ -22,7 +22,8 @@ from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
 from conflictdb.stage4.distance import clearance_m
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import Work, settle_exactly
+from conflictdb.stage4.exact.solver import Work, solve_exactly
+from conflictdb.stage4.outcomes import Outcome, Solution
 from conflictdb.stage4.search import search
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
@@ -35,8 +36,8 @@ class Group:
     pairs: Encounters
     span_s: Floats
 
-    def settled(self, margin_m: float, work: Work | None = None) -> object:
-        return settle_exactly(self.pairs, np.zeros(len(self.pairs)), self.span_s, margin_m, work or Work())
+    def solved(self, margin_m: float, work: Work | None = None) -> Solution:
+        return solve_exactly(self.pairs, np.zeros(len(self.pairs)), self.span_s, margin_m, work or Work())
 
 
 def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
@@ -77,20 +78,20 @@ def test_what_is_settled_is_what_the_search_finds(
     total = left = solved = 0
     for group in groups(scene, areas, tracks):
         n = len(group.pairs)
-        settled = group.settled(max(tolerance_m, TOUCH_M))
+        solution = group.solved(max(tolerance_m, TOUCH_M))
         found = search(group.pairs, tolerance_m, np.zeros(n), group.span_s, np.full(n, np.inf), None)
         for row in range(n):
             mine = np.flatnonzero(found.pair == row)
-            if settled.is_clear[row]:
+            if solution.ended(Outcome.SEPARATED)[row]:
                 assert not len(mine)
-            if settled.is_solved[row]:
+            if solution.ended(Outcome.CONTACT)[row]:
                 assert found.verdict[mine].tolist() == [CONFLICT]
-                allowed = settled.error_s[row] + found.error_s[mine[0]] + 1e-7
-                assert settled.start_s[row] == pytest.approx(found.start_s[mine[0]], abs=allowed)
-                assert settled.end_s[row] == pytest.approx(found.end_s[mine[0]], abs=allowed)
+                allowed = solution.error_s[row] + found.error_s[mine[0]] + 1e-7
+                assert solution.start_s[row] == pytest.approx(found.start_s[mine[0]], abs=allowed)
+                assert solution.end_s[row] == pytest.approx(found.end_s[mine[0]], abs=allowed)
         total += n
-        left += int((~settled.is_clear & ~settled.is_solved).sum())
-        solved += int(settled.is_solved.sum())
+        left += int(solution.ended(Outcome.UNDECIDED).sum())
+        solved += int(solution.ended(Outcome.CONTACT).sum())
     assert solved >= 5
     assert left <= 0.1 * total
 
@@ -100,15 +101,15 @@ def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_
     scene, areas, tracks = throw(workload, 7, 25, 25, EarthModel.WGS84, 0.0)
     solved = 0
     for group in groups(scene, areas, tracks):
-        settled = group.settled(TOUCH_M)
-        solved += int(settled.is_solved.sum())
-        rows = np.flatnonzero(settled.is_solved & (settled.error_s > 1e-6))
+        solution = group.solved(TOUCH_M)
+        solved += int(solution.ended(Outcome.CONTACT).sum())
+        rows = np.flatnonzero(solution.ended(Outcome.CONTACT) & (solution.error_s > 1e-6))
         if rows.size:
             # By how much the gap changes in the second before and after either end.
             some = group.pairs.take(rows)
             every = np.arange(len(rows))
             slow = np.zeros(len(rows), np.bool_)
-            for end in (settled.start_s[rows], settled.end_s[rows]):
+            for end in (solution.start_s[rows], solution.end_s[rows]):
                 slow |= np.abs(clearance_m(some, every, end + 1.0) - clearance_m(some, every, end - 1.0)) < 1.5
             assert slow.all()
     assert solved >= 50
@@ -121,7 +122,7 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
     work = Work()
     for group in groups(scene, [box], [track]):
-        group.settled(TOUCH_M, work)
+        group.solved(TOUCH_M, work)
     assert work.closed_forms >= 1
     assert work.windows == work.evaluations == 0
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
@@ -138,10 +139,10 @@ def test_answers_do_not_depend_on_the_company() -> None:
     """Each pair alone, bit for bit what it is among all others."""
     scene, areas, tracks = throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0)
     for group in groups(scene, areas, tracks):
-        together = group.settled(1.0)
+        together = group.solved(1.0)
         for row in range(len(group.pairs)):
-            alone = Group(group.pairs.take(np.array([row])), group.span_s[[row]]).settled(1.0)
-            for name in ("is_clear", "is_solved", "start_s", "end_s", "error_s"):
+            alone = Group(group.pairs.take(np.array([row])), group.span_s[[row]]).solved(1.0)
+            for name in ("outcome", "start_s", "end_s", "error_s"):
                 assert getattr(alone, name)[0] == getattr(together, name)[row]
 
 
@@ -174,8 +175,8 @@ def test_a_pair_of_points_is_left_to_the_search() -> None:
         scenes.track("U", [(1, 0), (0, 0)], [0, 3600], **size),
     ]
     (group,) = [g for g in groups(scene, [], tracks) if len(g.pairs)][:1]
-    settled = group.settled(TOUCH_M)
-    assert not (settled.is_clear | settled.is_solved).any()
+    solution = group.solved(TOUCH_M)
+    assert solution.ended(Outcome.UNDECIDED).all()
 
 
 def test_no_pairs_are_settled_as_none() -> None:

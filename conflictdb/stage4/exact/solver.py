@@ -18,23 +18,30 @@ takes any pair apart by branch and bound.
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
 from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.separated import Separated
-from conflictdb.stage4.exact.touching import Touching
-from conflictdb.stage4.exact.windows import Settled, Work
+from conflictdb.stage4.exact.touching import Touching, depth_of
+from conflictdb.stage4.exact.windows import Work
+from conflictdb.stage4.outcomes import Outcome, Solution
 
-__all__ = ["Settled", "Work", "settle_exactly"]
+__all__ = ["Work", "solve_depth", "solve_exactly"]
 
 # Pairs evaluated together: their arrays stay in the processor's cache.
 BLOCK: Final = 2048
 
 
-def settle_exactly(pairs: Encounters, low: Floats, high: Floats, margin_m: float, work: Work) -> Settled:
-    """Return what is certain of like pairs during [low, high], seconds; margin_m >= TOUCH_M on the earth."""
+def solve_exactly(pairs: Encounters, low: Floats, high: Floats, margin_m: float, work: Work) -> Solution:
+    """Return what is certain of like pairs during [low, high], seconds.
+
+    margin_m : >= TOUCH_M on the earth. SEPARATED is further apart than the separation by more than this throughout;
+        CONTACT is nearer by more than this at some instant, nearer than the separation from start_s to end_s, and not
+        before or after.
+    """
     n = len(pairs)
-    found = Settled(np.zeros(n, np.bool_), np.zeros(n, np.bool_), low.copy(), high.copy(), np.zeros(n))
+    found = Solution.undecided(low, high)
     if max(pairs.a.vertex_count, pairs.b.vertex_count) < 3:
         return found
     kind = Touching if pairs.separation_m == 0.0 else Separated
@@ -42,6 +49,16 @@ def settle_exactly(pairs: Encounters, low: Floats, high: Floats, margin_m: float
         rows = slice(first, first + BLOCK)
         block = kind(pairs.take(rows), low[rows], high[rows], margin_m, work)
         block.settle()
-        found.is_clear[rows], found.is_solved[rows] = block.is_clear, block.is_solved
+        found.outcome[rows] = _outcome(block.is_clear, block.is_solved)
         found.start_s[rows], found.end_s[rows], found.error_s[rows] = block.start, block.end, block.error
     return found
+
+
+def solve_depth(pairs: Encounters, start: Floats, end: Floats, margin_m: float) -> NDArray[np.int8]:
+    """Return (n,) the outcome of asking whether pairs overlap by more than a margin during [start, end], seconds."""
+    return _outcome(*depth_of(pairs, start, end, margin_m))
+
+
+def _outcome(is_separated: NDArray[np.bool_], is_contact: NDArray[np.bool_]) -> NDArray[np.int8]:
+    outcome = np.where(is_contact, Outcome.CONTACT, np.where(is_separated, Outcome.SEPARATED, Outcome.UNDECIDED))
+    return outcome.astype(np.int8)

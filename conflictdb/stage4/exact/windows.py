@@ -30,24 +30,6 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
-    """What is known of n pairs.
-
-    is_clear : (n,) bool   proven apart by more than the margin
-    is_solved : (n,) bool  proven to overlap from start_s to end_s, up to error_s, by more than the margin, and to be
-        apart else; what is neither is not settled
-    start_s, end_s, error_s : (n,) seconds; the true interval lies within, and is shorter by error_s at most at either
-        end
-    """
-
-    is_clear: NDArray[np.bool_]
-    is_solved: NDArray[np.bool_]
-    start_s: Floats
-    end_s: Floats
-    error_s: Floats
-
-
-@dataclass(frozen=True, slots=True)
 class Window:
     """n pairs that are apart outside of [start, end], and in conflict in the middle; seconds.
 
