@@ -1,6 +1,5 @@
-"""What README and docs print runs as printed: commands and Python on the embedded database, SQL in it."""
+"""What README and docs print runs as printed: commands, SQL and Python, on an embedded database."""
 
-import json
 import os
 import re
 import subprocess
@@ -9,7 +8,6 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import psycopg
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,20 +102,69 @@ def test_own_database_runs_as_printed(folder: Path, empty_dsn: str) -> None:
     shell(f"{worker} --once", folder, **path)
 
 
-def test_integration_sql_runs_as_printed(conn: psycopg.Connection) -> None:
-    """The SQL of docs/integration.md and docs/operations.md runs on a database with the schema."""
-    for document in ("docs/integration.md", "docs/operations.md"):
-        for block in blocks(document, "sql"):
-            for statement in filter(str.strip, block.split(";\n")):
-                conn.execute(statement.encode())
+PAGES = sorted(
+    str(path.relative_to(ROOT)) for part in ("tutorial", "how-to") for path in (ROOT / "docs" / part).glob("*")
+)
+# In an output as printed: an ellipsis is anything, times taken and numbers of runs are any.
+VARIES = {"…": r"(?:.|\n)*?", "ms": r"\d+ ms", "run": r"run \d+, [\d.]+ s"}
 
 
-def test_integration_python_runs_as_printed(tmp_path: Path) -> None:
-    """Objects of a file to conflicts in a file, without a database."""
-    (tmp_path / "mine.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
-    (python,) = blocks("docs/integration.md", "python")
-    done = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    features = json.loads((tmp_path / "conflicts.geojson").read_text())["features"]
-    assert "FERRY" in {feature["properties"]["b_key"] for feature in features}
-    assert (tmp_path / "approaches.csv").read_text().count("\n") == len(features) + 1
+def as_pattern(text: str) -> str:
+    """Return a regular expression for an output as printed."""
+    parts = re.split(r"(…|\d+ ms|run \d+, [\d.]+ s)", as_compared(text))
+    kinds = (part if part == "…" else "ms" if part.endswith("ms") else "run" for part in parts[1::2])
+    return "".join(
+        a + b for a, b in zip(map(re.escape, parts[::2]), [*(VARIES[kind] for kind in kinds), ""], strict=True)
+    )
+
+
+def as_compared(text: str) -> str:
+    return "\n".join(line.rstrip() for line in text.strip().splitlines())
+
+
+@pytest.fixture(scope="module")
+def home(_server: object) -> Iterator[Path]:
+    """Return the home of an embedded database that runs."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o755)
+        home = Path(name) / "home"
+        server = f"{sys.executable} -m conflictdb server"
+        shell(f"{server} start", Path(name), CONFLICTDB_HOME=str(home))
+        yield home
+        shell(f"{server} stop", Path(name), CONFLICTDB_HOME=str(home))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_page_runs_as_printed(
+    page: str, folder: Path, home: Path, empty_dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands, SQL and Python of a page run in order on an empty database, and print what is below them."""
+    monkeypatch.setenv("CONFLICTDB_HOME", str(home))
+    monkeypatch.setenv("DSN", empty_dsn)  # of the reader's own server
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("PGTZ", "UTC")
+    shell("./run psql -q -c 'DELETE FROM conflictdb.scene'", folder)
+    background = []
+    printed: str | None = None
+    try:
+        for language, block in re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE):
+            if language == "text" and printed is not None:
+                found = as_compared(printed)
+                assert re.fullmatch(as_pattern(block), found), f"{page} says\n{block}\nbut it is\n{found}"
+                printed = None
+            elif language == "sh" and block.endswith("&\n"):
+                background.append(subprocess.Popen(block.split()[:-1], cwd=folder, stderr=subprocess.DEVNULL))
+            elif language == "sh":
+                printed = shell(f"set -e\n{block}", folder)
+            elif language == "sql":
+                (folder / "query.sql").write_text(f"\\pset footer off\n{block}")
+                printed = shell("./run psql -q -v ON_ERROR_STOP=1 -f query.sql", folder)
+            elif language == "python":
+                (folder / "example.py").write_text(block)
+                printed = shell("./run python example.py", folder)
+            else:
+                printed = None
+    finally:
+        for process in background:
+            process.terminate()
+            process.wait(30)

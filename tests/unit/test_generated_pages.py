@@ -1,4 +1,4 @@
-"""The pages of docs/reference that are made from the parser and from docstrings are up to date."""
+"""What is made by scripts in docs/ is up to date: pages of the reference, and the picture of the README."""
 
 import importlib.util
 from pathlib import Path
@@ -23,6 +23,11 @@ def script(name: str) -> ModuleType:
 def test_page_is_up_to_date(name: str) -> None:
     """Otherwise: ./run python docs/generate.py."""
     assert (DOCS / "reference" / f"{name}.md").read_text() == getattr(script("generate"), name)()
+
+
+def test_picture_is_up_to_date() -> None:
+    """Otherwise: ./run python docs/picture.py."""
+    assert (DOCS / "strait.svg").read_text() == script("picture").picture()
 
 
 def test_every_public_name_has_a_section_and_a_docstring() -> None:
