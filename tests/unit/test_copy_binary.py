@@ -1,6 +1,8 @@
 """COPY BINARY as arrays: what is encoded in bulk is what PostgreSQL's own format says, row by row."""
 
 import struct
+import tracemalloc
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -112,3 +114,54 @@ def test_no_rings_stay_no_rings() -> None:
     opened, offset = copy_binary.open_rings(closed, offset)
     assert opened.shape == (0, 2)
     assert offset.tolist() == [0]
+
+
+HEADER, TRAILER = b"PGCOPY\n\xff\r\n\0" + bytes(8), b"\xff\xff"
+
+
+def sent(n: int, size: int | None = None) -> Iterator[bytes]:
+    """Messages of a COPY TO of n rows of two numbers, and a text of `size` bytes; the first begins with the header."""
+    start = HEADER
+    for i in range(n):
+        text = b"" if size is None else struct.pack(">i", size) + b"%*d" % (size, i)
+        yield start + struct.pack(">hiqid", 2 + (size is not None), 8, -i, 8, i / 2) + text
+        start = b""
+    yield start + TRAILER
+
+
+COLUMNS = [("i", "i8"), ("half", "f8")]
+
+
+@pytest.mark.parametrize("n", [0, 1, 100_000])
+@pytest.mark.parametrize("size", [None, 12])
+def test_rows_are_decoded_as_they_come(n: int, size: int | None) -> None:
+    columns, texts = copy_binary.decoded(sent(n, size), COLUMNS, [] if size is None else ["text"])
+    assert [columns[name].dtype.str for name in ("i", "half")] == ["<i8", "<f8"]
+    np.testing.assert_array_equal(columns["i"], -np.arange(n))
+    np.testing.assert_array_equal(columns["half"], np.arange(n) / 2)
+    assert texts == ({} if size is None else {"text": [b"%12d" % i for i in range(n)]})
+
+
+def test_header_and_trailer_may_come_by_themselves_and_rows_be_large() -> None:
+    rows = list(sent(3, 2**20))
+    first = rows[0].removeprefix(HEADER)
+    for messages in ([HEADER, first, *rows[1:]], [rows[0] + rows[1] + rows[2] + rows[3]], rows):
+        columns, texts = copy_binary.decoded(messages, COLUMNS, ["text"])
+        assert columns["i"].tolist() == [0, -1, -2]
+        assert [int(text) for text in texts["text"]] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("size", [None, 100])
+def test_an_answer_is_not_held_twice(size: int | None) -> None:
+    """At most one and a half times the answer, and a few chunks: the largest of these columns is half of them."""
+    row = struct.pack(">hiqid", 2, 8, 7, 8, 0.5) if size is None else next(sent(1, size)).removeprefix(HEADER)
+    message, count = 1000 * row, 1000 if size is None else 50
+    messages = [HEADER, *[message] * count, TRAILER]
+    tracemalloc.start()
+    try:
+        answer = copy_binary.decoded(messages, COLUMNS, [] if size is None else ["text"])
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(answer[0]["i"]) == 1000 * count
+    assert peak < 1.5 * held + 6 * 2**20

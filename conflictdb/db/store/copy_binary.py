@@ -4,7 +4,7 @@ Ragged columns (texts, geometries, spans) are concatenated bytes with offsets. R
 COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WKB, little-endian on every machine.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ _SIGNATURE: Final = b"PGCOPY\n\xff\r\n\0"
 _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
 _ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of the index arrays
+_CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
 
 WKB_POLYGON: Final = 3
 WKB_LINESTRING_M: Final = 2002
@@ -204,32 +205,62 @@ def receive(
     """Return the rows of a set-returning routine: fixed-width columns as arrays, the ragged ones after them as bytes.
 
     The routine's columns are those of `dtype` (numpy types without byte order), then those of `ragged`; none is null.
+    Rows are decoded as they come: besides the answer, no more is held than one of its columns and a chunk of rows.
     """
     places = ", ".join(["%s"] * len(arguments))
     statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
     with translated(), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
-        data = b"".join(copy)
+        return decoded(copy, dtype, ragged)
+
+
+def decoded(
+    messages: Iterable[bytes | bytearray | memoryview], dtype: Sequence[tuple[str, str]], ragged: Sequence[str] = ()
+) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
+    """Return the columns of the messages of a COPY TO, as `receive` does."""
     layout = [("fields", ">i2")]
     for name, kind in dtype:
         layout += [(f"{name} length", ">i4"), (name, f">{kind}")]
     row_type = np.dtype(layout)
-    start, end = len(_HEADER), len(data) - len(_TRAILER)
-    if not ragged:
-        table = np.frombuffer(data[start:end], dtype=row_type)
-        return {name: _native(table[name]) for name, _ in dtype}, {}
-    fixed_parts: list[bytes] = []
+    chunks: dict[str, list[NDArray[Any]]] = {name: [] for name, _ in dtype}
     strings: dict[str, list[bytes]] = {name: [] for name in ragged}
-    appends = [strings[name].append for name in ragged]
-    width = row_type.itemsize
+    for rows in _chunks(messages):
+        table = np.frombuffer(_cut(rows, row_type.itemsize, strings) if ragged else rows, dtype=row_type)
+        for name, _ in dtype:
+            chunks[name].append(_native(table[name]))
+    # One column after the other: what it was made of goes before the next.
+    return {name: np.concatenate(chunks.pop(name)) for name, _ in dtype}, strings
+
+
+def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[bytes]:
+    """Yield the rows of a COPY TO, many at a time, without its header and trailer; one chunk at least.
+
+    No row is in two chunks: a message holds whole rows (PostgreSQL documentation, "COPY Operations": one per row).
+    """
+    held: list[bytes | bytearray | memoryview] = []
+    size, start = 0, len(_HEADER)
+    for message in messages:
+        # The last message holds the trailer: it waits until there is another one.
+        if size >= _CHUNK_BYTES:
+            yield b"".join(held)[start:]
+            held, size, start = [], 0, 0
+        held.append(message)
+        size += len(message)
+    yield b"".join(held)[start : -len(_TRAILER)]
+
+
+def _cut(rows: bytes, width: int, strings: dict[str, list[bytes]]) -> bytes:
+    """Return the fixed-width parts of rows, one after the other, and append the ragged ones to their columns."""
+    fixed_parts = []
+    appends = [column.append for column in strings.values()]
+    start, end = 0, len(rows)
     while start < end:
-        fixed_parts.append(data[start : start + width])
+        fixed_parts.append(rows[start : start + width])
         start += width
         for append in appends:
             first = start + 4
-            start = first + int.from_bytes(data[start:first], "big")
-            append(data[first:start])
-    table = np.frombuffer(b"".join(fixed_parts), dtype=row_type)
-    return {name: _native(table[name]) for name, _ in dtype}, strings
+            start = first + int.from_bytes(rows[start:first], "big")
+            append(rows[first:start])
+    return b"".join(fixed_parts)
 
 
 def vertices(wkb: Sequence[bytes], code: int) -> tuple[NDArray[np.float64], Offsets]:
