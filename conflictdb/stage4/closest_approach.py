@@ -12,7 +12,6 @@ what the distance is stated with. Nothing is decided by sampling.
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +24,11 @@ from conflictdb.motion.contract import Plane, sides_of
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import (
     APPROACH_M,
-    BRACKET_S,
     EDGE_PLACES,
     EDGE_STEPS,
     MAX_APPROACH_INTERVALS,
     MAX_APPROACH_LEVELS,
+    MAX_BISECTIONS,
     MAX_INTERVALS,
     MAX_ROUNDS,
     MIN_APPROACH_INTERVALS,
@@ -41,8 +40,7 @@ from conflictdb.stage4.constants import (
 from conflictdb.stage4.distance import clearance_m, gap_along, nearest, nearest_at
 from conflictdb.stage4.encounters import Encounters, group_by_shape, short_m
 from conflictdb.stage4.proofs import Reason, undecided_separation
-
-GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
+from conflictdb.stage4.roots import Measure, first_below, golden_section
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,21 +138,11 @@ class _Search:
 
     def _polish(self, rows: NDArray[np.int64], low: Floats, high: Floats) -> None:
         """Look for a lesser distance between two instants, by golden section."""
-        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        at_left, at_right = _distance(self.pairs, rows, left), _distance(self.pairs, rows, right)
-        for _ in range(MAX_APPROACH_LEVELS):
-            # Each by itself: what is found of a pair does not depend on the company it is in.
-            k = np.flatnonzero(high - low > SHORTEST_INTERVAL_S)
-            if not k.size:
-                break
-            earlier = at_left[k] <= at_right[k]
-            low[k], high[k] = np.where(earlier, low[k], left[k]), np.where(earlier, right[k], high[k])
-            width = GOLDEN * (high[k] - low[k])
-            new = np.where(earlier, high[k] - width, low[k] + width)
-            at_new = _distance(self.pairs, rows[k], new)
-            left[k], right[k] = np.where(earlier, new, right[k]), np.where(earlier, left[k], new)
-            at_left[k], at_right[k] = np.where(earlier, at_new, at_right[k]), np.where(earlier, at_left[k], at_new)
-        self.see(rows, np.where(at_left <= at_right, left, right), np.minimum(at_left, at_right))
+        found = golden_section(self._distance_of(rows), low, high, SHORTEST_INTERVAL_S, MAX_BISECTIONS)
+        self.see(rows, *found[2:])
+
+    def _distance_of(self, rows: NDArray[np.int64]) -> Measure:
+        return lambda k, t: _distance(self.pairs, rows[k], t)
 
     def _bounds(
         self, row: NDArray[np.int64], start: Floats, middle: Floats, end: Floats, first: Floats, last: Floats
@@ -176,7 +164,7 @@ class _Search:
 
         level_m : (n,) at least the least distance; TOUCH_M: the first touch is proven to be the first
         """
-        first = self._onset(rows, self.at_s[rows], level_m)
+        first = first_below(self._distance_of(rows), np.zeros(len(rows)), self.at_s[rows], level_m)
         active = np.flatnonzero(level_m <= TOUCH_M)
         for _ in range(MAX_ROUNDS):
             active = active[first[active] > SHORTEST_INTERVAL_S]
@@ -190,23 +178,8 @@ class _Search:
             at = np.full(len(active), np.inf)
             np.minimum.at(at, undecided.row[touch], undecided.at[touch])
             active, at = active[np.isfinite(at)], at[np.isfinite(at)]
-            first[active] = self._onset(rows[active], at, level_m[active])
+            first[active] = first_below(self._distance_of(rows[active]), np.zeros(len(active)), at, level_m[active])
         return first
-
-    def _onset(self, rows: NDArray[np.int64], at_s: Floats, level_m: Floats) -> Floats:
-        """Return instants from which on rows are as close as this, on the way to at_s, by bisection, seconds."""
-        outside, inside = np.zeros(len(rows)), at_s.copy()
-        near = _distance(self.pairs, rows, outside) <= level_m
-        inside[near] = 0.0
-        for _ in range(MAX_APPROACH_LEVELS):
-            active = np.flatnonzero(inside - outside > BRACKET_S)
-            if not active.size:
-                break
-            middle = 0.5 * (outside + inside)[active]
-            near = _distance(self.pairs, rows[active], middle) <= level_m[active]
-            inside[active] = np.where(near, middle, inside[active])
-            outside[active] = np.where(near, outside[active], middle)
-        return inside
 
 
 def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
@@ -388,37 +361,21 @@ def _vertex_and_side(plane: Plane, points: Floats, polygon: Floats, sides: Sides
     def place(part: Floats) -> Floats:
         return np.asarray(start + part * (end - start))
 
-    def distance_at(part: Floats) -> Floats:
-        return _apart(plane, vertex[:, None], place(part)[:, None])
+    def distance_at(rows: NDArray[np.int64], part: Floats) -> Floats:
+        at = start[:, rows] + part * (end[:, rows] - start[:, rows])
+        return _apart(plane, vertex[:, None, rows], at[:, None])
 
     # Golden section about the nearest of some places along the side.
+    every = np.arange(n)
     sampled = np.linspace(0.0, 1.0, EDGE_PLACES)
-    nearest_of = np.stack([distance_at(np.full(n, part)) for part in sampled]).argmin(axis=0)
+    nearest_of = np.stack([distance_at(every, np.full(n, part)) for part in sampled]).argmin(axis=0)
     low, high = sampled[np.maximum(nearest_of - 1, 0)], sampled[np.minimum(nearest_of + 1, EDGE_PLACES - 1)]
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left, at_right = distance_at(left), distance_at(right)
     length = np.hypot(*(end - start))
-    for _ in range(EDGE_STEPS):
-        # Each by itself, as in `_Search._polish`.
-        going = (high - low) * length > PLACE_M
-        if not going.any():
-            break
-        before = at_left <= at_right
-        low, high = np.where(going & ~before, left, low), np.where(going & before, right, high)
-        new = np.where(before, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-        at_new = distance_at(new)
-        left, right = (
-            np.where(going, np.where(before, new, right), left),
-            np.where(going, np.where(before, left, new), right),
-        )
-        at_left, at_right = (
-            np.where(going, np.where(before, at_new, at_right), at_left),
-            np.where(going, np.where(before, at_left, at_new), at_right),
-        )
+    low, high, _, _ = golden_section(distance_at, low, high, PLACE_M, EDGE_STEPS, length)
     part = 0.5 * (low + high)
     for end_of in (np.zeros(n), np.ones(n)):
-        part = np.where(distance_at(end_of) <= distance_at(part), end_of, part)
-    return vertex, place(part), distance_at(part)
+        part = np.where(distance_at(every, end_of) <= distance_at(every, part), end_of, part)
+    return vertex, place(part), distance_at(every, part)
 
 
 def _apart(plane: Plane, one: Floats, other: Floats) -> Floats:

@@ -51,6 +51,9 @@ MAX_INTERVALS_PER_PAIR: Final = 4096
 
 # --- Roots (`roots`) -------------------------------------------------------------------------------------------------
 
+# Halvings of a bracket by bisection, and narrowings by golden section: 48 reach BRACKET_S from a month. With fewer,
+# instants are known less well.
+MAX_BISECTIONS: Final = 48
 # Steps of one search. Bisection takes 60 to the last digit of float64, and every fourth step is one at worst: with
 # fewer, brackets stay wide and pairs are left to the search.
 MAX_ROOT_STEPS: Final = 300

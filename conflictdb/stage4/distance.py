@@ -4,6 +4,7 @@ The signed separation of two polygons is their distance where they are disjoint,
 way out where they overlap (separating axes). It is continuous in time.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,11 @@ def clearance_m(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Floats
     Negative is a loss of separation.
     """
     return nearest_at(pairs, rows, t).clearance_m
+
+
+def clearance_of(pairs: Encounters, rows: NDArray[np.int64]) -> Callable[[NDArray[np.int64], Floats], Floats]:
+    """Return the clearance of rows as a function of (numbers of them, times), as `roots` take it."""
+    return lambda k, t: clearance_m(pairs, rows[k], t)
 
 
 def nearest_at(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Nearest:

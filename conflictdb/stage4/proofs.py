@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
 from conflictdb.stage4.constants import (
-    BRACKET_S,
     MAX_INTERVALS,
     MAX_INTERVALS_PER_PAIR,
     MAX_LEVELS,
@@ -24,7 +23,7 @@ from conflictdb.stage4.constants import (
     SHORTEST_INTERVAL_S,
     TOUCH_M,
 )
-from conflictdb.stage4.distance import clearance_m, edges, gap_along, gaps_along, nearest
+from conflictdb.stage4.distance import edges, gap_along, gaps_along, nearest
 from conflictdb.stage4.encounters import Encounters
 
 
@@ -130,42 +129,6 @@ def _clearance_upper_bound(pairs: Encounters, rows: NDArray[np.int64], middle: F
         bound = level + 0.5 * rate * width
         parts.append(np.where(found.clearance_m > TOUCH_M, np.inf, bound))
     return np.concatenate(parts)
-
-
-def crossing(
-    pairs: Encounters, rows: NDArray[np.int64], outside: Floats, inside: Floats, level_m: Floats | float
-) -> tuple[Floats, Floats]:
-    """Return brackets (outer, inner) of where the clearance crosses a level, no wider than BRACKET_S.
-
-    outside, inside : (n,) seconds, with clearance > level at outside and <= level at inside (either may be the later).
-    A pair that is not above the level at `outside` gets `outside` for both.
-    """
-    outer, level_m = outside.copy(), np.broadcast_to(level_m, outside.shape)
-    above, below = clearance_m(pairs, rows, outer) - level_m, clearance_m(pairs, rows, inside) - level_m
-    inner = np.where(above > 0.0, inside, outer)
-    side = np.zeros(len(rows), np.int8)
-    for step in range(2 * MAX_LEVELS):
-        wide = (np.abs(outer - inner) > BRACKET_S) & (np.nextafter(outer, inner) != inner)
-        active = np.flatnonzero(wide)
-        if not active.size:
-            break
-        first, last, f0, f1 = outer[active], inner[active], above[active], below[active]
-        # Regula falsi, stepping over by less than a bracket so that the other end follows; every third time bisection.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = f0 / (f0 - f1)
-        share = np.where(np.isfinite(share) & (step % 3 < 2), share, 0.5)
-        over = 0.4 * BRACKET_S / np.abs(last - first) * np.where(side[active] > 0, 1.0, -1.0)
-        at = first + np.clip(share + np.where(step % 3 < 2, over, 0.0), 0.0, 1.0) * (last - first)
-        at = np.where((at == first) | (at == last), 0.5 * (first + last), at)
-        found = clearance_m(pairs, rows[active], at) - level_m[active]
-        is_above = found > 0.0
-        again = side[active] == np.where(is_above, 1, -1)
-        outer[active] = np.where(is_above, at, first)
-        inner[active] = np.where(is_above, last, at)
-        above[active] = np.where(is_above, found, np.where(again, 0.5 * f0, f0))
-        below[active] = np.where(is_above, np.where(again, 0.5 * f1, f1), found)
-        side[active] = np.where(is_above, 1, -1)
-    return outer, inner
 
 
 def _undecided(found: list[tuple[NDArray[np.int64], Floats, Floats, Floats, NDArray[np.int8]]]) -> Undecided:

@@ -25,10 +25,11 @@ from conflictdb.stage4.constants import (
     SHORTEST_INTERVAL_S,
     TOUCH_M,
 )
-from conflictdb.stage4.distance import clearance_m
+from conflictdb.stage4.distance import clearance_m, clearance_of
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.proofs import Reason, Undecided, crossing, undecided_contact, undecided_separation
+from conflictdb.stage4.proofs import Reason, Undecided, undecided_contact, undecided_separation
 from conflictdb.stage4.published import linear_program, nonlinear_program
+from conflictdb.stage4.roots import crossing
 
 CONFLICT: Final = Verdict.CONFLICT.code
 GRAZING: Final = Verdict.GRAZING.code
@@ -184,7 +185,7 @@ class _Search:
             # Only an onset counts: what has been in touch since the span began is in it.
             row = rows[onset]
             clearance = clearance_m(self.pairs, row, self.beyond_s[row])
-            begins = crossing(self.pairs, row, start[onset], self.beyond_s[row], 0.0)[1]
+            begins = crossing(clearance_of(self.pairs, row), start[onset], self.beyond_s[row], 0.0)[1]
             early = (clearance <= 0.0) & (begins < self.beyond_s[row] - END_RESOLUTION_S)
             belongs[onset] = early | (clearance < -self.pairs.certainty_margin_m)
         return belongs
@@ -237,7 +238,7 @@ class _Search:
             if not active.size:
                 break
             outside, inside = self._bracket(pairs, active, limit[active], witness[active], latest=latest)
-            outer[active] = crossing(pairs, active, outside, inside, CLEAR_M)[0]
+            outer[active] = crossing(clearance_of(pairs, active), outside, inside, CLEAR_M)[0]
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
             rest = undecided_separation(pairs, active, *ends, 0.0)
             # Within rounding of a touch, next to the contact: it belongs to it.
@@ -309,7 +310,7 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
         quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
         for deep in (outer, *quarters, witness):
             rows = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (doubt >= end - start))
-            certain = crossing(pairs, rows, outer[rows], deep[rows], deep_m[rows])[1]
+            certain = crossing(clearance_of(pairs, rows), outer[rows], deep[rows], deep_m[rows])[1]
             doubt[rows] = np.abs(certain - outer[rows])
         doubts.append(doubt)
     return doubts[0], doubts[1]

@@ -19,9 +19,10 @@ from conflictdb.motion.contract import StaticShapes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage4.constants import TOUCH_M
-from conflictdb.stage4.distance import clearance_m, nearest
+from conflictdb.stage4.distance import clearance_m, clearance_of, nearest
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.proofs import Reason, crossing, undecided_separation
+from conflictdb.stage4.proofs import Reason, undecided_separation
+from conflictdb.stage4.roots import crossing
 
 SPHERE = plane_of(Scene("sphere", earth=EarthModel.SPHERE))
 ROW = np.zeros(1, np.int64)
@@ -214,7 +215,7 @@ def test_crossing_of_a_passage() -> None:
     pair, span_s = encounters(scene, pieces, 0, k)
     begins = (0.5 - 500.0 / degree) * 3600 - (int(pieces.start_us[k]) - scenes.T0_US) / 1e6
     assert 0.0 < begins < span_s
-    outer, inner = crossing(pair, ROW, np.zeros(1), np.array([begins + 5.0]), 0.0)
+    outer, inner = crossing(clearance_of(pair, ROW), np.zeros(1), np.array([begins + 5.0]), 0.0)
     assert outer[0] <= begins + 1e-7 <= inner[0] + 2e-7
     assert inner[0] - outer[0] < 1e-6
 
