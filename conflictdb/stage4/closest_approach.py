@@ -1,14 +1,20 @@
-"""Stage 4, closest approach: when, where and how close two objects come, metres on the earth.
+"""Stage 4, closest approach (CPA): when, where and how close two objects come, metres on the earth.
 
-The distance is minimised over the whole span that a pair of pieces shares, by branch and bound: the distance in the
-middle of an interval bounds the least one from above, and three proofs bound what it may fall to within the interval.
-(1) Along the direction between the nearest points the gap of polygons whose vertices move straight is concave in time,
-so it is nowhere less than at the ends, but for what the vertices bend. (2) The distance cannot change faster than the
-points move towards each other: that is their relative velocity along that direction, and as much of the one across it
-as the direction of a shorter way can differ. (3) It cannot bend upwards faster than `_upward` says, and is nowhere less
-than its chord less what it may sag: that decides short intervals, however far apart and large the polygons are. What
-remains is split until the bounds meet, or the pair has had its share of the work: then the difference of the bounds is
-what the distance is stated with. Nothing is decided by sampling.
+The distance D(t) is minimised over the span that a pair of pieces shares, by branch and bound. The distance in the
+middle of an interval of h seconds is an upper bound of the least one. Three lower bounds hold within the interval:
+
+1. *Gap.* Along the direction between the nearest points the gap is concave in time if all vertices move straight. So it
+   is nowhere less than at the ends, less M h^2 / 8 where accelerations are at most M.
+2. *Rate.* |D'| is at most the relative velocity along that direction, plus a share of the velocity across it, as the
+   direction of a shorter way may differ. This is the Lipschitz bound of Piyavskii, and of conservative advancement.
+3. *Second derivative.* D'' is at most what `_upward` says, C. So D is nowhere less than its chord less C h^2 / 8, which
+   decides short intervals, however far apart and large the polygons are.
+
+Intervals are halved until the bounds meet, or the pair's share of the work is used up. Then the distance is stated with
+the difference of the bounds. Nothing is decided by sampling.
+
+References: S. A. Piyavskii, "An algorithm for finding the absolute extremum of a function", USSR Computational
+Mathematics and Mathematical Physics 12 (1972), doi:10.1016/0041-5553(72)90115-2. B. Mirtich, see `proofs`.
 """
 
 from dataclasses import dataclass
@@ -69,7 +75,7 @@ class _Search:
     """Pairs of pieces that are searched together.
 
     span_s : (n,) seconds of the shared span
-    limit_m : (n,) what need not be known: how much further than this the pieces are
+    limit_m : (n,) a distance above this need not be known
     least_m, at_s : (n,) the least distance seen, and when; floor_m : (n,) what it is nowhere below
     first_m, last_m : (n,) the distances at both ends of the span
     """
@@ -185,7 +191,7 @@ class _Search:
 def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
     """Return how close pairs of objects come during the time they share.
 
-    Both ends of that time count, as limits: how close they come just before an end that no longer belongs to it.
+    Both ends of that time count, also one that does not belong to it: the distance tends to what it is there.
 
     group : (n,) of which pair of objects each pair of pieces is
     wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
@@ -199,7 +205,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
         encounters = Encounters.of(plane, 0.0, pieces, pairs, rows, start)
         searches.append((rows, start, _Search.of(encounters, span)))
 
-    # What is seen of one pair of pieces spares others of the same objects the search.
+    # A distance seen for one pair of pieces is a limit for all pairs of the same objects: many need no search then.
     limit, least, floor = wanted_m.copy(), np.full(len(wanted_m), np.inf), np.full(len(wanted_m), np.inf)
     for rows, _, search in searches:
         np.minimum.at(limit, group[rows], search.least_m)
@@ -266,8 +272,8 @@ def _bounds(
     gap = np.maximum(gap - TOUCH_M * largest, 0.0)
     by_gap = plane.least_m(gap, largest)
 
-    # While they are no further apart than in the middle, their nearest points are at most `reach` apart in the plane,
-    # and at least the gap along the axis: so the way between them is no more than an angle off the axis. On the earth
+    # A distance below that in the middle is at most `reach` in the plane, and at least the gap along the axis. So the
+    # angle between axis and way has a cosine of gap / reach or more. On the earth
     # the gradient of the distance may be another direction: off by the plane's gradient angle.
     reach = plane.span_m(distance, largest)
     sine = np.sqrt(np.maximum(1.0 - (gap / np.where(reach > 0.0, reach, 1.0)) ** 2, 0.0))
@@ -307,12 +313,11 @@ def _upward(
     velocities : (2, v, n) of the vertices in the middle; acceleration : bounds on theirs, plane m/s^2
     largest, smallest : (n,) scales during that time; least_m : (n,) what the distance is nowhere below, > 0
 
-    A polygon is the same mixtures of its vertices at any time, so that the distance D of two polygons is the least of
-    the distances of two places that move with them. By the second variation of arc length, on a surface that curves
-    like the earth (its curvature is nowhere negative), the second derivative of one is at most (the speeds of both
-    ends)^2 / distance, for the way between them turned along with them, and the acceleration of both ends. Another way
-    may be shorter later, which only makes it less. D less t^2 / 2 times the bound is concave then, as the least
-    of concave functions is: D lies nowhere further below its chord over a time h than h^2 / 8 times the bound.
+    A place of a polygon is a fixed convex combination of its vertices, so D is the least of the distances of two
+    places, one that moves with each polygon. For one such distance d with speeds v1, v2 and accelerations a1, a2 of its
+    ends, the second variation of arc length gives d'' <= (v1 + v2)^2 / d + a1 + a2, as the earth's curvature is nowhere
+    negative. (If another way becomes the shortest, d is only less.) With C the largest of these bounds, each d - C t^2
+    / 2 is concave, and so is their least: D lies below its chord over h seconds by at most C h^2 / 8.
 
     Reference: M. do Carmo, "Riemannian Geometry" (1992), chapter 9, formula of the second variation.
     """

@@ -1,8 +1,8 @@
 """Stage 4: when exactly do two pieces interfere.
 
-Pairs are taken together where their shapes can share arrays. Method `exact` solves most of them at once
-(`stage4.exact.solver`) and takes the rest apart (`stage4.search`); method `nlp` takes every pair apart, and asks the
-published programs where to look.
+Pairs whose shapes can share arrays are solved together. Method `exact` solves most of them with the certified solver
+(`stage4.exact.solver`), and searches the rest (`stage4.search`). Method `nlp` searches all, and asks the published
+programs where to look.
 """
 
 from collections.abc import Callable
@@ -123,7 +123,7 @@ def _exact_contacts(
 
     every = np.arange(len(pairs))
     margin_m = max(scene.tolerance_m, TOUCH_M)
-    # What begins where the span ends may not belong to it: the search looks closer.
+    # A contact that begins where the span ends may not belong to the span: the search decides that.
     last = beyond_s - 2.0 * END_RESOLUTION_S
     solution = solve_exactly(pairs, low, high, margin_m, work)
     deep = solution.ended(Outcome.CONTACT) & (solution.start_s < last)
@@ -131,7 +131,7 @@ def _exact_contacts(
     rest = np.flatnonzero(~deep & ~solution.ended(Outcome.SEPARATED))
     if margin_m == TOUCH_M or not rest.size:
         return found, rest
-    # Too close to call, perhaps: do they meet at all, and how deep; if not, when are they within the tolerance?
+    # The rest may be grazing. Do they touch, and how deep? If not, when are they within the tolerance?
     some = pairs.take(rest)
     solution = solve_exactly(some, low[rest], high[rest], TOUCH_M, work)
     meets = solution.ended(Outcome.CONTACT) & (solution.start_s < last[rest])
@@ -168,7 +168,7 @@ def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) ->
         encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
         clearance = clearance_m(encounters, np.arange(len(rows)), np.zeros(len(rows)))
         margin = max(scene.tolerance_m, TOUCH_M)
-        # The distance may be more than it is found to be, by this.
+        # The true distance is at most this much more than the one found.
         error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
         doubt_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
         close = clearance + error_m <= margin

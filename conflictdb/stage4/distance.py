@@ -1,7 +1,16 @@
 """How far apart two convex polygons are at an instant.
 
-The signed separation of two polygons is their distance where they are disjoint, and minus the depth of the shallowest
-way out where they overlap (separating axes). It is continuous in time.
+The signed separation of two polygons is their distance where they are disjoint, and minus their penetration depth where
+they overlap: the length of the shortest translation that takes them apart. It is continuous in time. Where they
+overlap it is the widest gap (a negative one) over the separating axes, which are the normals of the edges.
+
+Distances are taken between every vertex and every edge, for many pairs in one array. The method of Gilbert, Johnson and
+Keerthi needs fewer operations for large polygons, but each pair takes its own steps, which arrays cannot share.
+
+References: S. Cameron, R. Culley, "Determining the minimum translational distance between two convex polyhedra", IEEE
+International Conference on Robotics and Automation (1986). E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast
+procedure for computing the distance between complex objects in three-dimensional space", IEEE Journal on Robotics and
+Automation 4 (1988), doi:10.1109/56.2083.
 """
 
 from collections.abc import Callable
@@ -57,7 +66,8 @@ def nearest_at(pairs: Encounters, rows: NDArray[np.int64], t: Floats) -> Nearest
 def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -> Nearest:
     """Return how the pairs lie to each other with vertices at a (2, va, n) and b (2, vb, n), metres from the origin.
 
-    within_m : pairs proven further apart than this on the earth are said to be this far apart, which is cheaper
+    within_m : pairs that are proven further apart than this are said to be this far apart: their distance on the earth
+        is not computed
     """
     gap, axis, point_a, point_b = _nearest_in_plane(pairs, a, b)
     point_a += pairs.origin
@@ -81,7 +91,7 @@ def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, 
         point_a[:, apart], point_b[:, apart] = _nearest_points(one, other, *pairs.sides)
         between = point_b[:, apart] - point_a[:, apart]
         distance = np.hypot(between[0], between[1])
-        # The way between points that are close has hardly a direction: then that of an edge separates better.
+        # The direction between two very near points is mostly rounding: then an edge's normal separates better.
         way = between / np.where(distance > 0.0, distance, 1.0)
         better = gap_along(way, one, other) > gap[apart]
         axis[:, apart] = np.where(better, way, axis[:, apart])
@@ -102,7 +112,7 @@ def _distance_m(
         far = gap[apart] > plane.span_m(within_m, pairs.take(apart).scale(a[:, :, apart], b[:, :, apart])[0])
         metres[apart[far]] = within_m
         apart = apart[~far]
-    # The scale may differ from that at the nearest points of the plane, so that others are nearer on the earth.
+    # The scale varies along the polygons: other points than the nearest in the plane may be nearest on the earth.
     origin = pairs.origin[:, None, apart]
     metres[apart] = plane.distance_m(a[:, :, apart] + origin, b[:, :, apart] + origin, *pairs.sides)
     return np.asarray(metres)

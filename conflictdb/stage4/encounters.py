@@ -53,7 +53,7 @@ class Encounters:
         return type(self)(self.plane, a, b, self.origin[:, rows], self.separation_m, company)
 
     def share(self, of: int, least: int, most: int) -> NDArray[np.int64]:
-        """Return (n,) what each pair has of something that the pairs of pieces of two objects share."""
+        """Return (n,) the share of each pair in what all pairs of pieces of two objects share, clipped."""
         company = np.ones(len(self), np.int64) if self.company is None else self.company
         return np.clip(of // company, least, most)
 
@@ -64,11 +64,11 @@ class Encounters:
 
     @property
     def certainty_margin_m(self) -> float:
-        """How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth."""
+        """A pair found with a clearance of minus this, or less, is certain to be in contact, metres on the earth."""
         return TOUCH_M + self.distance_error_m(self.separation_m)
 
     def distance_error_m(self, distance_m: float) -> float:
-        """Return by how much a distance on the earth may be understated; those in the plane are as they are."""
+        """Return by how much the distance found may be less than the true one; 0 where it comes from the plane."""
         return float(self.plane.distance_error_m(distance_m)) if distance_m > short_m(self.plane) else 0.0
 
     @property
@@ -97,8 +97,8 @@ def group_by_shape(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.
 
 
 def short_m(plane: Plane) -> float:
-    """Return up to how many metres on the earth the nearest points in the plane are those on the earth.
+    """Return up to which distance, metres, the nearest points in the plane are also the nearest on the earth.
 
-    In a plane that does not keep angles they never are: only what touches is no nearer for that.
+    That needs a conformal plane; in another it holds only of polygons that touch.
     """
     return SHORT_M if plane.is_conformal else TOUCH_M

@@ -1,10 +1,22 @@
-"""Proofs over intervals of time: that two polygons stay apart, and that they stay in contact; and where that changes.
+"""Proofs over intervals of time: that two polygons stay apart throughout, and that they stay in contact throughout.
 
-Apart: along a fixed direction n the gap min(n.b) - max(n.a) of polygons whose vertices move straight is concave in
-time, so its chord bounds it from below; a vertex departs from its chord by at most M h^2 / 8, M a bound on its second
-derivative. In contact: the signed separation of two polygons that move rigidly and uniformly is convex in time, so
-its chord bounds it from above; a vertex departs from such motion by at most K h, K how uneven velocities are.
-Intervals are split until one or the other holds. Nothing is decided by sampling.
+Apart: the gap along a fixed direction n, min(n.b) - max(n.a), is concave in time if all vertices move straight. So over
+an interval of h seconds it is at least its chord, less M h^2 / 8 where accelerations are at most M. That is a
+separating axis held over time, as in continuous collision detection (Redon et al.).
+
+In contact: the signed separation of two polygons is convex in time if they move rigidly and uniformly. So it is at most
+its chord, plus K h where velocities differ by at most K (the velocity spread).
+
+An interval for which neither is proved is halved, as interval methods do (Moore; Ratschek and Rokne; Snyder et al.),
+but with bounds from derivatives (Von Herzen et al.) in the place of interval arithmetic. Short intervals are decided as
+in conservative advancement (Mirtich): by the distance, and how fast it may shrink. Nothing is decided by sampling.
+
+References: R. E. Moore, "Interval Analysis" (1966). H. Ratschek, J. Rokne, "New Computer Methods for Global
+Optimization" (1988). B. Von Herzen, A. H. Barr, H. R. Zatz, "Geometric collisions for time-dependent parametric
+surfaces", SIGGRAPH 1990. J. M. Snyder, A. R. Woodbury, K. Fleischer, B. Currin, A. H. Barr, "Interval methods for
+multi-point collisions between time-dependent curved surfaces", SIGGRAPH 1993. B. Mirtich, "Impulse-based dynamic
+simulation of rigid body systems", thesis, University of California, Berkeley (1996). S. Redon, A. Kheddar, S.
+Coquillart, "Fast continuous collision detection between rigid bodies", Computer Graphics Forum 21 (2002).
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,16 @@
-"""Stage 4, search: any pair taken apart by branch and bound, with or without the help of a program's guess.
+"""Stage 4, search: the contacts of any pair by branch and bound, with or without a program's guess where to look.
 
-For each pair and its window: (1) what is proven clear is left out; (2) the first and the last contact are bracketed on
-the true motion, between an instant proven clear and one of contact; where asked, the linear program (uniform motion)
-or the nonlinear one says where to look; (3) what lies outside of them is proven clear, or the search goes on there;
-(4) the contact in between is proven to hold throughout, or cut where the pair is apart; (5) a pair whose least
-separation is within the margin of zero is marked as grazing. What stays undecided is `unresolved`: it stays in the
-answer with the time in which it might happen.
+For each pair and its window:
+
+1. Times at which the pair is proven apart are left out.
+2. The first and the last contact are bracketed on the true motion: by an instant at which the pair is apart, and one at
+   which it is in contact. For method `nlp` the linear program (uniform motion) or the nonlinear one says where to look.
+3. The pair is proven apart before the first contact and after the last; where it is not, the search goes on there.
+4. The contact is proven to hold throughout; where the pair is apart in between, it is cut in two.
+5. A pair whose least clearance is within the margin of zero is `grazing`. A pair that stays undecided is `unresolved`:
+   it is reported with the time in which it might meet.
+
+The proofs and their literature are in `proofs`.
 """
 
 from dataclasses import dataclass
@@ -76,7 +81,7 @@ class _Search:
     ) -> None:
         self.pairs = pairs
         self.margin_m = max(tolerance_m, TOUCH_M)
-        # What is nearer than wanted by this is so for certain, whatever distances are understated by.
+        # Pairs with a clearance below minus this are certain to be in contact, although distances have an error.
         self.deep_m = self.margin_m if pairs.separation_m == 0.0 else max(self.margin_m, pairs.certainty_margin_m)
         self.low = low
         self.high = high
@@ -103,7 +108,7 @@ class _Search:
             np.maximum.at(last, row, at)
             low, high = _hull(undecided, n)
             self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], undecided)
-        # What could not be proven apart may be a touch, too short to be seen; the rest is only close.
+        # A pair that is neither proven apart nor seen in contact may touch for an instant. All others are only close.
         unproven = np.zeros(n, np.bool_)
         unproven[deeper.row] = True
         self._closeness(deeper, unproven & ~touched, touches=True)
@@ -120,8 +125,8 @@ class _Search:
             return
         rows = np.unique(undecided.row[mine])
         low, high = (ends[rows] for ends in _hull(undecided, len(wanted)))
-        # An interval that stayed undecided down to a microsecond is within rounding of the margin. One that was
-        # given up earlier is as good if nothing in it is deeper than the margin; else it is unresolved.
+        # An interval of a microsecond that is undecided lies within rounding of the margin: grazing. A longer one was
+        # given up for want of work: grazing if its clearance is proven to be above minus the margin, else unresolved.
         given_up = (
             (undecided.reason == Reason.BORDER) & (undecided.end - undecided.start > 2.0 * SHORTEST_INTERVAL_S) & mine
         )
@@ -140,7 +145,7 @@ class _Search:
         self.found.append(Contacts(rows, low, high, error, verdict, np.full(len(rows), touches)))
 
     def _is_close(self, rows: NDArray[np.int64], undecided: Undecided, mine: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return whether rows are certain to come within the margin, whatever distances are understated by."""
+        """Return whether rows certainly come within the margin, although distances have an error."""
         error_m = self.pairs.distance_error_m(self.pairs.separation_m + self.margin_m)
         if self.pairs.separation_m == 0.0 or not len(rows):
             return np.ones(len(rows), np.bool_)
@@ -173,7 +178,7 @@ class _Search:
         self.found.append(Contacts(rows[parts[slot]], start, end, error, verdict, np.ones(len(slot), np.bool_)))
 
     def _leave_to_closeness(self, rows: NDArray[np.int64], undecided: Undecided) -> None:
-        """Report pairs whose only contact is at an instant outside of the span as what they are within it: close."""
+        """Report pairs that meet only at the first instant after the span: within it they are close."""
         if rows.size and self.margin_m > TOUCH_M:
             self._closeness(undecided, np.isin(np.arange(len(self.low)), rows), touches=False)
 
@@ -182,7 +187,7 @@ class _Search:
         belongs = np.ones(len(rows), np.bool_)
         onset = np.flatnonzero((start > 0.0) & (end >= self.beyond_s[rows]))
         if onset.size:
-            # Only an onset counts: what has been in touch since the span began is in it.
+            # Only the beginning of a contact decides: one that lasts since the span began is within it.
             row = rows[onset]
             clearance = clearance_m(self.pairs, row, self.beyond_s[row])
             begins = crossing(clearance_of(self.pairs, row), start[onset], self.beyond_s[row], 0.0)[1]
@@ -195,13 +200,13 @@ class _Search:
     ) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
         """Return (slot, start, end, error) of contacts, cut where the pairs are apart; slots number the pairs.
 
-        Every contact is proven to hold throughout, but for what is within rounding of a touch.
+        Each is proven to hold throughout, except where the pair only touches, within rounding.
         """
         done: list[tuple[NDArray[np.int64], Floats, Floats, Floats]] = []
         slot = np.arange(len(pairs))
         for _ in range(MAX_ROUNDS):
             some = pairs.take(slot)
-            # What is in doubt at the very ends is their error.
+            # The uncertain seconds at either end are stated as the error.
             first = start + start_error
             last = np.maximum(end - end_error, first)
             undecided = undecided_contact(some, np.arange(len(slot)), first, last)
@@ -241,7 +246,7 @@ class _Search:
             outer[active] = crossing(clearance_of(pairs, active), outside, inside, CLEAR_M)[0]
             ends = (outer[active], limit[active]) if latest else (limit[active], outer[active])
             rest = undecided_separation(pairs, active, *ends, 0.0)
-            # Within rounding of a touch, next to the contact: it belongs to it.
+            # An interval next to the contact that is within rounding of a touch belongs to the contact.
             border = rest.reason != Reason.CONTACT
             if latest:
                 np.maximum.at(outer, rest.row[border], rest.end[border])
@@ -250,7 +255,7 @@ class _Search:
                 np.minimum.at(outer, rest.row[border], rest.start[border])
                 np.minimum.at(witness, rest.row[~border], rest.at[~border])
             active = np.unique(rest.row[~border])
-        # Rounds used up with contacts still turning up further out: everything out to the limit counts.
+        # The rounds are used up, and each found a contact further out: all times up to the limit are reported.
         outer[active] = limit[active]
         return outer
 
@@ -295,12 +300,12 @@ def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *
 
 
 def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
-    """Return (n,) how far from the start, and from the end, of a contact it is beyond doubt, seconds.
+    """Return (n,) how many seconds after its start, and before its end, a contact is certain.
 
-    The plane is rounded by less than TOUCH_M, and distances are understated by their error: a contact is beyond doubt
-    where it is deeper. If it is nowhere found to be, it is in doubt altogether.
+    It is certain where clearance <= -certainty_margin_m: plane coordinates are rounded by less than TOUCH_M, and
+    distances are too short by at most their error. If it is certain nowhere, both are its whole duration.
 
-    first, last : (n,) instants of contact, other than its ends and quarters, where it might be deep
+    first, last : (n,) further instants of contact that are tried, besides its ends, quarters and middle
     """
     every = np.arange(len(start))
     deep_m = np.full(len(start), -pairs.certainty_margin_m)

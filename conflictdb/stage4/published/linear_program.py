@@ -16,8 +16,8 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import Shapes
 from conflictdb.stage4.encounters import Encounters
 
-# A pair counts as uniform if no vertex leaves uniform motion by more than this in its window, plane metres. The answer
-# is a guess that is refined on the true motion, so this decides the cost, not the accuracy.
+# A pair is given to the linear program if no vertex is further than this from uniform motion in its window, plane
+# metres. The answer is a guess, refined on the true motion: this decides the cost, not the accuracy.
 UNIFORM_M: Final = 1.0
 
 
