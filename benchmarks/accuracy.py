@@ -48,12 +48,13 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.methods import Method
 from conflictdb.model import EarthModel
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_stages
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 
 WORKLOADS: Final = (PAPER, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)
@@ -137,7 +138,7 @@ class Scenes:
         pieces, pairs, row, first = [], [], 0, 0
         for areas, tracks in self.thrown:
             own = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
-            met = pairs_in_memory(own, regions=True)
+            met = intersections(own, *candidates(own), regions=True)
             met = met.take(np.flatnonzero(own.kind[met.a] | own.kind[met.b]))
             pairs.append(replace(met, a=met.a + row, b=met.b + row))
             pieces.append(replace(own, object_id=own.object_id + first))

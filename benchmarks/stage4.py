@@ -27,11 +27,12 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import contacts
@@ -84,7 +85,7 @@ def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equ
         if equatorial:
             thrown = [along_the_equator(track) for track in thrown]
         pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(thrown))
-        found = pairs_in_memory(pieces, regions=False)
+        found = intersections(pieces, *candidates(pieces), regions=False)
         parts.append(pieces)
         firsts.append(found.a + count)
         seconds.append(found.b + count)

@@ -46,11 +46,12 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import candidates, intersections
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pipeline.run import run_stages
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
 

@@ -17,11 +17,11 @@ from conflictdb.advice.estimates import Count, Sampling, object_error, whole
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.in_memory import candidates, hulls_of
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.results import Kind
+from conflictdb.stage1_broad_phase import candidates, hulls_of
 
 # Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
 PROBE: Final = 400

@@ -14,6 +14,7 @@ The lock counts how often it was taken: a second transaction that does not follo
 import logging
 import os
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -23,13 +24,15 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
-from conflictdb.methods import METHODS, Method
+from conflictdb.methods import Method
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import Progress, run_stages
+from conflictdb.pipeline.run import Progress, run_scene
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
@@ -181,6 +184,23 @@ def _refresh_pieces(
     return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)
 
 
+class _SceneSource:
+    """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
+
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int) -> None:
+        self._conn, self._scene_id = conn, scene_id
+
+    def find_candidates(self) -> int:
+        return store.find_candidates(self._conn, self._scene_id)
+
+    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
+        store.find_intersections(self._conn, self._scene_id, regions)
+        yield store.intersecting_pairs(self._conn, self._scene_id, regions=regions)
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return store.footprints(self._conn, area_ids)
+
+
 def _refresh_conflicts(
     conn: psycopg.Connection[Any],
     scene_id: int,
@@ -190,28 +210,10 @@ def _refresh_conflicts(
     started: float,
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
-    clock = [time.perf_counter()]
-
-    def lap() -> float:
-        clock.append(time.perf_counter())
-        return clock[-1] - clock[-2]
-
-    candidates = store.find_candidates(conn, scene_id)
-    stage1_s = lap()
-    regions = METHODS[settings.method].projects_regions
-    intersecting = store.find_intersections(conn, scene_id, regions)
-    pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
-    stage2_s = lap()
-
-    def footprints(area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        return store.footprints(conn, area_ids)
-
-    conflicts, funnel = run_stages(
+    conflicts, funnel = run_scene(
         settings,
         plane_of(settings),
-        pieces,
-        pairs,
-        footprints,
+        _SceneSource(conn, scene_id),
         jobs=way.jobs,
         progress=way.progress,
         pairs_per_job=way.pairs_per_job,
@@ -219,12 +221,12 @@ def _refresh_conflicts(
     record = replace(
         record,
         settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},
-        candidate_pairs=candidates,
-        intersecting_pairs=intersecting,
+        candidate_pairs=funnel.candidate_pairs,
+        intersecting_pairs=funnel.intersecting_pairs,
         window_pairs=funnel.window_pairs,
         solved_pairs=funnel.solved_pairs,
-        stage1_s=stage1_s,
-        stage2_s=stage2_s,
+        stage1_s=funnel.stage1_s,
+        stage2_s=funnel.stage2_s,
         stage3_s=funnel.stage3_s,
         stage4_s=funnel.stage4_s,
     )
@@ -235,8 +237,8 @@ def _refresh_conflicts(
     return Run(
         run_id=outcome.run_id,
         method=settings.method,
-        candidate_pairs=candidates,
-        intersecting_pairs=intersecting,
+        candidate_pairs=funnel.candidate_pairs,
+        intersecting_pairs=funnel.intersecting_pairs,
         window_pairs=funnel.window_pairs,
         solved_pairs=funnel.solved_pairs,
         met_pairs=funnel.met_pairs,
@@ -246,8 +248,8 @@ def _refresh_conflicts(
         changed=outcome.changed,
         closed=outcome.closed,
         pieces_s=record.pieces_s or 0.0,
-        stage1_s=stage1_s,
-        stage2_s=stage2_s,
+        stage1_s=funnel.stage1_s,
+        stage2_s=funnel.stage2_s,
         stage3_s=funnel.stage3_s,
         stage4_s=funnel.stage4_s,
         total_s=time.perf_counter() - started,

@@ -1,7 +1,7 @@
 """What a run counts: how many pairs of pieces the stages left, how long they took, and what stage 4 did."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from conflictdb.stage4.contacts import Effort
 
@@ -13,16 +13,29 @@ Progress = Callable[[int, int], None]
 class Funnel:
     """How many pairs of pieces the stages left, the seconds they took, and what stage 4 did.
 
+    candidate_pairs : whose boxes meet (stage 1)
+    intersecting_pairs : whose hulls meet (stage 2)
     projected_pairs : that stage 3 was run on
     window_pairs : with a time when they could meet, areas included
     solved_pairs : given to stage 4
     met_pairs : reported
     """
 
+    candidate_pairs: int = 0
+    intersecting_pairs: int = 0
     projected_pairs: int = 0
     window_pairs: int = 0
     solved_pairs: int = 0
     met_pairs: int = 0
+    stage1_s: float = 0.0
+    stage2_s: float = 0.0
     stage3_s: float = 0.0
     stage4_s: float = 0.0
     effort: Effort = field(default_factory=Effort)
+
+    def add(self, other: "Funnel") -> None:
+        """Count another run in."""
+        self.effort.add(other.effort)
+        for column in fields(self):
+            if column.name != "effort":
+                setattr(self, column.name, getattr(self, column.name) + getattr(other, column.name))

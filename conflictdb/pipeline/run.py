@@ -1,4 +1,4 @@
-"""Stages 3 and 4 on pairs of pieces, by the scene's method; arrays in, arrays out."""
+"""A scene taken through the four stages, by its method: stages 1 and 2 at their source, stages 3 and 4 here."""
 
 import time
 from dataclasses import replace
@@ -20,12 +20,59 @@ from conflictdb.pipeline.funnel import Funnel, Progress
 from conflictdb.pipeline.merge import merged_by_object
 from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.pipeline.parallel import contacts_by_jobs
+from conflictdb.pipeline.source import PairSource
 from conflictdb.pipeline.whole_areas import Footprints
 from conflictdb.results import Kind
 from conflictdb.stage3_projection import shared_span, windows
 from conflictdb.stage4.contacts import UNRESOLVED, static_verdicts
 
-__all__ = ["Footprints", "Funnel", "Progress", "run_stages"]
+__all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
+
+
+def run_scene(
+    scene: Scene,
+    plane: Plane,
+    source: PairSource,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    pairs_per_job: int | None = None,
+) -> tuple[Conflicts, Funnel]:
+    """Return the conflicts among the pieces of a source, and what was counted on the way.
+
+    plane : of the scene, which the pieces were made in
+    jobs, progress, pairs_per_job : see `run_stages`
+    """
+    funnel = Funnel()
+    began = time.perf_counter()
+    funnel.candidate_pairs = source.find_candidates()
+    funnel.stage1_s = time.perf_counter() - began
+    conflicts = []
+    began = time.perf_counter()
+    for pieces, pairs in source.intersections(regions=METHODS[scene.method].projects_regions):
+        funnel.stage2_s += time.perf_counter() - began
+        funnel.intersecting_pairs += len(pairs)
+        of_chunk, counted = run_stages(
+            scene,
+            plane,
+            pieces,
+            pairs,
+            source.footprints,
+            jobs=jobs,
+            progress=_after(funnel.solved_pairs, progress),
+            pairs_per_job=pairs_per_job,
+        )
+        conflicts.append(of_chunk)
+        funnel.add(counted)
+        began = time.perf_counter()
+    return Conflicts.concatenate(conflicts), funnel
+
+
+def _after(decided: int, progress: Progress | None) -> Progress | None:
+    """Return what tells of pairs that come after so many others."""
+    if progress is None:
+        return None
+    return lambda done, of: progress(decided + done, decided + of)
 
 
 def run_stages(

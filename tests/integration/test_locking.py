@@ -19,7 +19,7 @@ from conflictdb.db import detect, store
 from conflictdb.db.store import connection, locking
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
-from conflictdb.pipeline.run import run_stages
+from conflictdb.pipeline.run import run_scene
 
 Conn = psycopg.Connection[Any]
 
@@ -281,9 +281,9 @@ def test_limits_of_time_do_not_end_a_detection(
     def slowly(*arguments: Any, **named: Any) -> Any:
         slow.execute("SELECT pg_sleep(1.2)")
         threading.Event().wait(1.0)
-        return run_stages(*arguments, **named)
+        return run_scene(*arguments, **named)
 
-    monkeypatch.setattr(detect, "run_stages", slowly)
+    monkeypatch.setattr(detect, "run_scene", slowly)
     if conn.info.server_version >= 170000:
         limits["transaction_timeout"] = "1500ms"
     for name, value in limits.items():
@@ -303,7 +303,7 @@ def test_an_interrupted_detection_leaves_the_connection_without_its_lock(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(detect, "run_stages", interrupted)
+        patch.setattr(detect, "run_scene", interrupted)
         with pytest.raises(KeyboardInterrupt):
             detect.detect(conn, SCENE.name, jobs=1)
     assert conn.info.transaction_status == TransactionStatus.IDLE

@@ -10,11 +10,12 @@ from verdicts import periods_us
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
 from conflictdb.pipeline import whole_areas
 from conflictdb.pipeline.object_pairs import company_of
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4 import proofs
 from conflictdb.stage4.constants import MAX_INTERVALS
 
@@ -88,5 +89,5 @@ def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     scene = Scene("s")
     tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     assert company_of(pieces, pairs).tolist() == [len(pairs)] * len(pairs)

@@ -11,12 +11,13 @@ from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.geodesy import Floats
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import area_pieces
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
@@ -43,7 +44,7 @@ class Group:
 def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     """All pairs with a track that pass stages 1 and 2."""
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
     sort = shape_class(plane_of(scene), pieces)
@@ -126,7 +127,7 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     assert work.closed_forms >= 1
     assert work.windows == work.evaluations == 0
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = shared_span(pieces, pairs)
     found, _ = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     seconds = (start[found.pair] - scenes.T0_US) / 1e6
@@ -156,7 +157,7 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     box = scenes.area("A", shapely.box(0.5, north, 0.6, north + 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = shared_span(pieces, pairs)
     found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})

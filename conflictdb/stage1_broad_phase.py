@@ -1,0 +1,36 @@
+"""Stage 1 in memory: the pairs of pieces whose boxes meet in space, time and height.
+
+By the predicates of `sql/20_stage1_broad_phase.sql`, which does it in the database; both find the same pairs.
+"""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Pieces
+
+
+def candidates(pieces: Pieces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows (a, b) of the pairs of pieces whose boxes meet, ordered, each pair once; never two of one object."""
+    hulls = hulls_of(pieces)
+    a, b = shapely.STRtree(hulls).query(hulls)
+    earlier = (pieces.kind[a] < pieces.kind[b]) | (
+        (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
+    )
+    keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
+    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
+    a, b = a[keep], b[keep]
+    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
+    last = np.ones(len(a), np.bool_)
+    for member in (a, b):
+        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
+    keep = (start < end) | ((start == end) & last)
+    a, b = a[keep], b[keep]
+    order = np.lexsort((b, a))
+    return a[order], b[order]
+
+
+def hulls_of(pieces: Pieces) -> NDArray[np.object_]:
+    """Return the hulls of pieces (n,), polygons of the plane."""
+    owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
+    return np.asarray(shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner)))

@@ -1,0 +1,87 @@
+"""A scene through the stages: the answer does not depend on the chunks its pairs come in, nor on who solves them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from workloads import PAPER, throw
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.methods import Method
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import Funnel, PairSource, run_scene
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
+
+SCENE, AREAS, TRACKS = throw(PAPER, 3, 6, 6)
+SCENE = replace(SCENE, nearest_m=20_000.0)
+
+
+@dataclass
+class Chunked:
+    """Pairs handed out in so many chunks, those of the same two objects in one."""
+
+    pieces: Pieces
+    footprint: NDArray[np.object_]
+    chunks: int
+
+    def find_candidates(self) -> int:
+        return len(candidates(self.pieces)[0])
+
+    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
+        pairs = intersections(self.pieces, *candidates(self.pieces), regions=regions)
+        objects = self.pieces.object_id[pairs.a] + self.pieces.object_id[pairs.b]
+        for chunk in range(self.chunks):
+            yield self.pieces, pairs.take(np.flatnonzero(objects % self.chunks == chunk))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return self.footprint[area_ids]
+
+
+def source(chunks: int) -> PairSource:
+    batch = AreaBatch.of(AREAS)
+    return Chunked(pieces_of(SCENE, plane_of(SCENE), batch, TrackBatch.of(TRACKS)), batch.footprint, chunks)
+
+
+def rows(conflicts: Conflicts) -> set[str]:
+    """All that is said of each pair, whatever the order."""
+    told = []
+    for k in range(len(conflicts)):
+        periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
+        columns = [column.name for column in fields(conflicts) if not column.name.startswith("period")]
+        told.append(repr((periods, [getattr(conflicts, name)[k].tolist() for name in columns])))
+    assert len(set(told)) == len(told)
+    return set(told)
+
+
+def counts(funnel: Funnel) -> dict[str, int]:
+    found = {column.name: getattr(funnel, column.name) for column in fields(funnel) if column.name.endswith("_pairs")}
+    return found | funnel.effort.counts()
+
+
+@pytest.mark.parametrize("method", [Method.EXACT, Method.WINDOW, Method.SCREEN])
+def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> None:
+    """Also one without any pair."""
+    scene = replace(SCENE, method=method)
+    told: list[tuple[int, int]] = []
+    whole, funnel = run_scene(scene, plane_of(scene), source(1))
+    parts, summed = run_scene(scene, plane_of(scene), source(20), progress=lambda *done: told.append(done))
+    assert len(whole) > 5
+    assert rows(parts) == rows(whole)
+    assert counts(summed) == counts(funnel)
+    assert told == sorted(told)
+    assert not told or told[-1] == (funnel.solved_pairs, funnel.solved_pairs)
+
+
+def test_who_solves_the_pairs_does_not_matter() -> None:
+    """As many at a time as the method's own number, or a few by each of two processes."""
+    alone, funnel = run_scene(SCENE, plane_of(SCENE), source(1))
+    assert funnel.solved_pairs > 8
+    shared, _ = run_scene(SCENE, plane_of(SCENE), source(1), jobs=2, pairs_per_job=4)
+    assert rows(shared) == rows(alone)
