@@ -65,10 +65,10 @@ class Touching(Block):
         outer, inner, sure = limit.copy(), limit.copy(), whole.copy()
         active = np.flatnonzero(~whole & (gap > touch))
         if active.size:
-            some = pairs.take(active)
+            some, every = pairs.take(active), np.arange(len(active))
 
             def measure(rows: NDArray[np.int64], t: Floats) -> Floats:
-                return self._depth(some if len(rows) == len(active) else some.take(rows), t, t)
+                return self._depth(some if np.array_equal(rows, every) else some.take(rows), t, t)
 
             found = roots(measure, limit[active], gap[active], inside[active], depth[active], touch[active])
             outer[active], inner[active] = found.outer, found.inner
