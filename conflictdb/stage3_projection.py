@@ -1,14 +1,13 @@
 """Stage 3: the time window in which two pieces can meet, by projecting the region of stage 2 onto the tracks.
 
-Every contact lies in the intersection of the two swept hulls. A point of the haven that is there is, along the track,
-no further ahead of the reference point than the haven's foremost vertex and no further behind than its last: so the
-reference point's way through the region, plus the haven's own length, bounds the time. The answer is a superset of
-the true window: it never misses.
+Every contact lies in the intersection of the two swept hulls. Along the track, each point of a haven lies between its
+last and its foremost vertex. So while the haven is in the region, the reference point is within the haven's length of
+it: that bounds the time. The answer is a superset of the true window: it never misses.
 
 Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula adds the
-haven's extents with the wrong sign at one end and takes them as rigid; in the Mercator plane the haven grows with
-latitude, so here its extents are taken over both ends of the slice, plus a bound on how far vertices leave their chords
-between them.
+haven's extent with the wrong sign at one end, and takes it as constant. In the Mercator plane the haven grows with
+latitude. Here its extent is the larger of those at both ends of the slice, plus a bound on how far vertices leave their
+chords in between.
 """
 
 from typing import Final
@@ -24,7 +23,7 @@ from conflictdb.model import Scene
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_class
 from conflictdb.results import Kind
 
-# Window ends are pushed outward by this share of the slice and this time: float64 over a slice, rounded up.
+# Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
 _OUTWARD_SHARE: Final = 1e-11
 _OUTWARD_S: Final = 1e-6
 # A reference point that moves less than this in a slice gives no usable projection (plane metres).

@@ -2,8 +2,8 @@
 
 Nothing is written, and nothing of the database is asked but the objects themselves. The sample is drawn in two steps:
 
-1. *Objects.* A random subset, only where all would be too many to handle in seconds: whatever lies in it is a pair with
-   equal chance, so a count among them scales by the ratio of the pairs of objects.
+1. *Objects.* A random subset, if all would take longer than seconds. Each pair of objects is in it with equal chance,
+so a count of pairs scales by the ratio of all pairs to the subset's.
 2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 does not tell apart at the
    scene's tolerance, or at 10 m. Larger tolerances have a smaller sample of their own: a dense scene has many times as
    many pairs that come within 1000 m, most of which never meet. Whole pairs, not pairs of pieces: what users see, and

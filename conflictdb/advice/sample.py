@@ -1,7 +1,7 @@
 """Objects of a scene, and the pairs of them that come near each other: what samples are drawn from.
 
-Where all objects would be too many to handle in seconds, pairs are looked for among a random subset: any two objects
-are in it with equal chance, so a count of pairs scales by the ratio of the numbers of pairs.
+If all objects would take longer than seconds, pairs are sought in a random subset. Each pair of objects is in it with
+equal chance, so a count of pairs scales by the ratio of all pairs to the subset's.
 """
 
 import time

@@ -1,7 +1,7 @@
-"""Work on many things at once, in which one that fails does not stop the others.
+"""Work on many rows at once, in which a row that fails does not stop the others.
 
-Arrays are quick, but an exception in one of a million rows would lose them all. So what fails is halved until the rows
-that fail stand alone, and those get an answer that holds whatever they are.
+Arrays are quick, but an exception in one of a million rows would lose them all. So a batch that fails is halved until
+each row that fails stands alone. That row gets an answer that is safe for any row.
 """
 
 import logging

@@ -1,7 +1,7 @@
 """Keeps all scenes current: detects again whatever changed, as soon as it changes.
 
-The marks that changes leave in the database are the queue, so a worker has no state of its own: it may be killed at any
-moment, and there may be as many as you like, on as many machines. It passes over a scene that somebody else detects at
+Changes leave marks in the database, and these marks are the queue. A worker has no state of its own: it may be killed
+at any moment, and any number may run, on any number of machines. It passes over a scene that somebody else detects at
 the moment and takes the next. It listens for changes (NOTIFY) and looks for marks now and then, in case a notification
 was lost with its connection.
 """

@@ -1,8 +1,8 @@
 """How near points on the sphere are to arcs of great circles, from their coordinates in a gnomonic plane.
 
-A place (x, y) of the plane is in the direction (x, y, 1) from the middle of a sphere of radius 1. Everything is written
-in differences of plane coordinates, so that nothing cancels however near the places are: the cross product of two such
-vectors is (dy, -dx, x dy - y dx), and the triple product of three twice the area between them in the plane.
+A place (x, y) of the plane is in the direction (x, y, 1) from the middle of a sphere of radius 1. All formulas use
+differences of plane coordinates, so that no digits cancel for near places. The cross product of two such vectors is
+(dy, -dx, x dy - y dx). The triple product of three is twice the area between them in the plane.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ def least_chord(points: Floats, polygon: Floats, sides: Sides) -> Floats:
     chord = _chord2(from_vertex, dot / np.sqrt(square * point_square))
     cosine = np.sqrt(np.maximum(1.0 - to_edge, 0.0))
     if (to_edge > 0.5).any():
-        # The cosine of nearly a quarter turn is lost in its sine: |(start x end) x point| has it.
+        # Near a quarter turn the cosine cannot be had from the sine; |(start x end) x point| gives it.
         ahead = edge[0] * points[0][:, None] + edge[1] * points[1][:, None]
         across2 = sum((edge[k] * dot - start[k] * ahead) ** 2 for k in (0, 1)) + ahead**2
         with np.errstate(divide="ignore", invalid="ignore"):

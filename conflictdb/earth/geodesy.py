@@ -1,10 +1,10 @@
 """Rhumb lines on the sphere and on the WGS84 ellipsoid, in the Mercator plane.
 
 Three latitudes do all the work. On the meridian, distance is proportional to the *rectifying* latitude mu; the
-*conformal* latitude chi turns the ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi); and chi is
-mu plus a short Fourier series. A rhumb line is straight in (longitude, psi), and its length is linear in mu, so the
-one quantity that needs care is the divided difference (psi2 - psi1) / (mu2 - mu1): as a quotient of rounded
-differences it loses all digits on an east-west line. Here it is computed as one expression, for every bearing alike.
+*conformal* latitude chi turns the ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi); and chi is mu
+plus a short Fourier series. A rhumb line is straight in (longitude, psi), and its length is linear in mu. Only the
+divided difference (psi2 - psi1) / (mu2 - mu1) needs care: computed as a quotient of rounded differences, it loses all
+digits on an east-west line. Here it is one expression, the same for every bearing.
 
 References
 ----------
@@ -412,8 +412,9 @@ def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: Ar
 def least_on_chord(first: Floats, last: Floats, drop: Floats) -> Floats:
     """Return the least that a function may be between two places where it is known.
 
-    drop : by how much it may lie below its chord in the middle: M w^2 / 8, M what bounds its second derivative on a way
-    of length w. The parabola that does so is least within where the chord rises by less than 4 times that.
+    drop : by how much it may lie below its chord in the middle: M w^2 / 8, M a bound on its second derivative on a way
+    of length w. The lower bound is the parabola with that second derivative. Its least value is in between if the chord
+    rises by less than 4 drop, else at an end.
     """
     rise = np.abs(last - first)
     sagged = 0.5 * (first + last) - drop - rise**2 / (16.0 * np.where(drop > 0.0, drop, 1.0))

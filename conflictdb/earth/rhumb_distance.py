@@ -1,19 +1,19 @@
 """The least distance on the earth between convex polygons whose edges are rhumb lines, at any distance.
 
-Between points of the Mercator plane, z = dlon + i dpsi apart, great circles of the conformal sphere are theta long,
-sin^2(theta / 2) = |sin(z / 2)|^2 sech psi1 sech psi2. So ln sin^2(theta / 2) is harmonic in z, less ln cosh psi of both
-points, and that has two consequences.
+For two points z = dlon + i dpsi apart in the Mercator plane, the great circle of the conformal sphere has the length
+theta with sin^2(theta / 2) = |sin(z / 2)|^2 sech psi1 sech psi2. So ln sin^2(theta / 2) is a harmonic function of z,
+minus ln cosh psi1 and ln cosh psi2. Two things follow.
 
 *The least distance is that of a vertex from an edge.* Along two edges with directions a and b its second derivatives
-are X - s1, Y - s2 and -Z, with X Y - Z^2 = -m^2 sin^2(angle between a and b) and s1, s2 >= 0 the share of ln cosh:
-where the first two are positive the determinant is not, so that no place within both edges is a minimum. On the
+are X - s1, Y - s2 and -Z, with X Y - Z^2 = -m^2 sin^2(angle between a and b) and s1, s2 >= 0 the share of ln cosh. If
+X - s1 and Y - s2 are positive, the determinant is negative: no pair of places inside both edges is a minimum. On the
 ellipsoid the radius of the conformal sphere changes s1, s2 and Z by less than 3 % of s1 and s2, which leaves it so.
 
-*The nearest place on an edge* is where a harmonic function's derivative balances tanh psi: a fixed point nearby, and
-anywhere between bounds that halving brings together.
+*The nearest place on an edge* is where the derivative of the harmonic function equals that of ln cosh psi. For short
+distances it is found as a fixed point, for any distance by branch and bound.
 
-On the ellipsoid a distance is at most the mean radius along the great circle times theta, and less than that by what a
-way saves that leaves it for smaller radii (`overstated_m`).
+On the ellipsoid a distance is at most theta times the mean radius along the great circle. It is less by what another
+way saves that runs through smaller radii: at most `overstated_m`.
 """
 
 from typing import Final
@@ -29,8 +29,8 @@ NEARBY: Final = 0.25
 # that it takes, z^8 / 1e6 or less than this share. Bounds are brought as near to each other.
 SOLVED_SHARE: Final = 2e-11
 STEPS: Final = 4
-# Longer ways, radians, are bounded by the least and the largest radius alone: beyond lie places opposite each other,
-# which have several shortest ways.
+# Of longer ways, radians, only the least and the largest radius give a bound: places opposite each other have several
+# shortest ways.
 LONGEST: Final = 2.9
 # Halvings of an edge; 60 are beyond what numbers can tell apart.
 MAX_HALVINGS: Final = 60
@@ -42,7 +42,7 @@ _NODES, _WEIGHTS = (values.tolist() for values in np.polynomial.legendre.leggaus
 
 
 def error_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return how far below the true distance may be what is left of distances after `overstated_m` is taken off.
+    """Return by how much a true distance may exceed the one found less `overstated_m`.
 
     Distances found may be too short by the rule for the mean radius, and so be that of a longer one, by 1 % at most.
     """
@@ -50,11 +50,11 @@ def error_m(earth: Earth, distance_m: Floats | float) -> Floats:
 
 
 def overstated_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return how much longer than the shortest way may be what is found as the least distance.
+    """Return by how much the distance found may exceed that of the shortest way.
 
-    With c = ln(largest / least radius of the conformal sphere), which is also the largest d ln radius / d latitude:
-    a way that gives way to smaller radii saves c^2 (2 tan(theta / 2) - theta) / 2 radians to second order, here
-    doubled for the rest. The nearest place by the mean radius is another, by less than its rule is wrong.
+    With c = ln(largest / least radius of the conformal sphere), which is also the largest d ln radius / d latitude: to
+    second order, a way through smaller radii saves c^2 (2 tan(theta / 2) - theta) / 2 radians; twice that is taken. The
+    nearest place by the mean radius is another, by less than its rule is wrong.
     """
     c = earth.oblateness
     theta = np.asarray(distance_m / earth.polar_conformal_radius_m)
@@ -111,8 +111,8 @@ def nearby_m(earth: Earth, points: Floats, polygon: Floats, sides: Sides) -> Flo
 def anywhere_m(earth: Earth, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
     """Return (n,) the least distance between the vertices of polygons and the sides of others, however far they are.
 
-    By branch and bound on the sides: along one that is w long in the plane, a distance lies above the chord between its
-    ends by less than M w^2 / 8, M what bounds its second derivative (`_least_between`).
+    By branch and bound on the sides. Along a part of a side that is w long in the plane, the distance is at least its
+    chord less M w^2 / 8, M a bound on its second derivative (`_least_between`).
 
     a, b : (2, v, n) and (2, w, n) radians of longitude and psi
     """

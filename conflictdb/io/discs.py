@@ -6,10 +6,10 @@ lie on a circle that is a little wider, its edges are straight in the scene's pl
 Great circles: an edge between corners that are the angle h apart, seen from the centre, comes nearest half-way, where
 tan(r) = tan(R) cos(h / 2); so the wider radius R follows from the radius r exactly.
 
-Rhumb lines: the wider circle is a curve in the Mercator plane, which the chord between corners leaves by at most
-max |second derivative by the azimuth| h^2 / 8 plane metres. That derivative is at most k R (1 + 2 R tan(lat) / rho), k
-the scale of the plane and rho the least radius of curvature of the earth: the curve runs at speed k m, bends by the
-geodesic curvature m' / m of the circle and by the gradient of ln k, and m <= R, m' <= 1 (m the reduced length). What
+Rhumb lines: the wider circle is a curve in the Mercator plane, which the chord between corners leaves by at most max
+|second derivative by the azimuth| h^2 / 8 plane metres. That derivative is at most k R (1 + 2 R tan(lat) / rho), k the
+scale of the plane and rho the least radius of curvature of the earth. For the curve has the speed k m, m the reduced
+length, and curves by the geodesic curvature m' / m of the circle and by the gradient of ln k; and m <= R, m' <= 1. What
 lies deeper within the curve than that is within the polygon, and what lies further outside is not.
 """
 

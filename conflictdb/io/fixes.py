@@ -94,9 +94,9 @@ def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.
 def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:
     """Return which fixes (n,) to keep so that no step is faster than the limit: as many as possible.
 
-    The longest chain of fixes, found from left to right; so a wrong first fix goes, instead of everything after it, and
-    a jump costs only the fixes that are too near to it in time. Chains may skip up to _LOOK_BACK fixes, or from the end
-    of any of the last _LOOK_BACK runs of good fixes.
+    Kept is the longest chain of fixes. So a wrong first fix is left out, not all fixes after it; and of a jump only the
+    fixes that are too near to it in time are left out. Chains may skip up to _LOOK_BACK fixes, or from the end of any
+    of the last _LOOK_BACK runs of good fixes.
     """
     n = len(times_us)
     if n < 2:

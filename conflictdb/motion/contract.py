@@ -1,7 +1,7 @@
 """Where the polygon of a piece is at an instant, and the plane it moves in: what every stage works on.
 
-A plane is where a scene's tracks and edges are straight; it makes the `Shapes` of its tracks. A further earth or kind
-of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `planes`.
+Tracks and edges of a scene are straight in its `Plane`, which makes the `Shapes` of its tracks. A further earth or kind
+of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `registry`.
 
 Arrays hold the pair or piece in their last axis: arithmetic then runs along contiguous memory, however few vertices
 there are.
@@ -119,13 +119,18 @@ class Plane(Protocol):
         """Return (n,) the fewest plane metres per metre on the earth (>= 1) in the hulls of points (2, v, n)."""
 
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return how many plane metres a distance may take up where the scale at its ends is at most this.
+        """Return an upper bound of the plane metres between two places this far apart on the earth.
 
-        Half of it at the scale of each end is enough, too.
+        scale : the largest at either
+
+        Half of the bound at the scale of one place, plus half at that of the other, is a bound, too.
         """
 
     def least_m(self, span_m: Floats, scale: Floats) -> Floats:
-        """Return the least distance that so many plane metres may be, where the scale at both ends is at most this."""
+        """Return a lower bound of the distance on the earth between two places so many plane metres apart.
+
+        scale : the largest at either
+        """
 
     def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
         """Return (n,) how fast, plane m/s, a distance on the earth may change by the plane's distortion alone.
@@ -149,12 +154,12 @@ class Plane(Protocol):
         """
 
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
-        """Return by how much at most `distance_m` understates a distance that is this long."""
+        """Return by how much, at most, the true distance exceeds `distance_m` where that is this long."""
 
     def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
         """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
 
-        The length of the shortest way (geodesic), any way round; never overstated, and understated by less than
+        That is the length of the geodesic, any way round the earth. It is never too large, and too small by less than
         `distance_error_m`.
         """
 
@@ -211,8 +216,8 @@ def sides_of(count: int, *, convex: bool) -> Sides:
 def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
 
-    Points and lines are held as they are, polygons in the next power of two. So what is computed of a piece does not
-    depend on the company it is in.
+    Points and lines have one and two slots, polygons the next power of two. So the numbers computed for a piece do not
+    depend on the other pieces of the batch.
     """
     return _slots(np.diff(pieces.shape_offset))
 
@@ -263,9 +268,9 @@ def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:
 
 
 def padding_m(plane: Plane, largest_scale: Floats, wanted_m: float) -> Floats:
-    """Return (n,) how far hulls are padded so that pieces within wanted_m metres of each other have hulls that meet.
+    """Return (n,) how far hulls are padded, so that the hulls of pieces within wanted_m metres of each other meet.
 
-    That is half of it, at the largest scale each piece reaches. The scale is convex along the way between two points,
-    so that half of the way at either piece's largest scale covers it.
+    Each hull is padded by half of the distance, at the largest scale that its piece reaches. Both halves cover the way
+    between the pieces, because the scale is convex along it.
     """
     return np.asarray(0.5 * plane.span_m(wanted_m, largest_scale) + ROUNDING_ALLOWANCE_M)

@@ -3,8 +3,8 @@
 A place V (a unit vector) is at (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north. All
 vectors are held in the frame (E, N, C). `circles` are the havens that ride there.
 
-The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across; it is convex
-along every great circle, which is why what bounds it at the ends of a way bounds it in between.
+The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across. It is convex
+along every great circle: a bound at both ends of a way holds all along it.
 
 Reference: J. P. Snyder, "Map Projections: A Working Manual", USGS Professional Paper 1395 (1987), section 22.
 """
@@ -30,7 +30,8 @@ from conflictdb.motion.great_circles import (
 )
 from conflictdb.results import Kind
 
-# A distance is taken from plane coordinates up to 1.1e7 m, rounded by 2e-9 m each: this much less is never too much.
+# Distances come from plane coordinates up to 1.1e7 m, each rounded by 2e-9 m. They are stated less by this, so that
+# they are never too large.
 _DISTANCE_ROUNDING_M: Final = 1e-8
 # Sine of the least turn of a corner, so that rounding of its coordinates does not make it turn inwards.
 _LEAST_TURN: Final = 1e-8
@@ -248,8 +249,9 @@ def _changes(pieces: Pieces) -> NDArray[np.bool_]:
 def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
 
-    Riding along turns a haven in space, and the plane keeps straight what is on a great circle: so a corner turns the
-    same way wherever the haven is, and as it does in the plane that touches the sphere at the reference point.
+    A haven that rides along is turned in space as a whole, and every gnomonic plane shows great circles as straight
+    lines. So a corner turns the same way wherever the haven is, also in the plane that touches the sphere at its
+    reference point.
     """
     after = np.arange(len(outline)) + 1
     after[offset[1:] - 1] = offset[:-1]

@@ -26,10 +26,11 @@ from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_
 from conflictdb.model import MAX_FROM_CENTRE_DEG
 from conflictdb.motion.contract import Rows
 
-# Cosine of the largest angle from the centre; rounding must not refuse what is exactly there.
+# Cosine of the largest angle from the centre. The angle is a little larger than allowed, so that rounding refuses no
+# place that is exactly at the limit.
 LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
-# How far ahead or across a haven that changes may reach, radians: what is further ahead could be more than a quarter
-# turn from the centre, though its leg is not, and the bounds below would not hold.
+# How far ahead or across a haven that changes may reach, radians. A vertex further ahead could be more than a quarter
+# turn from the centre, although the leg is not: then the bounds below would not hold.
 MAX_CHANGING_REACH: Final = float(np.radians(90.0 - MAX_FROM_CENTRE_DEG))
 
 
@@ -233,11 +234,11 @@ class GreatCircleShapes:
         In time, an offset o leaves its own chord by at most |o''| h^2 / 8. With subscripts the partial derivatives of
         x(phi, f, s), of which x_f = x_phi, phi' = w and u' = w sec(phi)^2, and X the reference point, linear in u,
         o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s' +
-        x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in
-        `max_acceleration`, over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2
-        tan c. The share of its way that the reference point has gone differs from that of the time by at most max
-        |u_tt| h^2 / (8 |u1 - u0|), u_tt = 2 w^2 sec(phi)^2 tan(phi): that moves the chord by as much of how far the
-        offset changes.
+        x_ss s'^2,
+        where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in `max_acceleration`,
+        over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. The reference
+        point's share of its way differs from the share of the time by at most max |u_tt| h^2 / (8 |u1 - u0|),
+        u_tt = 2 w^2 sec(phi)^2 tan(phi). The chord is off by that share of the change of the offset.
         """
         h, (phi0, phi1) = t1 - t0, self._phi(t0, t1)
         furthest = np.maximum(np.abs(phi0), np.abs(phi1))
@@ -298,8 +299,9 @@ class GreatCircleShapes:
     def _phi(self, t0: Floats, t1: Floats) -> tuple[Floats, Floats]:
         """Return (n,) the angles at t0 and t1 from the leg's point nearest to the centre.
 
-        Within a quarter turn: their cosines are those of the reference point's angle from the centre, of which legs
-        keep within 60 degrees, over a positive one, and the leg begins at an angle of 0 and is less than half a turn.
+        Both are within a quarter turn. With C the reference point's angle from the centre and K that of the nearest
+        point, cos(phi) = cos(C) / cos(K), which is positive as legs stay within 60 degrees of the centre; and a leg is
+        shorter than half a turn.
         """
         at_nearest = np.arctan2(self.centre[1], self.centre[0])
         return self.gone + self.rate * t0 - at_nearest, self.gone + self.rate * t1 - at_nearest

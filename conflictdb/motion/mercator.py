@@ -87,9 +87,10 @@ class Mercator:
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
         """Return the plane metres of a distance on the earth.
 
-        With s = cosh(psi) sin(theta / 2) that is 2 asin(s) at most on the sphere, from the formula of `rhumb_distance`,
-        while s < 1, and 2 hypot(pi / 2, acosh(s)) beyond; the bounds taken here are convex in ln s, so that half of
-        what each end needs is enough. The radius of the conformal sphere changes by oblateness * theta on the way.
+        On the sphere, with s = cosh(psi) sin(theta / 2), that is at most 2 asin(s) where s < 1, and 2 hypot(pi / 2,
+        acosh(s)) elsewhere: see the formula of `rhumb_distance`. The bounds taken here lie above these and are convex
+        in ln s, so that half of what each end needs is enough. The radius of the conformal sphere changes by
+        oblateness * theta on the way.
         """
         radius = self.earth.radius_m
         theta = distance_m / radius
@@ -137,7 +138,8 @@ class Mercator:
             least = np.minimum(
                 rhumb_distance.nearby_m(earth, one, other, sides_b), rhumb_distance.nearby_m(earth, other, one, sides_a)
             )
-            # Known to be the least one where all that is as near lies nearby in the plane, and none across the seam.
+            # This is the least distance if all places that are as near lie nearby in the plane, and none across the
+            # seam.
             corners = np.concatenate([one, other], axis=1)
             width = corners[0].max(axis=0) - corners[0].min(axis=0)
             span = self.span_m(least, earth.plane_scale(np.abs(corners[1]).max(axis=0)))
@@ -153,7 +155,7 @@ class Mercator:
     def shapes(
         self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
     ) -> rhumb.RhumbShapes:
-        # What is the same for every pair that a piece is in is computed once.
+        # A piece is in many pairs: what is the same in all of them is computed once.
         own, row = np.unique(rows, return_inverse=True)
         into_leg_s = (zero_us - pieces.leg_start_us[rows]) / 1e6
         return rhumb.shapes_on_legs(self.earth, pieces.take(own)).take(row).counted_from(into_leg_s, origin)

@@ -1,16 +1,17 @@
 """Havens that ride on rhumb lines, in the Mercator plane.
 
-A haven rides a rhumb line at constant speed. Each of its vertices is found from the reference point by two rhumb
-steps: forward along the heading, then to starboard across it (rhumb steps do not commute). With S1 and S2 the divided
-differences (psi2 - psi1) / (mu2 - mu1) of the two steps, a vertex (f forward, s starboard, heading (e, n)) is off the
-reference point by a (f S1 (e, n) + s S2 (n, -e)): no bearing is special, and nothing cancels.
+A haven rides a rhumb line at constant speed. Each of its vertices is found from the reference point by two rhumb steps:
+forward along the heading, then to starboard across it (rhumb steps do not commute). With S1 and S2 the divided
+differences (psi2 - psi1) / (mu2 - mu1) of the two steps, a vertex f forward and s to starboard of a heading (e, n) has
+the offset a (f S1 (e, n) + s S2 (n, -e)) from the reference point. No bearing needs a case of its own, and no digits
+cancel.
 
-S1 and S2 depend on time through the latitude mu of the reference point alone. As power series in the haven's size
-their coefficients are one number per haven; only havens that are large against their distance to the pole take the
-closed form. A haven may change along its leg: then f and s are themselves linear in time (`Growth`).
+S1 and S2 depend on time only through the latitude mu of the reference point. They are power series in the haven's size,
+whose coefficients are one number per haven. Havens that are large against their distance to the pole take the closed
+form instead. A haven may change along its leg: then f and s are themselves linear in time (`Growth`).
 
 Reference: Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
-section III (constraints on the haven); corrected in that the haven's image in the Mercator plane is not rigid.
+section III (constraints on the haven). Deviation: the haven's image in the Mercator plane is not taken as rigid.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -28,8 +29,9 @@ from conflictdb.results import Kind
 # The bounds on curvature below are written for the sphere. On WGS84 d chi/d mu differs from 1 by at most n = 0.0017
 # and its derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03; rounded up.
 ELLIPSOID_SLACK: Final = 1.05
-# Terms of the power series of psi about the middle of a slice, and the largest way from there to a vertex over the
-# distance to the pole for which what they leave out, a q^(k + 1) / (k + 1), is below 1e-10 m. Beyond: the closed form.
+# Power series of psi about the middle of a slice: its terms k, and the largest q it is used for, q the way from the
+# middle to a vertex over the distance to the pole. The remainder a q^(k + 1) / (k + 1) is below 1e-10 m then. Havens
+# with a larger q take the closed form.
 SLICE_TERMS: Final = 12
 SLICE_REACH: Final = 0.06
 # The same of the series about the reference point, for the size of the haven.
@@ -261,8 +263,8 @@ class RhumbShapes:
     def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
         """Return the fraction of the time from t0 to t1 gone at a fraction of the way in the plane.
 
-        Time is linear in rectifying latitude, the way in the plane in isometric latitude; their ratio is a divided
-        difference, so that an east-west leg needs no case of its own.
+        Time is linear in the rectifying latitude, and the way in the plane is linear in the isometric latitude. Their
+        ratio is a divided difference, so that an east-west leg needs no case of its own.
         """
         mu0, mu1 = (self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1))
         stretch = self.earth.stretch(mu0, mu1)
@@ -384,8 +386,8 @@ class RhumbShapes:
 def shape_variant(earth: Earth, pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array.
 
-    Twice the number of the power series that a haven takes (the closed form comes last), plus 1 if it may not be
-    convex, plus CHANGES if it changes on its leg.
+    The sum of: twice the number of the haven's power series (the closed form has the last number), 1 if it may not be
+    convex, CHANGES if it changes on its leg.
     """
     found = np.zeros(len(pieces), np.int64)
     rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
@@ -537,10 +539,9 @@ def _extents(outline: Floats, heading: tuple[Floats, Floats]) -> tuple[Floats, F
 def _may_dent(start: Floats, end: Floats, offset: NDArray[np.int64], tangent: Floats) -> NDArray[np.bool_]:
     """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
 
-    On the way along a side of length d the plane's axes turn against the haven's, and its scale changes, by at most
-    d tan(latitude): a corner that is turned by more than its two sides are worth stays one. Where the outline changes
-    from start to end, a side is longest at one of them, and a turn is a quadratic in time that its Bernstein
-    coefficients bound.
+    Along a side of length d the plane turns against the haven, and its scale changes, by at most d tan(latitude) each.
+    A corner that turns by more than its two sides together stays convex. In an outline that changes, a side is longest
+    at the start or the end, and a turn is a quadratic in time, bounded by its Bernstein coefficients.
     """
     after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M
 
-# Hulls of polygons differ from them by this share of area at most where they count as convex: less than a
-# micrometre of depth for any area below 1,000 km across.
+# A polygon is convex if its hull is larger by at most this share of its area: dents less than a micrometre deep, in
+# areas up to 1,000 km across.
 CONVEX_AREA_SHARE: Final = 1e-13
 # Share of an area that its triangles may lack or exceed by rounding.
 TRIANGULATION_AREA_SHARE: Final = 1e-9
@@ -58,7 +58,8 @@ def _split(polygon: shapely.Polygon, hull: shapely.Geometry) -> list[shapely.Geo
         return [hull]
     missing = abs(float(shapely.area(triangles).sum()) - polygon.area)
     if is_thread(polygon) or missing > TRIANGULATION_AREA_SHARE * polygon.area:
-        # Never a miss: what cannot be cut reliably (narrower than the plane's rounding) counts as its hull.
+        # A polygon narrower than the plane's rounding cannot be cut reliably. Its hull is taken, so that nothing is
+        # missed.
         return [hull]
     corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
     points, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Pieces of objects; one that cannot be cut is covered whole, so that it stays in sight and stops nothing.
+"""Pieces of objects. An object that cannot be cut is covered by one piece: it is reported, and stops no other.
 
 The cover of an object is one piece as wide as the plane, during all of its time and at all of its heights, with the
 part number COVER. It comes near everything, and no solver looks at it: its pairs are `unresolved` while they share time

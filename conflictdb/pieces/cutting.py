@@ -1,8 +1,9 @@
 """Objects cut into pieces: convex, in the scene's plane, with boxes tight in space and time.
 
-An area becomes convex parts, a track leg one or more time slices. Each piece carries a convex hull that covers all it
-does, padded so that two pieces can only come within the scene's reach (`Scene.reach_m`) where their hulls meet: the
-database joins hulls, and never misses. Slices serve the boxes, not the accuracy: stage 4 works on the true motion.
+An area becomes convex parts, a track leg one or more time slices. Each piece has a convex hull that covers it during
+all of its time, padded so that the hulls of two pieces meet wherever the pieces come within the scene's reach
+(`Scene.reach_m`). So the database joins hulls, and misses nothing. Slices serve the boxes, not the accuracy: stage 4
+works on the true motion.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,7 +33,8 @@ MAX_SLICES: Final = 16
 # Beyond it hulls are wider than they need be, and stages 1 and 2 leave more pairs.
 MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
-# Pieces of one object beyond which it is not cut: memory for a gigabyte, where honest tracks have some thousands.
+# An object that would have more pieces than this is not cut. They would take a gigabyte; real tracks have some
+# thousands.
 MAX_PIECES: Final = 1_000_000
 
 

@@ -1,8 +1,8 @@
 """The lock that lets one detection of a scene work at a time: a row of `scene_lock`, kept to the end of a transaction.
 
 Only workers may lock rows of that table. A pooler that gives every transaction another session cannot lose the lock: it
-ends with the transaction. Whoever takes it counts up the row, so that a snapshot older than the end of the detection
-before is no longer good: the server says so (SQLSTATE 40001), and the transaction begins again.
+ends with the transaction. Each holder counts the row up. So a snapshot taken before the last detection ended is refused
+by the server (SQLSTATE 40001), and that transaction begins again.
 """
 
 import time
