@@ -22,7 +22,7 @@ class Verdict(StrEnum):
 
     CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
     GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
-    UNRESOLVED = "unresolved"  # not proven apart and not settled: the period is where they might meet
+    UNRESOLVED = "unresolved"  # not proven apart, and not decided: the period is where they might meet
     NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
 
     @property

@@ -31,7 +31,7 @@ COMMENT ON COLUMN conflicts.periods IS
 COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if it has none.';
 COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if it has none.';
 COMMENT ON COLUMN conflicts.verdict IS
-'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled, '
+'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor decided, '
 'periods then say when they might meet.';
 COMMENT ON COLUMN conflicts.region IS
 'Where, longitude and latitude in degrees. Computed when the column is read: leave it out where it is not needed. '

@@ -146,7 +146,7 @@ COMMENT ON COLUMN conflict.b_version IS 'Second object: version that was detecte
 COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
 COMMENT ON COLUMN conflict.periods IS 'When they interfere, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
-'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor settled; '
+'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor decided; '
 'near: no conflict, but within the scene''s nearest_m. Each detection of the pair decides anew.';
 COMMENT ON COLUMN conflict.region IS
 'Two areas: their intersection, longitude and latitude. Null: computed by the view.';

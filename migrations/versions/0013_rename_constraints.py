@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "85b6b37c4f1c1ef109addd5d4f90b3618f2b129b0fa6cbb0363b53e1fed729ff"
+routines_sha256 = "9706ecbc929d4c21c1431cbdff7f39282ecb4e4246ee24dbe29957a590767577"
 
 
 RENAMED = (("area", "area_key"), ("track", "track_key"), ("scene", "scene_name"))

@@ -1,5 +1,6 @@
 """What README and docs print runs as printed: commands, SQL and Python, on an embedded database."""
 
+import json
 import os
 import re
 import subprocess
@@ -9,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from conflictdb import read
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -100,6 +103,25 @@ def test_own_database_runs_as_printed(folder: Path, empty_dsn: str) -> None:
     shell(init, folder, **path)
     assert "FERRY" in shell(detect, folder, **path)
     shell(f"{worker} --once", folder, **path)
+
+
+def test_files_of_the_reference_are_read(tmp_path: Path) -> None:
+    """The scene file of docs/reference/files.md is one, also with the properties of its other examples."""
+    scene, changes = blocks("docs/reference/files.md", "json")
+    file = json.loads(scene)
+    (track,) = (feature for feature in file["features"] if feature["id"] == "T1")
+    track["geometry"]["coordinates"].pop()
+    properties = [
+        json.loads(f"{{{part}}}")["properties"] for part in re.split(r",?\n(?=\"properties\")", changes.strip())
+    ]
+    assert len(properties) == 2
+    for k, given in enumerate(properties):
+        file["features"].append({**track, "id": f"T{k + 2}", "properties": given})
+    file["features"].remove(track)
+    (tmp_path / "plain.json").write_text(scene)
+    (tmp_path / "changing.json").write_text(json.dumps(file))
+    for name in ("plain", "changing"):
+        assert len(read(tmp_path / f"{name}.json").tracks) == (1 if name == "plain" else 2)
 
 
 PAGES = sorted(
