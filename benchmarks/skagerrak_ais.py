@@ -22,7 +22,7 @@ def main() -> None:
     """Load, detect, report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dsn", help="database (default: the embedded one)")
-    parser.add_argument("--method", default="exact", choices=["screen", "window", "exact", "nlp"])
+    parser.add_argument("--method", default="exact", choices=[*map(str, conflictdb.Method)])
     parser.add_argument("--separation-m", type=float, default=0.0)
     parser.add_argument("--jobs", type=int)
     args = parser.parse_args()

@@ -145,7 +145,7 @@ def main() -> None:
     """Load, detect, report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dsn", help="database (default: the embedded one)")
-    parser.add_argument("--method", default="exact", choices=["screen", "window", "exact", "nlp"])
+    parser.add_argument("--method", default="exact", choices=[*map(str, conflictdb.Method)])
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--flights", type=int, help="take only so many flights")
     args = parser.parse_args()

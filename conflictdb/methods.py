@@ -1,4 +1,7 @@
-"""The methods of detection, one table: where each stops, and what it needs and gives. Imports no library."""
+"""The methods of detection, one table: where each stops, and what it needs, costs and promises. Imports no library.
+
+It stands below `pipeline`, for `model` refuses settings by it and stage 4 chooses its solver by it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,10 +13,10 @@ from typing import Final
 class Method(StrEnum):
     """Where a detection stops: the trade between speed and accuracy."""
 
-    SCREEN = "screen"  # stages 1-2: who might meet
-    WINDOW = "window"  # stage 3: a time window that holds every contact
-    EXACT = "exact"  # stage 4: times to the last digits, with a certificate
-    NLP = "nlp"  # stage 4: the published nonlinear program (SLSQP), its answers certified
+    SCREEN = "screen"  # who might meet
+    WINDOW = "window"  # a safe time window
+    EXACT = "exact"  # certified times
+    NLP = "nlp"  # certified times, found by the published program
 
 
 class Solver(Enum):
@@ -23,29 +26,76 @@ class Solver(Enum):
     PROGRAMS = auto()  # the published linear and nonlinear programs say where to look
 
 
+class Tried(Enum):
+    """How `advise` tries a method."""
+
+    WIDELY = auto()  # at all tolerances, and on the other earth
+    SPARINGLY = auto()  # with the scene's own settings and on few pairs
+
+
 @dataclass(frozen=True, slots=True)
-class Steps:
-    """What a method does of stages 3 and 4.
+class MethodSpec:
+    """What a method does, needs, costs and promises.
 
     last_stage : 2, 3 or 4
-    projects_regions : stage 3 narrows the time in which pairs can meet, by the regions of stage 2; otherwise it is all
+    needs_regions : stage 3 narrows the time in which pairs can meet, by the regions of stage 2; otherwise it is all
         the time they share, and no region is computed
     solver : of stage 4; None without it, when neither places nor closest approaches are known
+    tried : by `advise`
+    says, promises, costs : as users read it (the command line, docs/explanation/accuracy.md, the catalog)
     pairs_per_job : pairs that a process of stage 4 gets at a time: some seconds of work, many times its start
     """
 
     last_stage: int
-    projects_regions: bool
+    needs_regions: bool
     solver: Solver | None
+    tried: Tried
+    says: str
+    promises: str
+    costs: str
     pairs_per_job: int = 1
 
 
-METHODS: Final[Mapping[Method, Steps]] = MappingProxyType(
+METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
     {
-        Method.SCREEN: Steps(2, projects_regions=False, solver=None),
-        Method.WINDOW: Steps(3, projects_regions=True, solver=None),
-        # Its certified windows cost less than the regions of stage 2.
-        Method.EXACT: Steps(4, projects_regions=False, solver=Solver.CERTIFIED, pairs_per_job=200_000),
-        Method.NLP: Steps(4, projects_regions=True, solver=Solver.PROGRAMS, pairs_per_job=2_000),
+        Method.SCREEN: MethodSpec(
+            2,
+            needs_regions=False,
+            solver=None,
+            tried=Tried.WIDELY,
+            says="who might meet",
+            promises="no conflict is missed; periods are the time that swept hulls share",
+            costs="stages 1 and 2 alone",
+        ),
+        Method.WINDOW: MethodSpec(
+            3,
+            needs_regions=True,
+            solver=None,
+            tried=Tried.WIDELY,
+            says="a safe time window",
+            promises="no conflict is missed; every contact lies in the period",
+            costs="about a tenth of `exact`",
+        ),
+        Method.EXACT: MethodSpec(
+            4,
+            needs_regions=False,  # its certified windows cost less than the regions of stage 2
+            solver=Solver.CERTIFIED,
+            tried=Tried.WIDELY,
+            says="certified times",
+            promises="no conflict is missed and none is false, up to `tolerance_m`; every period is proven to be "
+            "contact throughout, and holds the true one, which is shorter by at most `time_error_s` at either end",
+            costs="some ten microseconds a pair in full batches",
+            pairs_per_job=200_000,
+        ),
+        Method.NLP: MethodSpec(
+            4,
+            needs_regions=True,
+            solver=Solver.PROGRAMS,
+            tried=Tried.SPARINGLY,
+            says="certified times, found by the published program",
+            promises="the same as `exact`",
+            costs="50 to 250 times `exact`",
+            pairs_per_job=2_000,
+        ),
     }
 )

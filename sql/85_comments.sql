@@ -13,7 +13,8 @@ COMMENT ON COLUMN scene.centre_lon IS
 'great_circle: longitude of the place that all objects lie within 60 degrees of; null until there is one.';
 COMMENT ON COLUMN scene.centre_lat IS 'great_circle: latitude of that place, degrees.';
 COMMENT ON COLUMN scene.method IS
-'Where a detection stops: screen (who might meet), window (a safe window), exact (certified times), nlp (published).';
+'Where a detection stops: screen (who might meet), window (a safe time window), exact (certified times), '
+'nlp (certified times, found by the published program).';
 COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
 COMMENT ON COLUMN scene.separation_m IS
 'Minimum distance wanted between polygons, metres; 0: they must touch to conflict.';

@@ -46,7 +46,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.errors import InvalidInput
-from conflictdb.methods import METHODS, Method
+from conflictdb.methods import METHODS, Method, Tried
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pipeline.run import run_stages
@@ -160,7 +160,7 @@ def advise(
         if progress:
             progress(done, len(settings))
         by = measure if setting.tolerance_m <= nearby_m else far
-        estimates.append(by.estimate(setting, nlp if setting.method == Method.NLP else None))
+        estimates.append(by.estimate(setting, nlp if METHODS[setting.method].tried is Tried.SPARINGLY else None))
     if progress:
         progress(len(settings), len(settings))
     return Advice(
@@ -196,13 +196,14 @@ def _nobody_meets(objects: Objects, frame: Frame) -> str:
 def _settings(scene: Scene) -> list[Setting]:
     """Return what is tried: method by tolerance on the scene's earth, and the other earth at the scene's tolerance.
 
-    Method nlp only with the scene's own: it is dear, and its answers are certified to be those of exact.
+    A method that is tried sparingly only with the scene's own: it is dear, and its answers are those of another.
     """
     tolerances = sorted({scene.tolerance_m, *TOLERANCES_M})
+    widely = [method for method in Method if METHODS[method].tried is Tried.WIDELY]
     tried = [
         Setting(method, scene.earth, tolerance_m)
         for method in Method
-        for tolerance_m in (tolerances if method != Method.NLP else [scene.tolerance_m])
+        for tolerance_m in (tolerances if method in widely else [scene.tolerance_m])
     ]
     for earth in EarthModel:
         try:
@@ -210,7 +211,7 @@ def _settings(scene: Scene) -> list[Setting]:
         except InvalidInput:  # the motion does not go with it
             continue
         if earth != scene.earth:
-            tried += [Setting(method, earth, scene.tolerance_m) for method in Method if method != Method.NLP]
+            tried += [Setting(method, earth, scene.tolerance_m) for method in widely]
     return tried
 
 
@@ -291,7 +292,7 @@ class _Measure:
         scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._stage1(scene)
         drawn = self._number(pieces, a, b)
-        regions = METHODS[scene.method].projects_regions
+        regions = METHODS[scene.method].needs_regions
         met = intersections(pieces, a, b, regions=False)
         met_of = np.bincount(self._number(pieces, met.a, met.b), minlength=len(self._drawn))
         some = np.flatnonzero(drawn < n)
@@ -301,7 +302,7 @@ class _Measure:
         conflicts, solved, once = self._run_stages(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
         copies, more = 1, once
-        if is_timed and scene.method != Method.NLP and len(self._frame.pairs) * self._frame.scale > n:
+        if is_timed and METHODS[scene.method].tried is Tried.WIDELY and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
             copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
             more = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.earth.geodesy import Floats
-from conflictdb.methods import Method
+from conflictdb.methods import METHODS, Method
 from conflictdb.model import EarthModel
 from conflictdb.results import Verdict
 
@@ -312,7 +312,8 @@ def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthMo
     exact = at[Setting(Method.EXACT, earth, tolerance_m)]
     saved = {
         other: exact.cost.total_s - at[Setting(other, earth, tolerance_m)].cost.total_s
-        for other in (Method.WINDOW, Method.SCREEN)
+        for other in reversed(Method)
+        if METHODS[other].solver is None
     }
     least = max(WORTH_S, WORTH_SHARE * exact.cost.total_s)
     cheaper = max(saved, key=lambda other: saved[other])

@@ -10,10 +10,11 @@ from typing import Any, Final, NoReturn
 import conflictdb
 from conflictdb.cli import codes
 from conflictdb.cli.output import program
-from conflictdb.methods import Method
+from conflictdb.methods import METHODS, Method
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
 _METHODS: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
+_SAYS: Final = ", ".join(f"{method} ({METHODS[method].says})" for method in Method)
 
 ENVIRONMENT: Final = {
     "CONFLICTDB_DSN": "database to use when there is no --dsn; without either, the embedded one",
@@ -105,7 +106,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
     )
-    parser.add_argument("--method", choices=_METHODS, help="where to stop: the trade between speed and accuracy")
+    parser.add_argument("--method", choices=_METHODS, help=f"where to stop: {_SAYS}")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument(
         "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"

@@ -49,7 +49,7 @@ def run_scene(
     funnel.stage1_s = time.perf_counter() - began
     conflicts = []
     began = time.perf_counter()
-    for pieces, pairs in source.intersections(regions=METHODS[scene.method].projects_regions):
+    for pieces, pairs in source.intersections(regions=METHODS[scene.method].needs_regions):
         funnel.stage2_s += time.perf_counter() - began
         funnel.intersecting_pairs += len(pairs)
         of_chunk, counted = run_stages(
@@ -143,7 +143,7 @@ def run_stages(
 
 def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
     """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
-    if not METHODS[scene.method].projects_regions:
+    if not METHODS[scene.method].needs_regions:
         return _spans_s(pieces, pairs)
     funnel.projected_pairs = len(pairs)
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))

@@ -99,15 +99,17 @@ def _group_contacts(
     scene: Scene, solver: Solver, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort
 ) -> Contacts:
     """Return the contacts of like pairs by the solver of the scene's method."""
-    if solver is Solver.PROGRAMS:
-        effort.searched_pairs += len(pairs)
-        return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
-    found, rest = _exact_contacts(scene, pairs, low, high, beyond_s, effort.exact)
-    effort.searched_pairs += len(rest)
-    if rest.size:
-        searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
-        found.append(searched.of_pairs(rest))
-    return Contacts.concatenate(found)
+    match solver:
+        case Solver.PROGRAMS:
+            effort.searched_pairs += len(pairs)
+            return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
+        case Solver.CERTIFIED:
+            found, rest = _exact_contacts(scene, pairs, low, high, beyond_s, effort.exact)
+            effort.searched_pairs += len(rest)
+            if rest.size:
+                searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
+                found.append(searched.of_pairs(rest))
+            return Contacts.concatenate(found)
 
 
 def _exact_contacts(

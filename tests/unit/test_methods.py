@@ -1,6 +1,8 @@
 """One table says what a method does; a method that it does not know, or that has no stage 4, runs nothing in secret."""
 
+import inspect
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,20 +13,34 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
-from conflictdb.methods import METHODS, Method, Solver, Steps
+from conflictdb.methods import METHODS, Method, MethodSpec, Solver
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.results import Verdict
 from conflictdb.stage4.contacts import contacts
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 def test_every_method_has_its_row() -> None:
     assert set(METHODS) == set(Method)
-    for steps in METHODS.values():
-        assert 2 <= steps.last_stage <= 4
-        assert (steps.solver is None) == (steps.last_stage < 4)
-        assert steps.last_stage > 2 or not steps.projects_regions
+    for spec in METHODS.values():
+        assert 2 <= spec.last_stage <= 4
+        assert (spec.solver is None) == (spec.last_stage < 4)
+        assert spec.last_stage > 2 or not spec.needs_regions
+
+
+@pytest.mark.parametrize("method", Method)
+def test_what_a_method_says_promises_and_costs_is_told_alike_everywhere(method: Method) -> None:
+    """In the table of docs/explanation/accuracy.md, in the enum, and in the comment of the catalog."""
+    spec = METHODS[method]
+    default = " (default)" if method is Scene("s").method else ""
+    row = f"| `{method}`{default} | stage {spec.last_stage} | {spec.says} | {spec.promises} | {spec.costs} |"
+    assert row in (ROOT / "docs" / "explanation" / "accuracy.md").read_text().splitlines()
+    assert f'{method.name} = "{method}"  # {spec.says}\n' in inspect.getsource(Method)
+    comments = (ROOT / "sql" / "85_comments.sql").read_text().replace("'\n'", "")
+    assert f"{method} ({spec.says})" in comments
 
 
 @pytest.mark.parametrize("method", ["guess", "EXACT", "", None, 3])
@@ -49,7 +65,7 @@ def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Met
 def test_a_solver_is_not_guessed() -> None:
     """A row cannot be made without saying how far the method goes."""
     with pytest.raises(TypeError):
-        Steps(solver=Solver.CERTIFIED)  # type: ignore[call-arg]
+        MethodSpec(solver=Solver.CERTIFIED)  # type: ignore[call-arg]
 
 
 def test_codes_of_verdicts_do_not_follow_the_order_of_their_names() -> None:
