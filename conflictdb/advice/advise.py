@@ -49,7 +49,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Tried
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pipeline.run import run_stages
+from conflictdb.pipeline.run import Funnel, run_stages
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 
@@ -299,17 +299,17 @@ class _Measure:
         started = time.process_time()
         pairs = intersections(pieces, a[some], b[some], regions=regions)
         region_s = time.process_time() - started if regions else 0.0
-        conflicts, solved, once = self._run_stages(scene, pieces, pairs)
+        conflicts, once = self._run_stages(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
         copies, more = 1, once
         if is_timed and METHODS[scene.method].tried is Tried.WIDELY and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
             copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
-            more = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))[2]
+            more = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))[1]
         return conflicts, _Pass(
             candidates=np.bincount(drawn, minlength=len(self._drawn)),
             met=met_of,
-            solved=met_of.astype(np.float64) * (solved / max(len(pairs), 1)),
+            solved=met_of.astype(np.float64) * (once.solved_pairs / max(len(pairs), 1)),
             handled=len(pairs),
             region_s=region_s,
             once=once,
@@ -317,16 +317,16 @@ class _Measure:
             more=more,
         )
 
-    def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, int, "_Seconds"]:
-        """Return the conflicts of pairs, how many were given to stage 4, and the processor time of stages 3 and 4."""
+    def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, Funnel]:
+        """Return the conflicts of pairs, and what was counted: seconds of stages 3 and 4 are processor time."""
         footprint = self._objects.footprint
         started = time.process_time()
         conflicts, funnel = run_stages(
             scene, plane_of(scene), pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)]
         )
-        # The funnel goes by the clock on the wall: only how the time is shared is taken from it.
+        # It goes by the clock on the wall: only how the time is shared is taken from that.
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
-        return conflicts, funnel.solved_pairs, _Seconds(pace * funnel.stage3_s, pace * funnel.stage4_s)
+        return conflicts, replace(funnel, stage3_s=pace * funnel.stage3_s, stage4_s=pace * funnel.stage4_s)
 
     def _stage1(self, scene: Scene) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
         """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
@@ -348,19 +348,13 @@ class _Measure:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seconds:
-    stage3_s: float
-    stage4_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Pass:
     """What one run of a setting counted and took.
 
     candidates, met, solved : (n,) pairs of pieces after stages 1 and 2, and given to stage 4, of every drawn pair
     handled : pairs of pieces of those it ran on, after stage 2
     region_s : processor time of their regions
-    once, more : processor time of stages 3 and 4 for these, and for so many copies of these
+    once, more : what was counted of these, and of so many copies of these, in processor time
     """
 
     candidates: NDArray[np.int64]
@@ -368,9 +362,9 @@ class _Pass:
     solved: Floats
     handled: int
     region_s: float
-    once: _Seconds
+    once: Funnel
     copies: int
-    more: _Seconds
+    more: Funnel
 
 
 def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pieces, Pairs]:

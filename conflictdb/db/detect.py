@@ -44,8 +44,8 @@ class Run:
     """What a detection did.
 
     run_id : its row in the table `run`
-    candidate_pairs, intersecting_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after stage 1, after
-        stage 2, after stage 3, given to stage 4, and reported
+    candidate_pairs, intersecting_pairs, projected_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after
+        stage 1, after stage 2, that stage 3 was run on, after stage 3, given to stage 4, and reported
     conflicts, unresolved : of the scene now, also those this run had no reason to look at
     opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds
@@ -55,6 +55,7 @@ class Run:
     method: Method
     candidate_pairs: int
     intersecting_pairs: int
+    projected_pairs: int
     window_pairs: int
     solved_pairs: int
     met_pairs: int
@@ -180,8 +181,8 @@ def _refresh_pieces(
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     pieces = pieces_of(settings, plane_of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, pieces)
-    took_s = (record.pieces_s or 0.0) + time.perf_counter() - clock
-    return settings, replace(record, method=settings.method, settings=wanted, pieces_s=took_s)
+    took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
+    return settings, replace(record, method=settings.method, settings=wanted, counted={"pieces_s": took_s})
 
 
 class _SceneSource:
@@ -218,39 +219,21 @@ def _refresh_conflicts(
         progress=way.progress,
         pairs_per_job=way.pairs_per_job,
     )
-    record = replace(
-        record,
-        settings={**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()},
-        candidate_pairs=funnel.candidate_pairs,
-        intersecting_pairs=funnel.intersecting_pairs,
-        window_pairs=funnel.window_pairs,
-        solved_pairs=funnel.solved_pairs,
-        stage1_s=funnel.stage1_s,
-        stage2_s=funnel.stage2_s,
-        stage3_s=funnel.stage3_s,
-        stage4_s=funnel.stage4_s,
-    )
-    outcome = store.write_run(conn, scene_id, record, conflicts)
+    funnel.pieces_s = record.counted["pieces_s"]
+    counted = funnel.counted()
+    kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
+    outcome = store.write_run(conn, scene_id, replace(record, settings=kept, counted=counted), conflicts)
     now = store.runs(conn, settings.name)[0]
     with store.translated():
         conn.commit()
     return Run(
+        **counted,
         run_id=outcome.run_id,
         method=settings.method,
-        candidate_pairs=funnel.candidate_pairs,
-        intersecting_pairs=funnel.intersecting_pairs,
-        window_pairs=funnel.window_pairs,
-        solved_pairs=funnel.solved_pairs,
-        met_pairs=funnel.met_pairs,
         conflicts=now.conflicts or 0,
         unresolved=now.unresolved or 0,
         opened=outcome.opened,
         changed=outcome.changed,
         closed=outcome.closed,
-        pieces_s=record.pieces_s or 0.0,
-        stage1_s=funnel.stage1_s,
-        stage2_s=funnel.stage2_s,
-        stage3_s=funnel.stage3_s,
-        stage4_s=funnel.stage4_s,
         total_s=time.perf_counter() - started,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from conflictdb.stage4.contacts import Effort
 
@@ -27,6 +28,7 @@ class Funnel:
     window_pairs: int = 0
     solved_pairs: int = 0
     met_pairs: int = 0
+    pieces_s: float = 0.0
     stage1_s: float = 0.0
     stage2_s: float = 0.0
     stage3_s: float = 0.0
@@ -36,6 +38,9 @@ class Funnel:
     def add(self, other: "Funnel") -> None:
         """Count another run in."""
         self.effort.add(other.effort)
-        for column in fields(self):
-            if column.name != "effort":
-                setattr(self, column.name, getattr(self, column.name) + getattr(other, column.name))
+        for name, count in other.counted().items():
+            setattr(self, name, getattr(self, name) + count)
+
+    def counted(self) -> dict[str, Any]:
+        """Return all counts and seconds but those of stage 4 by name: that of the column of the table `run`, if any."""
+        return {column.name: getattr(self, column.name) for column in fields(self) if column.name != "effort"}

@@ -1,15 +1,18 @@
-"""What Python and SQL both know is the same in both: verdicts, kinds, the choices of a scene, the size of the earth."""
+"""What Python and SQL both know is the same in both: verdicts, kinds, choices, the earth's size, counts of a run."""
 
 import re
+from dataclasses import fields
 from enum import StrEnum
 from typing import Any
 
 import psycopg
 import pytest
 
-from conflictdb.db import schema
+from conflictdb.db import schema, store
+from conflictdb.db.detect import Run
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, earth_of
 from conflictdb.model import EarthModel, Method, Motion
+from conflictdb.pipeline.funnel import Funnel
 from conflictdb.results import Kind, Verdict
 
 Conn = psycopg.Connection[Any]
@@ -71,3 +74,19 @@ def test_the_earth_has_one_size(conn: Conn) -> None:
     text = "".join(re.sub("--.*|^COMMENT(.|\n)*?;$", "", f.read_text(), flags=re.M) for f in schema.routine_files())
     for number in ("6371008", "6378137"):
         assert len(re.findall(number, text)) == 1, number
+
+
+def test_the_table_of_runs_has_the_names_of_what_is_counted(conn: Conn) -> None:
+    """Its columns are those of RunStatus; counts that are none of them are kept with the settings, or not."""
+    columns = [
+        name
+        for (name,) in conn.execute(
+            """SELECT attname FROM pg_attribute
+               WHERE attrelid = 'conflictdb.run'::regclass AND attnum > 0 AND NOT attisdropped"""
+        )
+    ]
+    assert set(columns) == {field.name for field in fields(store.RunStatus)}
+    counted = set(Funnel().counted())
+    assert counted - set(columns) == {"projected_pairs", "met_pairs"}
+    assert {name for name in columns if name.endswith(("_pairs", "_s"))} - counted == {"write_s"}
+    assert counted <= {field.name for field in fields(Run)}

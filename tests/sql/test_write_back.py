@@ -25,7 +25,20 @@ Conn = psycopg.Connection[Any]
 SCENE = Scene("s", tolerance_m=0.0)
 T0_US = 1_772_323_200_000_000
 RECORD = store.RunRecord(
-    "nlp", {"tolerance_m": 0.0}, datetime(2026, 3, 1, tzinfo=UTC), 7, 5, 3, 2, 0.1, 0.2, 0.3, 0.4, 0.5
+    "nlp",
+    {"tolerance_m": 0.0},
+    datetime(2026, 3, 1, tzinfo=UTC),
+    {
+        "candidate_pairs": 7,
+        "intersecting_pairs": 5,
+        "window_pairs": 3,
+        "solved_pairs": 2,
+        "pieces_s": 0.1,
+        "stage1_s": 0.2,
+        "stage2_s": 0.3,
+        "stage3_s": 0.4,
+        "stage4_s": 0.5,
+    },
 )
 
 
@@ -302,10 +315,11 @@ def test_failed_detection_is_recorded_and_nothing_else_changes(conn: Conn, scene
     detect(conn, scene_id, ALL)
     store.mark_all(conn, scene_id)
     conn.commit()
-    number = store.record_failure(conn, scene_id, replace(RECORD, stage4_s=None), "ValueError: no")
+    number = store.record_failure(conn, scene_id, replace(RECORD, counted={"pieces_s": 0.1}), "ValueError: no")
     assert conn.info.transaction_status == TransactionStatus.IDLE
     (run,) = store.runs(conn, "s")
-    assert (run.run_id, run.error, run.conflicts, run.stage4_s) == (number, "ValueError: no", None, None)
+    assert (run.run_id, run.error, run.conflicts) == (number, "ValueError: no", None)
+    assert (run.pieces_s, run.candidate_pairs, run.stage4_s) == (0.1, None, None)
     (status,) = store.list_scenes(conn)
     assert (status.error, status.conflicts, status.pending) == ("ValueError: no", 3, 4)
 

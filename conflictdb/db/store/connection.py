@@ -1,12 +1,12 @@
 """Connections, transactions and the one border where psycopg's errors become this package's."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import psycopg
 from psycopg.pq import TransactionStatus
-from psycopg.rows import tuple_row
+from psycopg.rows import RowFactory, dict_row, tuple_row
 
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, NotCurrent, ReadOnlyDatabase, StoreError
 
@@ -17,6 +17,8 @@ NOT_CURRENT: Final = "ZC014"
 
 # COPY sends and receives texts as UTF-8, and the connection must say so.
 _ENCODING: Final = "UTF8"
+
+_Row = TypeVar("_Row")
 
 
 def connect(dsn: str) -> psycopg.Connection[Any]:
@@ -57,14 +59,26 @@ def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tup
 
 
 def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[tuple[Any, ...]]:
-    """Return the rows of a routine of the schema conflictdb.
+    """Return the rows of a routine of the schema conflictdb."""
+    return _rows(conn, tuple_row, routine, arguments)
+
+
+def call_by_name(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[dict[str, Any]]:
+    """Return the rows of a routine of the schema conflictdb by the names of their columns."""
+    return _rows(conn, dict_row, routine, arguments)
+
+
+def _rows(
+    conn: psycopg.Connection[Any], row_factory: RowFactory[_Row], routine: str, arguments: Sequence[object]
+) -> list[_Row]:
+    """Return the rows of a routine.
 
     In binary, which no DateStyle, IntervalStyle, bytea_output or extra_float_digits of a caller's connection changes,
     and not as a prepared statement, which a pooler may not find again.
     """
     places = ", ".join(["%s"] * len(arguments))
     # Not the cursors of a caller's connection: those that bind at the client know no binary results.
-    with translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+    with translated(), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
         # Names of routines come from this package only, values are always parameters.
         query = f"SELECT * FROM conflictdb.{routine}({places})".encode()  # noqa: S608
         cursor.execute(query, arguments, prepare=False, binary=True)

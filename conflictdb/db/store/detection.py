@@ -10,7 +10,7 @@ calls:
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
@@ -46,24 +46,23 @@ _VERDICT_NAMES = {verdict.code: verdict.encode() for verdict in Verdict}
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """What is recorded of a detection: settings, pairs that remained after each stage, seconds each stage took."""
+    """What is recorded of a detection.
+
+    counted : pairs that remained after each stage and seconds each stage took, by the names of the columns of the table
+        `run`, as far as it came; other names are left aside
+    """
 
     method: str
     settings: Mapping[str, Any]
     started_at: datetime
-    candidate_pairs: int | None = None
-    intersecting_pairs: int | None = None
-    window_pairs: int | None = None
-    solved_pairs: int | None = None
-    pieces_s: float | None = None
-    stage1_s: float | None = None
-    stage2_s: float | None = None
-    stage3_s: float | None = None
-    stage4_s: float | None = None
+    counted: Mapping[str, float] = field(default_factory=dict)
 
-    def as_json(self, **more: object) -> str:
+    def as_json(self, **more: float) -> str:
         """Return it as the database takes it."""
-        return json.dumps({**asdict(self), "started_at": self.started_at.isoformat(), **more})
+        started_at = self.started_at.isoformat()
+        return json.dumps(
+            {"method": self.method, "settings": self.settings, "started_at": started_at, **self.counted, **more}
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import psycopg
 
-from conflictdb.db.store.connection import call, call_many, transaction
+from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.methods import Method
 from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState, Verdict
 
@@ -125,8 +125,9 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:
     """Return the last runs of a scene, newest first; InvalidInput if the scene is not known."""
     with transaction(conn):
-        rows = call_many(conn, "_runs", scene, limit)
-    return [RunStatus(row[0], row[1], row[2].astimezone(UTC), row[3].astimezone(UTC), *row[4:]) for row in rows]
+        rows = call_by_name(conn, "_runs", scene, limit)
+    instants = ("started_at", "finished_at")
+    return [RunStatus(**{**row, **{name: row[name].astimezone(UTC) for name in instants}}) for row in rows]
 
 
 def _utc(instant: datetime | None) -> datetime | None:
