@@ -92,8 +92,8 @@ def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equ
         count += len(pieces)
     pieces = Pieces.concatenate(parts)
     a, b = np.concatenate(firsts), np.concatenate(seconds)
-    sort = shape_class(plane_of(scene), pieces)
-    key = sort[a] * (sort.max() + 1) + sort[b]
+    classes = shape_class(plane_of(scene), pieces)
+    key = classes[a] * (classes.max() + 1) + classes[b]
     kinds, counts = np.unique(key, return_counts=True)
     rows = np.flatnonzero(key == kinds[counts.argmax()])
     pairs = Pairs(a[rows], b[rows], np.empty((0, 2)), np.zeros(len(rows) + 1, np.int64))

@@ -88,7 +88,7 @@ class Refusals:
             return True
         return False
 
-    def settle(self) -> None:
+    def raise_found(self) -> None:
         """Raise what was found, if anything was."""
         if self.found:
             first = self.found[0]

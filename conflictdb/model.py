@@ -177,10 +177,10 @@ class Area:
             _keep(self, start_us=start_us, end_us=end_us)
             _check_span(who, start_us, end_us)
         _keep_heights(who, self, refusals)
-        refusals.settle()
+        refusals.raise_found()
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
-        refusals.settle()
+        refusals.raise_found()
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +252,7 @@ class Track:
             if given is not None:
                 with refusals:
                     _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
-        refusals.settle()
+        refusals.raise_found()
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
         with refusals:
@@ -266,7 +266,7 @@ class Track:
                 _check_heights(who, self.floor_m, self.ceiling_m)
             else:
                 self._settle_heights(who)
-        refusals.settle()
+        refusals.raise_found()
 
     def _settle_heights(self, who: str) -> None:
         """Check the heights of legs, and take the band of the whole track from them."""

@@ -63,9 +63,9 @@ def _track_window(
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    sort = shape_class(plane, pieces)[member]
-    for one in np.unique(sort):
-        some = np.flatnonzero(sort == one)
+    classes = shape_class(plane, pieces)[member]
+    for one in np.unique(classes):
+        some = np.flatnonzero(classes == one)
         low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward

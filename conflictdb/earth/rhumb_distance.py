@@ -13,7 +13,7 @@ ellipsoid the radius of the conformal sphere changes s1, s2 and Z by less than 3
 distances it is found as a fixed point, for any distance by branch and bound.
 
 On the ellipsoid a distance is at most theta times the mean radius along the great circle. It is less by what another
-way saves that runs through smaller radii: at most `overstated_m`.
+way saves that runs through smaller radii: at most `overestimate_m`.
 """
 
 from typing import Final
@@ -42,14 +42,14 @@ _NODES, _WEIGHTS = (values.tolist() for values in np.polynomial.legendre.leggaus
 
 
 def error_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return by how much a true distance may exceed the one found less `overstated_m`.
+    """Return by how much a true distance may exceed the one found less `overestimate_m`.
 
     Distances found may be too short by the rule for the mean radius, and so be that of a longer one, by 1 % at most.
     """
-    return 1.01 * (overstated_m(earth, distance_m) + _rule_error_m(earth, distance_m))
+    return 1.01 * (overestimate_m(earth, distance_m) + _rule_error_m(earth, distance_m))
 
 
-def overstated_m(earth: Earth, distance_m: Floats | float) -> Floats:
+def overestimate_m(earth: Earth, distance_m: Floats | float) -> Floats:
     """Return by how much the distance found may exceed that of the shortest way.
 
     With c = ln(largest / least radius of the conformal sphere), which is also the largest d ln radius / d latitude: to

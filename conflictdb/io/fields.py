@@ -22,7 +22,7 @@ class Fields:
     values : Mapping
         Its members. None counts as absent.
     refusals : Refusals
-        What is wrong with them, kept until `settle`, so that all of it can be told.
+        What is wrong with them, kept until `raise_found`, so that all of it can be told.
     """
 
     def __init__(self, who: str, values: Mapping[str, Any]) -> None:
@@ -73,9 +73,9 @@ class Fields:
             check_storable(self.who, "", rest)
         return rest
 
-    def settle(self) -> None:
+    def raise_found(self) -> None:
         """Raise what was found to be wrong with the members, if anything was."""
-        self.refusals.settle()
+        self.refusals.raise_found()
 
     def refusal(self, field: str, rule: str) -> InvalidInput:
         """Return the error that refuses a field of this object."""

@@ -78,7 +78,7 @@ def gather(
             own = contents.scene.name if contents.scene else stem(Path(path))
             name = checked_key("scene", "name", own if scene is None else scene)
             _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
-    refusals.settle()
+    refusals.raise_found()
     return list(plans.values())
 
 

@@ -49,7 +49,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
     with fields.refusals:
         positions, times_us = _course(fields, feature["temporalGeometry"], setting)
     members = objects.track_members(fields, setting)
-    fields.settle()
+    fields.raise_found()
     return Track(key, positions, all_certain(times_us), **members)
 
 

@@ -79,7 +79,7 @@ def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -
     with fields.refusals:
         footprint = _footprint(geometry, fields, setting)
     members = area_members(fields, setting)
-    fields.settle()
+    fields.raise_found()
     return Area(key, footprint, **members)
 
 
@@ -166,7 +166,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
             start_us = fields.instant("start")
             speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
     members = track_members(fields, setting)
-    fields.settle()
+    fields.raise_found()
     if by_times:
         return Track(key, positions, all_certain(times_us), **members)
     assert start_us is not None  # noqa: S101

@@ -67,7 +67,7 @@ def read_objects(
     else:
         _read_features(str(path), chosen, len(layers) > 1, max_speed_kn, contents, refusals)
     if not skip_invalid:
-        refusals.settle()
+        refusals.raise_found()
     contents.skipped.extend(left_out(str(path), refusals))
     return contents
 
@@ -149,7 +149,7 @@ def _object(
         if shapely.get_type_id(shape) not in _POLYGONS:
             raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
     members = objects.area_members(fields, setting)
-    fields.settle()
+    fields.raise_found()
     footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
     if setting.to_degrees is not None:
         footprint = shapely.transform(footprint, setting.to_degrees)

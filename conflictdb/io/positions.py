@@ -81,11 +81,11 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
         A column is missing, a row is cut short, or a cell holds what is neither a value nor missing.
     """
     reader = _Reader(text)
-    reader.refusals.settle()
+    reader.refusals.raise_found()
     if max_speed_kn is None:
         max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
     fixes = reader.fixes()
-    reader.refusals.settle()
+    reader.refusals.raise_found()
     left_out = reader.left_out
     tracks = []
     for key, rows in fixes.items():
@@ -93,7 +93,7 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
             track = track_of(key, rows, reader.size_columns, max_speed_kn, left_out)
             if track is not None:
                 tracks.append(track)
-    reader.refusals.settle()
+    reader.refusals.raise_found()
     kept = {track.key for track in tracks}
     skipped = [
         Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)

@@ -79,7 +79,7 @@ def read_scene(
     if not isinstance(features, list):
         with refusals:
             raise InvalidInput("file", "features", "must be a list of features")
-        refusals.settle()
+        refusals.raise_found()
         raise AssertionError
     in_scene = scene or Scene(stem)
     setting = objects.Setting(in_scene, foreign, to_degrees)
@@ -96,7 +96,7 @@ def read_scene(
     tracks = within_speed([item for item in each if isinstance(item, Track)], in_scene.motion, max_speed_kn, of_objects)
     if not skip_invalid:
         refusals.found += of_objects.found
-    refusals.settle()
+    refusals.raise_found()
     return Contents(scene, areas, tracks, left_out(source, of_objects))
 
 
@@ -177,7 +177,7 @@ def _object(i: int, feature: Any, setting: objects.Setting) -> Area | Track | ob
             item = moving_features.track(key, feature, properties, own)
         else:
             item = _plain(key, feature.get("geometry"), properties, own)
-    refusals.settle()
+    refusals.raise_found()
     assert item is not None  # noqa: S101
     return item
 
@@ -211,7 +211,7 @@ def _scene(settings: Any, stem: str) -> Scene:
         hint = f"did you mean {meant}?" if meant else f"known are {', '.join(_SETTINGS)}"
         with refusals:
             raise InvalidInput("scene", name, f"is no setting of a scene; {hint}")
-    refusals.settle()
+    refusals.raise_found()
     given = {name: value for name, value in settings.items() if value is not None}
     scene = Scene(**{"name": stem, **given})
     checked_key("scene", "name", scene.name)

@@ -96,9 +96,9 @@ class Gnomonic:
         widest = np.maximum(np.abs(pieces.shape_xy), np.abs(pieces.shape_to_xy)).max(axis=1)
         reach = np.maximum.reduceat(widest, pieces.shape_offset[:-1]) / MEAN_RADIUS_M
         held = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
-        sort = shape_class(self, pieces)
-        for one in np.unique(sort[held]):
-            rows = np.flatnonzero(held & (sort == one))
+        classes = shape_class(self, pieces)
+        for one in np.unique(classes[held]):
+            rows = np.flatnonzero(held & (classes == one))
             shapes = self.shapes(pieces, rows, pieces.leg_start_us[rows], np.zeros((2, len(rows))))
             leg_s = (pieces.leg_end_us[rows] - pieces.leg_start_us[rows]) / 1e6
             held[rows] = shapes.least_up(np.zeros(len(rows)), leg_s).min(axis=0) >= LEAST_UP

@@ -147,7 +147,7 @@ class Mercator:
             if far.size:
                 least[far] = rhumb_distance.anywhere_m(earth, one[:, :, far], other[:, :, far], sides_a, sides_b)
             found[block] = least
-        return np.maximum(found - rhumb_distance.overstated_m(earth, found), 0.0)
+        return np.maximum(found - rhumb_distance.overestimate_m(earth, found), 0.0)
 
     def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
         return rhumb.shape_variant(self.earth, pieces)

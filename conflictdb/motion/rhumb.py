@@ -384,7 +384,7 @@ class RhumbShapes:
 
 
 def shape_variant(earth: Earth, pieces: Pieces) -> NDArray[np.int64]:
-    """Return (n,) in which way each piece's shape is computed: pieces of unlike varieties cannot share an array.
+    """Return (n,) a number for the formula of each piece's shape: pieces in one array have the same.
 
     The sum of: twice the number of the haven's power series (the closed form has the last number), 1 if it may not be
     convex, CHANGES if it changes on its leg.

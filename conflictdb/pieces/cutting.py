@@ -345,9 +345,9 @@ def _swept_hulls(scene: Scene, plane: Plane, pieces: Pieces, deviation: Floats) 
 
 def _havens_by_shape(plane: Plane, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Havens, Floats]]:
     """Yield rows of pieces that can share arrays, their havens, timed from the start of the slice, and its duration."""
-    sort = shape_class(plane, pieces)
-    for one in np.unique(sort):
-        rows = np.flatnonzero(sort == one)
+    classes = shape_class(plane, pieces)
+    for one in np.unique(classes):
+        rows = np.flatnonzero(classes == one)
         shapes = plane.shapes(pieces, rows, pieces.start_us[rows], np.zeros((2, len(rows))))
         yield rows, shapes, (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
 

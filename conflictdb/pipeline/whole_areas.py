@@ -84,9 +84,9 @@ def _polygons(
 ) -> NDArray[np.object_]:
     """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
     polygons = np.empty(len(rows), dtype=object)
-    sort = shape_class(plane, pieces)[rows]
-    for one in np.unique(sort):
-        some = np.flatnonzero(sort == one)
+    classes = shape_class(plane, pieces)[rows]
+    for one in np.unique(classes):
+        some = np.flatnonzero(classes == one)
         xy = shapes_of(plane, pieces, rows[some], zero_us[some]).positions(at_s[some])
         indices = np.repeat(np.arange(len(some)), xy.shape[1])
         polygons[some] = shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices))

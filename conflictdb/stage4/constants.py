@@ -11,8 +11,8 @@ from typing import Final
 # contacts are stated with more doubt.
 TOUCH_M: Final = 5e-8
 # Up to this distance the nearest points in a conformal plane are those on the earth: the scale differs along it by a
-# share of 1e-8 at 89 degrees of latitude. With more, a distance may be overstated; with less, more pairs are measured
-# along geodesics, which is slower.
+# share of 1e-8 at 89 degrees of latitude. With more, a distance may be found too large; with less, more pairs are
+# measured along geodesics, which is slower.
 SHORT_M: Final = 1e-3
 # Where a contact ends the pair is this far apart on the outer side: clear of a touch beyond rounding. With less, an end
 # may lie within rounding; with more, contacts are stated longer than they are.

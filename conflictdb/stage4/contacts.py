@@ -172,10 +172,10 @@ def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) ->
         margin = max(scene.tolerance_m, TOUCH_M)
         # The true distance is at most this much more than the one found.
         error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
-        doubt_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
+        certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
         close = clearance + error_m <= margin
         verdicts = np.select(
-            [clearance > margin, clearance < -max(margin, doubt_m), close & (clearance >= -margin)],
+            [clearance > margin, clearance < -max(margin, certainty_margin_m), close & (clearance >= -margin)],
             [-1, CONFLICT, GRAZING],
             UNRESOLVED,
         )

@@ -87,8 +87,8 @@ def group_by_shape(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.
     """Return batches of rows of pairs whose pieces can share arrays."""
     if not len(rows):
         return []
-    sort = shape_class(plane, pieces)
-    _, group = np.unique(np.stack([sort[pairs.a[rows]], sort[pairs.b[rows]]]), axis=1, return_inverse=True)
+    classes = shape_class(plane, pieces)
+    _, group = np.unique(np.stack([classes[pairs.a[rows]], classes[pairs.b[rows]]]), axis=1, return_inverse=True)
     batches = []
     for g in range(int(group.max()) + 1):
         same = rows[group == g]

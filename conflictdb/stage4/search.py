@@ -160,7 +160,7 @@ class _Search:
         """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
         pairs = self.pairs.take(rows)
         start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
-        start_error, end_error = _doubts(pairs, start, end, first, last)
+        start_error, end_error = _uncertain_ends(pairs, start, end, first, last)
         grazes = clearance_m(pairs, np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
@@ -221,8 +221,8 @@ class _Search:
             some, at = some.take(cut), at[cut]
             before = self._end(some, at, first[cut], latest=True)
             after = self._end(some, at, last[cut], latest=False)
-            earlier = _doubts(some, start, before, first[cut], before)
-            later = _doubts(some, after, end, after, last[cut])
+            earlier = _uncertain_ends(some, start, before, first[cut], before)
+            later = _uncertain_ends(some, after, end, after, last[cut])
             slot = np.concatenate([slot, slot])
             start, end = np.concatenate([start, after]), np.concatenate([before, end])
             start_error, end_error = (np.concatenate(both) for both in zip(earlier, later, strict=True))
@@ -299,7 +299,9 @@ def _guesses(pairs: Encounters, low: Floats, high: Floats, programs: Programs, *
     return answer
 
 
-def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+def _uncertain_ends(
+    pairs: Encounters, start: Floats, end: Floats, first: Floats, last: Floats
+) -> tuple[Floats, Floats]:
     """Return (n,) how many seconds after its start, and before its end, a contact is certain.
 
     It is certain where clearance <= -certainty_margin_m: plane coordinates are rounded by less than TOUCH_M, and
@@ -309,16 +311,16 @@ def _doubts(pairs: Encounters, start: Floats, end: Floats, first: Floats, last: 
     """
     every = np.arange(len(start))
     deep_m = np.full(len(start), -pairs.certainty_margin_m)
-    doubts = []
+    found = []
     for outer, witness in ((start, first), (end, last)):
-        doubt = end - start
+        uncertain_s = end - start
         quarters = [start + share * (end - start) for share in (0.5, 0.25, 0.75)]
         for deep in (outer, *quarters, witness):
-            rows = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (doubt >= end - start))
+            rows = np.flatnonzero((clearance_m(pairs, every, deep) <= deep_m) & (uncertain_s >= end - start))
             certain = crossing(clearance_of(pairs, rows), outer[rows], deep[rows], deep_m[rows])[1]
-            doubt[rows] = np.abs(certain - outer[rows])
-        doubts.append(doubt)
-    return doubts[0], doubts[1]
+            uncertain_s[rows] = np.abs(certain - outer[rows])
+        found.append(uncertain_s)
+    return found[0], found[1]
 
 
 def _hull(undecided: Undecided, n: int) -> tuple[Floats, Floats]:

@@ -47,8 +47,8 @@ def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
-    sort = shape_class(plane_of(scene), pieces)
-    key = sort[pairs.a] * (sort.max() + 1) + sort[pairs.b]
+    classes = shape_class(plane_of(scene), pieces)
+    key = classes[pairs.a] * (classes.max() + 1) + classes[pairs.b]
     found = []
     for kind in np.unique(key):
         rows = np.flatnonzero(key == kind)
