@@ -76,7 +76,8 @@ class _Search:
 
     span_s : (n,) seconds of the shared span
     limit_m : (n,) a distance above this need not be known
-    least_m, at_s : (n,) the least distance seen, and when; floor_m : (n,) what it is nowhere below
+    least_m, at_s : (n,) the least distance seen, and when
+    floor_m : (n,) what it is nowhere below in the intervals that were searched; infinite while none was
     first_m, last_m : (n,) the distances at both ends of the span
     """
 
@@ -111,8 +112,6 @@ class _Search:
     def run(self) -> None:
         """Search until the bounds meet."""
         row = np.flatnonzero(self.span_s > 0.0)
-        still = np.flatnonzero(self.span_s <= 0.0)
-        self.floor_m[still] = self.least_m[still]
         start, end, first, last = np.zeros(len(row)), self.span_s[row], self.first_m[row], self.last_m[row]
         best = np.zeros(len(self.span_s))  # half the width of the interval in which the least was seen
         best[row] = 0.5 * end

@@ -4,11 +4,11 @@
     python tests/acceptance/mutate.py --again DIRECTORY/survivors.json
 
 Works on a copy of the tree. First it runs the tests once and writes down which of them reach which line, and how long
-they take. Then it draws changes by the seed, and runs for each the tests that reach its line, the quickest first, until
-one fails: the mutant is killed. Each runs in a fork that has everything loaded, where one function has other code.
-Tests that need a database, slow ones, and what other processes run are left out. It prints each mutant, the survivors
-as they would look, and a table by module; exits 1 if any survived that is not listed in mutants.toml, where mutants
-that change no answer are, each with the reason.
+they take. Then it draws changes by the seed, and runs for each the tests that reach its line, the most specific first,
+until one fails: the mutant is killed. Each runs in a fork that has everything loaded, where one function has other
+code. Tests that need a database, slow ones, and what other processes run are left out. It prints each mutant, the
+survivors as they would look, and a table by module; exits 1 if any survived that is not listed in mutants.toml, where
+mutants that change no answer are, each with the reason.
 
 A module's mutants are: comparisons (their boundary, their sense), arithmetic swapped, signs and negations dropped,
 constants changed, conditions negated, minimum and maximum (and their like) swapped, the branches of `where` swapped,
@@ -61,8 +61,10 @@ PYTEST: Final = (
 # A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
 TIMES: Final = 5.0
 LONGER_S: Final = 20
-# Tests on lines that nearly all of them reach: the quickest so many seconds of them.
+# Tests on lines that nearly all of them reach: so many seconds of them, the most specific first.
 ENOUGH_S: Final = 20.0
+# A test that reaches so many lines computes whole scenes.
+SCENE_LINES: Final = 500
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
 FEW: Final = 3
 
@@ -320,6 +322,7 @@ class Bench:
         self.root, self._work = root, work
         self._tests: dict[str, pytest.Item] = {}
         self._seconds: dict[str, float] = {}
+        self._reached: dict[str, int] = {}
         self._by_line: dict[str, list[str]] = defaultdict(list)
         self._killers: Counter[str] = Counter()
 
@@ -343,13 +346,15 @@ class Bench:
                 tell(f"reach: {k} of {len(new)} tests")
                 record.write_text(json.dumps(known))
         for name in self._tests:
-            self._seconds[name] = known[name]["seconds"]
+            self._seconds[name], self._reached[name] = known[name]["seconds"], len(known[name]["lines"])
             for line in known[name]["lines"]:
                 self._by_line[line].append(name)
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Return the tests that reach a mutant: those that have killed the most so far, then the quickest.
+        """Return the tests that reach a mutant, those that reach the fewest lines besides first.
 
+        A test of one function is the most likely to notice what has become of it. Whole scenes come last: of those that
+        reach much, those that have killed the most, then the quickest.
         Constants are made on import, and what is kept by a cache is made by whatever test came first: where few tests
         reach a line, all those that reach its module count.
         """
@@ -358,12 +363,15 @@ class Bench:
             lines = (tests for line, tests in self._by_line.items() if line.startswith(f"{mutant.module}:"))
             found |= {test for tests in lines for test in tests}
         chosen, total_s = [], 0.0
-        for test in sorted(found, key=lambda test: (-self._killers[test], self._seconds[test], test)):
+        for test in sorted(found, key=self._rank):
             total_s += self._seconds[test]
             if total_s > ENOUGH_S and chosen:
                 break
             chosen.append(test)
         return chosen
+
+    def _rank(self, test: str) -> tuple[int, int, float, str]:
+        return min(self._reached[test], SCENE_LINES), -self._killers[test], self._seconds[test], test
 
     def _needs_import(self, mutant: Mutant) -> bool:
         reached = len(self._by_line.get(f"{mutant.module}:{mutant.line}", ()))
