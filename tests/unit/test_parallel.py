@@ -10,11 +10,12 @@ from workloads import PAPER, throw
 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline import parallel
 from conflictdb.pipeline.parallel import contacts_by_jobs
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.contacts import contacts
 
@@ -24,7 +25,7 @@ def test_every_pair_is_decided_once(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, areas, tracks = throw(PAPER, 3, 8, 8)
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
 
     def windows() -> tuple[np.ndarray, np.ndarray]:

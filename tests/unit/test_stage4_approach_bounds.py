@@ -10,10 +10,11 @@ from workloads import GROWING_CIRCLES, HIGH_LATITUDE, PAPER, throw
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.geodesy import Floats
-from conflictdb.in_memory import pairs_in_memory
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4 import closest_approach
 from conflictdb.stage4.closest_approach import _bounds, _Search, _upward
@@ -27,7 +28,7 @@ def encounters(scene: Scene, areas: list[Any], tracks: list[Track]) -> list[tupl
     """All pairs that pass stages 1 and 2 and share a time, and how long; pieces that share arrays together."""
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = pairs_in_memory(pieces, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = shared_span(pieces, pairs)
     found = []
     for rows in group_by_shape(plane, pieces, pairs, np.flatnonzero(end > start)):
