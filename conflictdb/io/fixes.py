@@ -38,6 +38,8 @@ def track_of(
     max_speed_kn : fixes that can only be reached faster than this are left out, as few as possible
     left_out : line numbers by key and reason
     """
+    if not rows.lines:
+        return None  # why each of its rows is left out is noted already
     missing = [column for column in size_columns if column not in rows.largest]
     if missing:
         left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)

@@ -132,6 +132,15 @@ def test_rows_without_identity_time_or_position_are_left_out(tmp_path: Path) -> 
     }
 
 
+@pytest.mark.parametrize("size", ["100,20", ","])
+def test_an_object_without_any_position_is_left_out_once(tmp_path: Path, size: str) -> None:
+    """AIS says "not available" by latitude 91 and longitude 181; it is no refused plan."""
+    lost = f"b,2026-03-01T00:00:00Z,181,91,{size}"
+    contents = read(tmp_path, HEADER, fix("a", 0, 4.0), fix("a", 1, 4.01), lost)
+    assert reasons(contents) == {("b", "no position"): ((4,), True)}
+    assert not contents.skipped[0].is_refused
+
+
 @pytest.mark.parametrize(
     ("lines", "key", "field", "rule"),
     [
