@@ -281,7 +281,7 @@ class RhumbShapes:
         tan^2 M) + c sec M tan M); y offset = a (psi(mu + d) - psi(mu)): at most a c sin d sec^2 M.
         """
         if self.growth is not None:
-            return self._growing_chord_deviation(self.growth, t0, t1)
+            return np.minimum(self._growing_chord_deviation(self.growth, t0, t1), self._offset_change(t0, t1))
         ends = [self.start_mu + (self.into_leg_s + t) / self.leg_s * self.delta_mu for t in (t0, t1)]
         way = self.earth.isometric(ends[1]) - self.earth.isometric(ends[0])
         crosses = ends[0] * ends[1] <= 0.0
@@ -290,7 +290,18 @@ class RhumbShapes:
         cosine = np.cos(lowest)
         x = self.step * (cosine**2 * secant * (1.0 + 2.0 * tangent**2) + cosine * secant * tangent)
         y = cosine * np.sin(np.maximum(self.up, -self.down)) * secant**2
-        return np.asarray(ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y) * way**2 / 8.0)
+        bent = ELLIPSOID_SLACK * self.earth.radius_m * np.hypot(x, y) * way**2 / 8.0
+        return np.minimum(bent, self._offset_change(t0, t1))
+
+    def _offset_change(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) bounds on how much any two offsets of a vertex during [t0, t1] differ, plane metres.
+
+        A vertex is off the chord of its offsets by no more: what bends a lot on a leg that is too short to be cut.
+        """
+        secant, _ = _secant_tangent(self.highest_latitude(t0, t1))
+        up, down, step = self._extent(t0, t1)
+        largest = self.earth.radius_m * secant * np.hypot(step, np.maximum(up, -down))
+        return np.asarray(2.0 * ELLIPSOID_SLACK * largest)
 
     def _growing_chord_deviation(self, growth: Growth, t0: Floats, t1: Floats) -> Floats:
         """Return `chord_deviation` of havens that change.
