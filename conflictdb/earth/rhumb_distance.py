@@ -156,9 +156,9 @@ def _combined(
 
 def _way_m(earth: Earth, lon_apart: Floats, psi1: Floats, psi2: Floats) -> Floats:
     """Return the length of great circles of the conformal sphere on the earth: at least that of the shortest way."""
-    east = np.sin(0.5 * lon_apart)
-    sine2 = east**2 + np.sinh(0.5 * (psi2 - psi1)) ** 2
-    cosine2 = (1.0 - east**2) + np.sinh(0.5 * (psi1 + psi2)) ** 2
+    # Each with its own digits: on the other side of the earth those of a cosine are lost in a sine.
+    sine2 = np.sin(0.5 * lon_apart) ** 2 + np.sinh(0.5 * (psi2 - psi1)) ** 2
+    cosine2 = np.cos(0.5 * lon_apart) ** 2 + np.sinh(0.5 * (psi1 + psi2)) ** 2
     theta = 2.0 * np.arctan2(np.sqrt(sine2), np.sqrt(cosine2))
     if not earth.oblateness:
         return np.asarray(earth.radius_m * theta)
