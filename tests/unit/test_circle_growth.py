@@ -7,8 +7,6 @@ import oracle_circle
 import pytest
 import scenes
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING_CIRCLES, throw
@@ -17,7 +15,7 @@ from conflictdb import InvalidInput, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.model import Motion, Scene, Track
+from conflictdb.model import Motion, Scene
 from conflictdb.motion.gnomonic import Gnomonic
 from conflictdb.motion.great_circles import GreatCircleShapes
 from conflictdb.motion.registry import plane_of
@@ -34,14 +32,6 @@ def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scen
     return Gnomonic(*scene.centre).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
 
 
-def in_reach(track: Track) -> bool:
-    try:
-        check_plane(plane_of(SCENE), [], [track])
-    except InvalidInput:
-        return False
-    return True
-
-
 def test_vertices_agree_with_the_oracle() -> None:
     """On every leg, also of havens that change at every waypoint."""
     for seed in (21, 22):
@@ -56,62 +46,6 @@ def test_vertices_agree_with_the_oracle() -> None:
                 apart = found[:, :, None] - phase.vertices(int(phase.start_us), seconds)[:, None]
                 distance = np.hypot(apart[..., 0], apart[..., 1])
                 assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < ROUNDING_M
-
-
-def changing(lat: float, dlat: float, lon: float, dlon: float, sizes: Sizes, later: Sizes | None, mps: float) -> Track:
-    """One leg: to another outline, if one is given, else with sides that move outward."""
-    track = scenes.track("T", [(lon, lat), (lon + dlon, lat + dlat)], [0, LASTS_S], *sizes)
-    if later is None:
-        return replace(track, grow_mps=mps)
-    ends = np.array([[(-p, -a), (s, -a), (s, f), (-p, f)] for f, a, p, s in (sizes, later)])
-    return replace(track, outline_m=ends[0], outlines_m=ends)
-
-
-tracks = st.builds(
-    changing,
-    st.floats(-15, 85),
-    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 5.0]),
-    st.floats(-40, 80),
-    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
-    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5, 1e6])] * 4),
-    st.one_of(st.none(), st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 2e5, 1.5e6])] * 4)),
-    st.sampled_from([1e-6, 0.01, 1.0, 6.0]),
-)
-
-
-@settings(max_examples=300, deadline=None)
-@given(tracks, st.floats(0, 0.9), st.floats(0.01, 1))
-def test_velocity_and_bounds_of_a_growing_haven(track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; bounds on accelerations, `least_up`, chords and velocities hold."""
-    if not in_reach(track):
-        return
-    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
-    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
-    t0 = start * LASTS_S
-    t1 = t0 + share * (LASTS_S - t0)
-    seconds = np.linspace(t0, t1, SAMPLES)
-    ends = np.array([t0]), np.array([t1])
-    h = seconds[1] - seconds[0]
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at, velocity = shapes.positions(seconds), shapes.velocities(seconds)
-    difference = (at[..., 2:] - at[..., :-2]) / (2 * h)
-    jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
-    assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
-    second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
-    assert second.max() <= float(one.max_acceleration(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
-    up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
-    assert (up.min(axis=1) >= one.least_up(*ends)[:, 0] - 1e-14).all()
-    assert up.min() >= 0.5 - 1e-9
-
-    # The share of the reference point's way that is gone, in the plane; of the time where it stays.
-    reference = shapes.reference(seconds)
-    offset = at - reference[:, None, :]
-    way = np.hypot(*(reference - reference[:, :1]))
-    gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
-    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert left <= float(one.chord_deviation(*ends)[0]) + 4 * ROUNDING_M
-    spread = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
-    assert spread <= float(one.velocity_spread(*ends)[0]) * (1 + 1e-9)
 
 
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
@@ -163,22 +97,6 @@ def test_bounds_are_near_what_they_bound(
         assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
     up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
     assert up.min(axis=1) == pytest.approx(one.least_up(*ends)[:, 0], abs=1e-14 if mps == 0.0 else 4e-5)
-
-
-@settings(max_examples=200, deadline=None)
-@given(tracks)
-def test_havens_known_to_be_convex_are(track: Track) -> None:
-    """At all times the vertices of what claims it turn one way."""
-    if not in_reach(track):
-        return
-    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
-    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
-    if not one.is_convex or one.vertex_count < 3:
-        return
-    at = one.take(np.zeros(SAMPLES, np.int64)).positions(np.linspace(0.0, LASTS_S, SAMPLES))
-    side = np.roll(at, -1, axis=1) - at
-    after = np.roll(side, -1, axis=1)
-    assert (side[0] * after[1] - side[1] * after[0] > 0.0).all()
 
 
 def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:

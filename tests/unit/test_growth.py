@@ -7,8 +7,6 @@ import oracle
 import pytest
 import scenes
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING, PAPER, throw
@@ -49,39 +47,6 @@ def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
     return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
 
 
-def in_reach(scene: Scene, track: Track) -> bool:
-    try:
-        check_plane(plane_of(scene), [], [track])
-    except InvalidInput:
-        return False
-    return True
-
-
-Sizes = tuple[float, float, float, float]
-
-
-def changing(lat: float, dlat: float, lon: float, dlon: float, sizes: Sizes, later: Sizes | None, mps: float) -> Track:
-    """One leg: to another outline, if one is given, which may grow on one side alone; else its sides move outward."""
-    end = (lon + dlon, float(np.clip(lat + dlat, -84, 84)))
-    track = scenes.track("T", [(lon, lat), end], [0, LASTS_S], *sizes)
-    if later is None:
-        return replace(track, grow_mps=mps)
-    ends = np.array([[(-p, -a), (s, -a), (s, f), (-p, f)] for f, a, p, s in (sizes, later)])
-    return replace(track, outline_m=ends[0], outlines_m=ends)
-
-
-growing_tracks = st.builds(
-    changing,
-    st.floats(-84, 84),
-    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 15.0, -60.0]),
-    st.floats(-170, 170),
-    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
-    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5])] * 4),
-    st.one_of(st.none(), st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 2e5])] * 4)),
-    st.sampled_from([1e-6, 0.01, 1.0, 6.0]),
-)
-
-
 @pytest.mark.parametrize("earth", EarthModel)
 def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
     """On every leg, also of havens that change at every waypoint."""
@@ -100,40 +65,6 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
             apart = found[:, :, None] - expected[:, None] - np.array([shift, 0.0])
             distance = np.hypot(apart[..., 0], apart[..., 1])
             assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < 10 * ROUNDING_M
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.sampled_from(list(EarthModel)), growing_tracks, st.floats(0, 0.9), st.floats(0.01, 1))
-def test_velocity_and_bounds_of_a_growing_haven(earth: EarthModel, track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; bounds on accelerations, latitudes, chords and velocities hold."""
-    scene = Scene("s", earth=earth)
-    if not in_reach(scene, track):
-        return
-    _, one = leg_shapes(scene, track)
-    t0 = start * LASTS_S
-    t1 = t0 + share * (LASTS_S - t0)
-    seconds = np.linspace(t0, t1, SAMPLES)
-    ends = np.array([t0]), np.array([t1])
-    h = seconds[1] - seconds[0]
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at, velocity = shapes.positions(seconds), shapes.velocities(seconds)
-    difference = (at[..., 2:] - at[..., :-2]) / (2 * h)
-    jerk = np.abs(np.diff(velocity, 2)).max() + 4 * ROUNDING_M / h
-    assert np.abs(difference - velocity[..., 1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
-    second = np.hypot(*(at[..., 2:] - 2 * at[..., 1:-1] + at[..., :-2])) / h**2
-    assert second.max() <= float(one.max_acceleration(*ends)[0]) * (1 + 1e-9) + 4 * ROUNDING_M / h**2
-    highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
-    assert np.abs(at[1]).max() / earth_of(earth).radius_m <= highest + 1e-12
-
-    # The share of the reference point's way that is gone, in the plane; of the time where it stays.
-    reference = shapes.reference(seconds)
-    offset = at - reference[:, None, :]
-    way = np.hypot(*(reference - reference[:, :1]))
-    gone = way / way[-1] if way[-1] > 1.0 else np.linspace(0.0, 1.0, SAMPLES)
-    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert left <= float(one.chord_deviation(*ends)[0]) + 4 * ROUNDING_M
-    spread = np.hypot(*(velocity - one.velocity(np.array([0.5 * (t0 + t1)]))[:, None, :])).max()
-    assert spread <= float(one.velocity_spread(*ends)[0]) * (1 + 1e-9)
 
 
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)

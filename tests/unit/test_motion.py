@@ -6,15 +6,12 @@ import numpy as np
 import oracle
 import pytest
 import scenes
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import padding_m
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.registry import plane_of
 from conflictdb.motion.rhumb import RhumbShapes
@@ -96,44 +93,6 @@ def test_tiny_leg_keeps_its_heading() -> None:
     assert shape_error_m(scene.earth, found, oracle_plane(scene, track, 0, np.array([30.0]))) < 0.1
 
 
-tracks_anywhere = st.builds(
-    lambda lat, dlat, lon, dlon, sizes: scenes.track(
-        "T", [(lon, lat), (lon + dlon, float(np.clip(lat + dlat, -84, 84)))], [0, 36000], *sizes
-    ),
-    st.floats(-84, 84),
-    st.sampled_from([0.0, 1e-9, 0.3, -2.0, 15.0, -60.0]),
-    st.floats(-170, 170),
-    st.sampled_from([0.0, 1e-9, -0.5, 3.0, 40.0]),
-    st.tuples(*[st.sampled_from([0.0, 10.0, 5e3, 1e5, 2.5e5])] * 4),
-)
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.sampled_from(list(EarthModel)), tracks_anywhere, st.floats(0, 0.9), st.floats(0.01, 1))
-def test_velocity_and_bend_bound_the_motion(earth: EarthModel, track: Track, start: float, share: float) -> None:
-    """Velocities are what differences say; `max_acceleration` and `highest_latitude` are never exceeded."""
-    scene = Scene("s", earth=earth)
-    _, one = legs_as_shapes(scene, track)
-    t0 = start * 36000.0
-    t1 = t0 + share * (36000.0 - t0)
-    seconds = np.linspace(t0, t1, SAMPLES)
-    h = seconds[1] - seconds[0]
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at = shapes.positions(seconds).transpose(2, 1, 0)
-    acceleration = float(one.max_acceleration(np.array([t0]), np.array([t1]))[0])
-    velocity = shapes.velocities(seconds).transpose(2, 1, 0)
-    # Central differences are off by h^2/6 of the third derivative, the mean of the acceleration by less than that of
-    # velocity.
-    difference = (at[2:] - at[:-2]) / (2 * h)
-    jerk = np.abs(np.diff(velocity, 2, axis=0)).max() + 4 * ROUNDING_M / h
-    assert np.abs(difference - velocity[1:-1]).max() <= jerk + 1e-9 * np.abs(velocity).max()
-    second = np.hypot(*np.moveaxis(at[2:] - 2 * at[1:-1] + at[:-2], -1, 0)) / h**2
-    assert second.max() <= acceleration * (1 + 1e-9) + 4 * ROUNDING_M / h**2
-    highest = float(one.highest_latitude(np.array([t0]), np.array([t1]))[0])
-    reached = np.abs(at[..., 1]).max() / earth_of(earth).radius_m
-    assert reached <= earth_of(earth).isometric(highest) + 1e-12
-
-
 @pytest.mark.parametrize("earth", EarthModel)
 def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthModel) -> None:
     """Latitude plus reach passes the pole here, although no vertex does: the bounds must not fold over."""
@@ -147,22 +106,3 @@ def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthMode
     acceleration = one.max_acceleration(np.array([0.0]), np.array([36000.0]))[0]
     assert second.max() <= acceleration
     assert acceleration < 1e3 * second.max(), "a bound that is of use"
-
-
-@pytest.mark.parametrize("earth", EarthModel)
-def test_padding_is_half_of_what_may_lie_between(earth: EarthModel) -> None:
-    """Two points that far apart on the earth are no further apart in the plane than both paddings together."""
-    figure, globe = earth_of(earth), oracle.Globe.of(earth)
-    rng = np.random.default_rng(3)
-    for separation_m in (0.0, 1.0, 5e3, 1e5):
-        wanted = separation_m + 1.0
-        lat = np.radians(rng.uniform(-85, 85, 200))
-        bearing = rng.uniform(0, 2 * np.pi, 200)
-        zero = np.zeros(200)
-        lon2, lat2 = globe.step(zero, lat, wanted * np.cos(bearing), wanted * np.sin(bearing))
-        psi1, psi2 = globe.isometric(lat), globe.isometric(lat2)
-        apart = figure.radius_m * np.hypot(lon2, psi2 - psi1)
-        plane = Mercator(figure)
-        points = [figure.radius_m * np.stack([psi, psi])[:, None, :] for psi in (psi1, psi2)]
-        pads = [padding_m(plane, plane.largest_scale(point), wanted) for point in points]
-        assert (apart <= pads[0] + pads[1]).all()

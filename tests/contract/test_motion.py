@@ -1,0 +1,174 @@
+"""What every moving polygon keeps (`motion.contract`): it is where the oracle has it, and no bound is ever passed.
+
+Anywhere that is accepted, of any size from nothing to thousands of kilometres, rigid or changing, on legs of a
+microsecond to 9,998 years. Bounds are held against dense samples: what lies between samples is bounded by the same
+means, for a mean of accelerations (a difference of velocities) is as large as one of them. That they are of use as well
+is `test_bounds_are_near_what_they_bound`; unit tests of the motions hold them to tighter factors.
+"""
+
+from typing import Final
+
+import numpy as np
+import shapely
+from implementations import MotionRow, Moving, every_motion, extremes, for_every_motion, moving
+
+from conflictdb.motion.contract import shape_class
+
+# A vertex is a sum of about ten terms that are rounded to 1e-16 of a turn (4e7 m) each, or of the several turns that a
+# haven may go around a pole; and so is the oracle's.
+TURN_M: Final = 4e7
+PLANE_ROUNDING: Final = 3e-15
+# And places on the earth, from latitudes and directions that are rounded to 1e-16.
+EARTH_ROUNDING_M: Final = 1.5e-7
+# Of a velocity, by its own digits: at the limits of the planes slopes grow a hundredfold in the latitude's last ones.
+SPEED_ROUNDING: Final = 1e-11
+# Gauss and Legendre's rule between two samples.
+RULES: Final = [np.polynomial.legendre.leggauss(count) for count in (12, 8)]
+
+
+def rounding_m(haven: Moving) -> float:
+    """What places in the plane are rounded to, plane metres."""
+    return PLANE_ROUNDING * max(TURN_M, np.abs(haven.positions).max()) + EARTH_ROUNDING_M * haven.scale
+
+
+def fastest(haven: Moving) -> float:
+    return float(np.hypot(*haven.velocities).max())
+
+
+def at_most(found: float, bound: float) -> None:
+    assert found <= bound, f"{found:g} is {found / bound - 1.0 if bound else np.inf:g} of it more than {bound:g}"
+
+
+def far_from(one: np.ndarray, other: np.ndarray) -> float:
+    """How far vertices (2, v, n) are from those of (n, w, 2), in any order."""
+    apart = one.transpose(2, 1, 0)[:, :, None] - other[:, None]
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    return float(max(distance.min(axis=1).max(), distance.min(axis=2).max()))
+
+
+def left(xy: np.ndarray) -> float:
+    """How far any of the vertices (2, v, SAMPLES) leaves the hull of the first and the last."""
+    hull = shapely.convex_hull(shapely.multipoints(np.concatenate([xy[..., 0], xy[..., -1]], axis=1).T))
+    return float(shapely.distance(hull, shapely.points(xy.reshape(2, -1).T)).max())
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_vertices_are_where_the_oracle_has_them(row: MotionRow, haven: Moving) -> None:
+    expected = row.oracle.haven(haven.track, 0, haven.fractions)
+    turn_m = row.plane.turn_m
+    found = haven.positions
+    if turn_m:
+        found = found - np.array([[[turn_m]], [[0.0]]]) * np.round((found[0].mean() - expected[..., 0].mean()) / turn_m)
+    at_most(far_from(found, expected), rounding_m(haven) + haven.scale * row.oracle.rounding_m(haven.track))
+    assert haven.shapes.vertex_count == found.shape[1]
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_the_reference_runs_straight_and_time_fraction_says_when_it_is_where(row: MotionRow, haven: Moving) -> None:
+    samples, share = haven.samples, np.linspace(0.0, 1.0, len(haven.seconds))
+    low, high = np.full(len(share), haven.t0), np.full(len(share), haven.t1)
+    at = samples.reference(low + samples.time_fraction(low, high, share) * (high - low))
+    start, end = samples.reference(low), samples.reference(high)
+    at_most(np.abs(at - (start + share * (end - start))).max(), rounding_m(haven))
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_velocities_are_how_positions_change(row: MotionRow, haven: Moving) -> None:
+    """What they add up to between two samples is the way from one to the other."""
+    h = haven.seconds[1] - haven.seconds[0]
+    gone = []
+    for nodes, weights in RULES:
+        at = (haven.seconds[:-1, None] + 0.5 * h * (1.0 + nodes)).ravel()
+        velocities = haven.shapes.take(np.zeros(len(at), np.int64)).velocities(at)
+        gone.append(0.5 * h * (velocities.reshape(*velocities.shape[:2], -1, len(nodes)) @ weights))
+    way = np.diff(haven.positions, axis=2)
+    # Where both rules do not agree, close to the limits of the planes, velocities change too much for them.
+    rough = np.abs(gone[0] - gone[1]).max(axis=(0, 1))
+    off = np.abs(gone[0] - way).max(axis=(0, 1)) - 2.0 * rough
+    at_most(off.max(), 4 * rounding_m(haven) + SPEED_ROUNDING * fastest(haven) * h)
+    assert np.median(rough) <= 1e-3 * fastest(haven) * h + rounding_m(haven)
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_no_vertex_accelerates_more_than_bounded(row: MotionRow, haven: Moving) -> None:
+    h = haven.seconds[1] - haven.seconds[0]
+    change = np.hypot(*np.diff(haven.velocities, axis=2)).max()
+    at_most(change, haven.bound("max_acceleration") * h + SPEED_ROUNDING * fastest(haven))
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_no_velocity_is_further_from_that_of_the_whole_than_bounded(row: MotionRow, haven: Moving) -> None:
+    whole = haven.shapes.velocity(np.array([0.5 * (haven.t0 + haven.t1)]))
+    spread = np.hypot(*(haven.velocities - whole[:, :, None])).max()
+    at_most(spread, haven.bound("velocity_spread") + SPEED_ROUNDING * fastest(haven))
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_no_vertex_leaves_the_hull_of_the_ends_further_than_bounded(row: MotionRow, haven: Moving) -> None:
+    """Of the vertices at both ends, and of their offsets from the reference point at both ends."""
+    reference = haven.samples.reference(haven.seconds) + haven.origin
+    for xy in (haven.positions - haven.positions[:, :1, :1], haven.positions - reference[:, None]):
+        at_most(left(xy), haven.bound("chord_deviation") + 2 * rounding_m(haven))
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_no_vertex_is_seen_at_a_larger_scale_than_bounded(row: MotionRow, haven: Moving) -> None:
+    at_most(haven.scale, haven.bound("largest_scale") * (1.0 + 1e-9))
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_polygons_that_are_said_to_be_convex_are(row: MotionRow, haven: Moving) -> None:
+    """At all times all vertices lie to the left of every side."""
+    if not haven.shapes.is_convex:
+        return
+    at = haven.positions
+    side = np.roll(at, -1, axis=1) - at
+    to_vertex = at[:, None] - at[:, :, None]
+    ahead = side[0][:, None] * to_vertex[1] - side[1][:, None] * to_vertex[0]
+    assert (ahead >= -2 * rounding_m(haven) * np.hypot(*side)[:, None]).all()
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_what_is_accepted_stays_in_the_plane(row: MotionRow, haven: Moving) -> None:
+    assert np.isfinite(haven.positions).all()
+    lon, lat = row.plane.from_plane(*haven.positions)
+    at_most(row.haven_beyond_deg(lon, lat).max(), 1e-8)
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_a_shape_does_not_depend_on_its_company(row: MotionRow, haven: Moving) -> None:
+    """To the bit: alone, or taken from others that can share its arrays, more than once and in another order."""
+    sort = shape_class(row.plane, haven.pieces)
+    rows = np.flatnonzero(sort == sort[haven.piece])[::-1]
+    rows = np.concatenate([rows, rows[:1]])
+    zero_us = np.full(len(rows), haven.pieces.start_us[haven.piece])
+    shapes = row.plane.shapes(haven.pieces, rows, zero_us, np.repeat(haven.origin, len(rows), axis=1))
+    mine = int(np.flatnonzero(rows == haven.piece)[0])
+    one, t0, t1 = haven.shapes, np.array([haven.t0]), np.array([haven.t1])
+    for other in (shapes.take(np.array([mine])), shapes.take(slice(mine, mine + 1))):
+        for name in ("positions", "velocities", "reference", "velocity"):
+            np.testing.assert_array_equal(getattr(other, name)(t1), getattr(one, name)(t1))
+        for name in ("max_acceleration", "velocity_spread", "chord_deviation", "largest_scale"):
+            np.testing.assert_array_equal(getattr(other, name)(t0, t1), getattr(one, name)(t0, t1))
+
+
+# How many times what it bounds a bound may be on whole ordinary legs: what it is there, and a third.
+USEFUL: Final = {"max_acceleration": 6.0, "velocity_spread": 6.0, "largest_scale": 1.001, "chord_deviation": 7.0}
+
+
+@every_motion
+def test_bounds_are_near_what_they_bound(row: MotionRow) -> None:
+    """A bound that grows costs time and widens what is reported, and nothing else tells."""
+    rigid, growing, _, aside, *_ = (haven for (haven,) in extremes(row))
+    for haven in (rigid, growing):
+        whole = haven.shapes.velocity(np.array([0.5 * (haven.t0 + haven.t1)]))
+        reached = {
+            "max_acceleration": np.hypot(*np.diff(haven.velocities, axis=2)).max() / haven.seconds[1],
+            "velocity_spread": np.hypot(*(haven.velocities - whole[:, :, None])).max(),
+            "largest_scale": haven.scale,
+        }
+        for name, value in reached.items():
+            at_most(haven.bound(name), USEFUL[name] * value)
+        assert haven.shapes.is_convex
+    # Of a vertex far off the leg: those of polygons about it seldom leave the hull at all.
+    at_most(aside.bound("chord_deviation"), USEFUL["chord_deviation"] * left(aside.positions))
