@@ -1,0 +1,76 @@
+"""Where pairs come from, one row each: what `test_sources` runs on.
+
+A further source is one row of SOURCES: what loads a scene into it and yields it, ready for stage 1, with the keys of
+its objects.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Final, Self
+
+import piecework
+import psycopg
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.db import store
+from conflictdb.db.detect import _SceneSource
+from conflictdb.in_memory import _InMemory
+from conflictdb.model import Area, Scene, Track
+from conflictdb.motion.contract import Plane
+from conflictdb.motion.registry import centred, plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.source import PairSource
+from conflictdb.results import Kind
+
+
+class InMemory(_InMemory):
+    """What `solve` takes pairs from, with the plane of its scene; objects are numbered in the order they are given."""
+
+    plane: Plane
+
+    @classmethod
+    def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Self:
+        scene = centred(scene, areas, tracks)
+        batch, plane = AreaBatch.of(areas), plane_of(scene)
+        source = cls(pieces_of(scene, plane, batch, TrackBatch.of(tracks)), batch.footprint)
+        source.plane = plane
+        return source
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A scene in a source.
+
+    key : of objects by kind (code) and number
+    """
+
+    source: PairSource
+    scene: Scene
+    key: dict[tuple[int, int], str]
+
+
+Open = Callable[[str, Scene, Sequence[Area], Sequence[Track]], AbstractContextManager[Opened]]
+
+
+@contextmanager
+def in_memory(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Opened]:
+    key = {(Kind.AREA.code, i): area.key for i, area in enumerate(areas)}
+    key |= {(Kind.TRACK.code, i): track.key for i, track in enumerate(tracks)}
+    yield Opened(InMemory.of(scene, areas, tracks), centred(scene, areas, tracks), key)
+
+
+@contextmanager
+def in_the_database(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Opened]:
+    with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
+        scene_id = piecework.load(conn, scene, list(areas), list(tracks))
+        conn.commit()
+        piecework.refresh(conn, scene_id)
+        store.begin_snapshot(conn)
+        key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
+        key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
+        yield Opened(_SceneSource(conn, scene_id), store.read_settings(conn, scene_id), key)
+        conn.rollback()
+
+
+SOURCES: Final[dict[str, Open]] = {"in memory": in_memory, "in the database": in_the_database}
