@@ -136,7 +136,7 @@ def _clearance_upper_bound(pairs: Encounters, rows: NDArray[np.int64], middle: F
             ends = [shape.positions(at) for at in (t - 0.5 * width, t + 0.5 * width) for shape in (some.a, some.b)]
             largest = some.scale(*ends)[0]
             rate += pairs.plane.distortion_rate(some.separation_m, largest, _speed(some, t, acceleration * width))
-            # The scale is at least 1, so that as many metres of the plane are fewer on the earth.
+            # The scale is at least 1: a length in plane metres is a bound on the same length in metres on the earth.
             level = found.clearance_m + pairs.distance_error_m(pairs.separation_m)
         bound = level + 0.5 * rate * width
         parts.append(np.where(found.clearance_m > TOUCH_M, np.inf, bound))
@@ -175,7 +175,7 @@ def _window_batch(
     shapes = [(pairs.a.positions(t), pairs.b.positions(t)) for t in (start, middle, end)]
     found = [nearest(pairs, *polygons, within_m=max(wanted_m, 0.0) + NEAR_M) for polygons in shapes]
     largest, smallest = pairs.scale(*shapes[0], *shapes[1], *shapes[2])
-    # A depth is least in the plane where the scale is: it is nowhere below 1.
+    # A depth in plane metres is least where the scale is least, and the scale is nowhere below 1.
     wanted = pairs.plane.span_m(wanted_m, largest) if wanted_m >= 0.0 else np.full(len(h), wanted_m)
     acceleration = pairs.a.max_acceleration(start, end) + pairs.b.max_acceleration(start, end)
     away = acceleration * h**2 / 8.0 + wanted + TOUCH_M * largest
@@ -188,8 +188,8 @@ def _window_batch(
         v = np.minimum(v, np.where((g1 > 0.0) & (g0 <= 0.0), zero, 1.0))
     clearance = found[1].clearance_m
     if wanted_m > 0.0:
-        # The largest scale overstates what is wanted: the rate at which a distance in true metres can change decides
-        # short intervals. Of polygons that overlap it is not the depth that drifts.
+        # At the largest scale the separation wanted is too large. So short intervals are decided by the distance in
+        # metres on the earth, and how fast it can change. Polygons that overlap have the distance 0.
         distance = np.maximum(clearance + pairs.separation_m, 0.0)
         rate = _relative_speed(pairs, middle) + acceleration * h
         rate += pairs.plane.distortion_rate(distance, largest, _speed(pairs, middle, acceleration * h))
@@ -223,7 +223,7 @@ def clear_window(a0: Floats, b0: Floats, a1: Floats, b1: Floats, slack: Floats) 
         for k, m in edges(mine0, other0, convex=True):
             nx, ny = middle[1, m] - middle[1, k], middle[0, k] - middle[0, m]
             wanted = slack * np.sqrt(nx * nx + ny * ny)
-            # Of a polygon that stands still, the edge itself is the furthest along its own normal.
+            # A polygon that stands still has nothing beyond an edge along the edge's own normal.
             still = mine0 is mine1 and mine0.shape[1] > 2
             g0 = gaps_along(nx, ny, mine0, other0, k, convex=still) - wanted
             g1 = gaps_along(nx, ny, mine1, other1, k, convex=still) - wanted

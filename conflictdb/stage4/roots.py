@@ -4,8 +4,10 @@
 `crossing` brackets where it crosses a level; `first_below` bisects towards the earliest crossing; `golden_section`
 finds a minimum.
 
-Each row has its own bracket and stops by itself, and what is found of it does not depend on the other rows: scipy's
-scalar methods would call Python for every row, and none of scipy's stops where the sign is certain on both sides.
+Each row has its own bracket and stops by itself, so that its result does not depend on the other rows. scipy's scalar
+methods would call Python for every row, and none of scipy's stops where the sign is certain on both sides. Inverses of
+closed formulas (latitudes in `earth.geodesy`, circles in `io.discs`) take a fixed number of Newton or fixed-point steps
+where they stand, and need no bracket.
 
 References: M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364 (the Illinois
 variant; bisection where it hardly narrows the bracket). J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS
@@ -39,7 +41,7 @@ GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Roots:
-    """Instants (n,) beyond doubt on either side of a change of sign, and whether they were found."""
+    """Instants (n,) on either side of a change of sign, where the sign is certain, and whether they were found."""
 
     outer: Floats
     inner: Floats
@@ -49,7 +51,8 @@ class Roots:
 def roots(measure: Measure, outside: Floats, gap: Floats, inside: Floats, depth: Floats, touch: Floats) -> Roots:
     """Return where a measure falls from `gap` > touch at `outside` to `depth` < -touch at `inside`, (n,) each.
 
-    First to zero, and from there to where it is beyond doubt on either side: by one to MOST_TOUCHES times `touch`.
+    First zero is found, then an instant on either side of it where the sign is certain: where the measure is between
+    one and MOST_TOUCHES times `touch`.
     """
     n = len(gap)
     rows = np.arange(n)
@@ -69,7 +72,7 @@ def roots(measure: Measure, outside: Floats, gap: Floats, inside: Floats, depth:
         np.concatenate([zero.at + way, zero.at - way]),
     )
     found = both.ending == _Ending.FOUND
-    # Where instants are too few to reach that, the bracket itself is left.
+    # Where instants are too coarse for that, the ends of the bracket are returned.
     outer, above = (np.where(found, *ends)[:n] for ends in ((both.at, both.outside), (both.value, both.gap)))
     inner, below = (np.where(found, *ends)[n:] for ends in ((both.at, both.inside), (both.value, both.depth)))
     is_wide = (both.ending == _Ending.OUT_OF_STEPS).reshape(2, n).any(axis=0)
@@ -208,7 +211,8 @@ def _narrowed(
     """
     a, fa, b, fb = bracket.outside.copy(), bracket.gap.copy(), bracket.inside.copy(), bracket.depth.copy()
     aim = 0.5 * (least + most)
-    # What counts at the ends; of an end that stays twice only half, so that the other comes over.
+    # The values that regula falsi takes at the ends. The value of an end that stays for two steps is halved (Illinois),
+    # so that the other end moves too.
     ga, gb = fa - aim, fb - aim
     side, slow = np.zeros(len(rows), np.int8), np.zeros(len(rows), np.int8)
     at, value, is_found = b.copy(), fb.copy(), fb > least

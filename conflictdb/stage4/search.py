@@ -107,16 +107,16 @@ class _Search:
             np.minimum.at(earliest, row, at)
             np.maximum.at(last, row, at)
             low, high = _hull(undecided, n)
-            self._contact(rows, low[rows], high[rows], earliest[rows], last[rows], undecided)
+            self._report_contacts(rows, low[rows], high[rows], earliest[rows], last[rows], undecided)
         # A pair that is neither proven apart nor seen in contact may touch for an instant. All others are only close.
         unproven = np.zeros(n, np.bool_)
         unproven[deeper.row] = True
-        self._closeness(deeper, unproven & ~touched, touches=True)
-        self._closeness(undecided, ~unproven & ~touched, touches=False)
+        self._report_close(deeper, unproven & ~touched, touches=True)
+        self._report_close(undecided, ~unproven & ~touched, touches=False)
         return Contacts.concatenate(self.found)
 
-    def _closeness(self, undecided: Undecided, wanted: NDArray[np.bool_], *, touches: bool) -> None:
-        """Report pairs that come within the margin (or touch, if `touches`), but are not seen to meet.
+    def _report_close(self, undecided: Undecided, wanted: NDArray[np.bool_], *, touches: bool) -> None:
+        """Report pairs that are not seen in contact but come within the margin, or touch if `touches`.
 
         They are grazing, or unresolved.
         """
@@ -154,22 +154,22 @@ class _Search:
         )
         return np.isin(rows, close.row[close.reason != Reason.BORDER])
 
-    def _contact(
+    def _report_contacts(
         self, rows: NDArray[np.int64], low: Floats, high: Floats, first: Floats, last: Floats, undecided: Undecided
     ) -> None:
         """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
         pairs = self.pairs.take(rows)
-        start, end = self._end(pairs, low, first, latest=False), self._end(pairs, high, last, latest=True)
+        start, end = self._outer_end(pairs, low, first, latest=False), self._outer_end(pairs, high, last, latest=True)
         start_error, end_error = _uncertain_ends(pairs, start, end, first, last)
         grazes = clearance_m(pairs, np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
         if shallow.size:
             deeper = undecided_separation(pairs, shallow, start[shallow], end[shallow], -self.deep_m)
             grazes[deeper.row[deeper.reason == Reason.CONTACT]] = False
-        kept = self._belongs(rows, start, end)
-        self._leave_to_closeness(rows[~kept], undecided)
+        kept = self._is_within_span(rows, start, end)
+        self._report_as_close(rows[~kept], undecided)
         parts = np.flatnonzero(kept)
-        slot, start, end, error = self._parted(
+        slot, start, end, error = self._cut_where_apart(
             pairs.take(parts), start[kept], end[kept], start_error[kept], end_error[kept]
         )
         # Where distances are not known to the tolerance, shallow contact may be none.
@@ -177,12 +177,12 @@ class _Search:
         verdict = np.where(grazes, shallow_verdict, CONFLICT).astype(np.int8)[parts[slot]]
         self.found.append(Contacts(rows[parts[slot]], start, end, error, verdict, np.ones(len(slot), np.bool_)))
 
-    def _leave_to_closeness(self, rows: NDArray[np.int64], undecided: Undecided) -> None:
+    def _report_as_close(self, rows: NDArray[np.int64], undecided: Undecided) -> None:
         """Report pairs that meet only at the first instant after the span: within it they are close."""
         if rows.size and self.margin_m > TOUCH_M:
-            self._closeness(undecided, np.isin(np.arange(len(self.low)), rows), touches=False)
+            self._report_close(undecided, np.isin(np.arange(len(self.low)), rows), touches=False)
 
-    def _belongs(self, rows: NDArray[np.int64], start: Floats, end: Floats) -> NDArray[np.bool_]:
+    def _is_within_span(self, rows: NDArray[np.int64], start: Floats, end: Floats) -> NDArray[np.bool_]:
         """Return whether a contact is within the span, not only at the first instant after it."""
         belongs = np.ones(len(rows), np.bool_)
         onset = np.flatnonzero((start > 0.0) & (end >= self.beyond_s[rows]))
@@ -195,7 +195,7 @@ class _Search:
             belongs[onset] = early | (clearance < -self.pairs.certainty_margin_m)
         return belongs
 
-    def _parted(
+    def _cut_where_apart(
         self, pairs: Encounters, start: Floats, end: Floats, start_error: Floats, end_error: Floats
     ) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
         """Return (slot, start, end, error) of contacts, cut where the pairs are apart; slots number the pairs.
@@ -219,8 +219,8 @@ class _Search:
             if not cut.size:
                 break
             some, at = some.take(cut), at[cut]
-            before = self._end(some, at, first[cut], latest=True)
-            after = self._end(some, at, last[cut], latest=False)
+            before = self._outer_end(some, at, first[cut], latest=True)
+            after = self._outer_end(some, at, last[cut], latest=False)
             earlier = _uncertain_ends(some, start, before, first[cut], before)
             later = _uncertain_ends(some, after, end, after, last[cut])
             slot = np.concatenate([slot, slot])
@@ -232,7 +232,7 @@ class _Search:
         order = np.lexsort((start, slot))
         return slot[order], start[order], end[order], error[order]
 
-    def _end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> Floats:
+    def _outer_end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> Floats:
         """Return the first (or last) instant of contact on the outer side, seconds.
 
         limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
