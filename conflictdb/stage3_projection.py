@@ -20,7 +20,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_class
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m
 from conflictdb.results import Kind
 
 # Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
@@ -46,10 +46,10 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0
-    for member in (pairs.a, pairs.b):
+    for member, classes in zip((pairs.a, pairs.b), pairs.shape_classes, strict=True):
         rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code))
         if rows.size:
-            one, other = _track_window(scene, plane, pieces, member[rows], pairs, rows)
+            one, other = _track_window(scene, plane, pieces, member[rows], classes[rows], pairs, rows)
             gone = (pieces.start_us[member[rows]] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
@@ -57,15 +57,20 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
 
 
 def _track_window(
-    scene: Scene, plane: Plane, pieces: Pieces, member: NDArray[np.int64], pairs: Pairs, rows: NDArray[np.int64]
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    member: NDArray[np.int64],
+    classes: NDArray[np.int64],
+    pairs: Pairs,
+    rows: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    classes = shape_class(plane, pieces)[member]
-    for one in np.unique(classes):
-        some = np.flatnonzero(classes == one)
+    for shape_class in np.unique(classes):
+        some = np.flatnonzero(classes == shape_class)
         low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward

@@ -18,6 +18,8 @@ class Pairs:
         coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
     company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
         these; None is one each
+    shape_class : (2, n) int64   of a and of b: equal for pieces whose shapes can share arrays; None before
+        `motion.contract.with_shape_classes`, which a run calls once
     """
 
     a: NDArray[np.int64]
@@ -25,6 +27,7 @@ class Pairs:
     region_xy: NDArray[np.float64]
     region_offset: NDArray[np.int64]
     company: NDArray[np.int64] | None = None
+    shape_class: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.a)
@@ -33,4 +36,12 @@ class Pairs:
         """Return some of the pairs."""
         offset, index = ragged_rows(self.region_offset, rows)
         company = None if self.company is None else self.company[rows]
-        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset, company)
+        shape_class = None if self.shape_class is None else self.shape_class[:, rows]
+        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset, company, shape_class)
+
+    @property
+    def shape_classes(self) -> NDArray[np.int64]:
+        """The shape classes, of pairs that have them; raises ValueError for others."""
+        if self.shape_class is None:
+            raise ValueError("pairs without shape classes: with_shape_classes comes before stages 3 and 4")
+        return self.shape_class

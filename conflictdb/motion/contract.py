@@ -7,12 +7,13 @@ Arrays hold the pair or piece in their last axis: arithmetic then runs along con
 there are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
 from conflictdb.results import Kind
@@ -229,6 +230,12 @@ def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
 def shape_class(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
     return 2 * (vertex_slots(pieces) * 64 + plane.shape_variant(pieces)) + pieces.kind
+
+
+def with_shape_classes(plane: Plane, pieces: Pieces, pairs: Pairs) -> Pairs:
+    """Return the pairs with the shape classes of their pieces: what stages 3 and 4 group them by."""
+    of_piece = shape_class(plane, pieces)
+    return replace(pairs, shape_class=np.stack([of_piece[pairs.a], of_piece[pairs.b]]))
 
 
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:
