@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
@@ -59,7 +59,7 @@ class _InMemory:
 
     def __init__(self, pieces: Pieces, footprint: NDArray[np.object_]) -> None:
         self._pieces, self._footprint = pieces, footprint
-        self._a = self._b = np.empty(0, np.int64)
+        self._a = self._b = PieceRows(np.empty(0, np.int64))
 
     def find_candidates(self) -> int:
         self._a, self._b = candidates(self._pieces)

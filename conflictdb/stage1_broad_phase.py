@@ -7,10 +7,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
-def candidates(pieces: Pieces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def candidates(pieces: Pieces) -> tuple[PieceRows, PieceRows]:
     """Return rows (a, b) of the pairs of pieces whose boxes meet, ordered, each pair once; never two of one object."""
     hulls = hulls_of(pieces)
     a, b = shapely.STRtree(hulls).query(hulls)
@@ -27,7 +27,7 @@ def candidates(pieces: Pieces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     keep = (start < end) | ((start == end) & last)
     a, b = a[keep], b[keep]
     order = np.lexsort((b, a))
-    return a[order], b[order]
+    return PieceRows(a[order]), PieceRows(b[order])
 
 
 def hulls_of(pieces: Pieces) -> NDArray[np.object_]:

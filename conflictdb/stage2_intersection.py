@@ -5,22 +5,21 @@ By the predicates of `sql/30_stage2_intersection.sql`, which does it in the data
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.results import Kind
 from conflictdb.stage1_broad_phase import hulls_of
 
 
-def intersections(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64], *, regions: bool) -> Pairs:
-    """Return the candidates (a, b), rows of `pieces`, whose hulls meet, in their order.
+def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) -> Pairs:
+    """Return the candidates (a, b) whose hulls meet, in their order.
 
     regions : whether to compute the regions in which they do; of pairs of areas nobody asks for them
     """
     hulls = hulls_of(pieces)
     met = shapely.intersects(hulls[a], hulls[b])
-    a, b = a[met], b[met]
+    a, b = PieceRows(a[met]), PieceRows(b[met])
     moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
     region = np.full(len(a), None, dtype=object)
     if regions:

@@ -43,7 +43,7 @@ from conflictdb.advice.estimates import (
 from conflictdb.advice.sample import Frame, Objects
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, Tried
@@ -237,7 +237,7 @@ class _Measure:
     def __init__(self, scene: Scene, objects: Objects, draw: _Draw) -> None:
         self._scene, self._objects, self._frame, self._drawn = scene, objects, draw.frame, draw.keys
         self._rank = np.argsort(draw.keys)
-        self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]] = {}
+        self._candidates: dict[tuple[EarthModel, float], tuple[Pieces, PieceRows, PieceRows]] = {}
         self._truth_is = Setting(Method.EXACT, scene.earth, 0.0)
         self._truth = self._answer(self._run(self._truth_is, len(draw.keys), is_timed=False)[0])
 
@@ -297,7 +297,7 @@ class _Measure:
         met_of = np.bincount(self._number(pieces, met.a, met.b), minlength=len(self._drawn))
         some = np.flatnonzero(drawn < n)
         started = time.process_time()
-        pairs = intersections(pieces, a[some], b[some], regions=regions)
+        pairs = intersections(pieces, PieceRows(a[some]), PieceRows(b[some]), regions=regions)
         region_s = time.process_time() - started if regions else 0.0
         conflicts, once = self._run_stages(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
@@ -328,17 +328,17 @@ class _Measure:
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
         return conflicts, replace(funnel, stage3_s=pace * funnel.stage3_s, stage4_s=pace * funnel.stage4_s)
 
-    def _stage1(self, scene: Scene) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
+    def _stage1(self, scene: Scene) -> tuple[Pieces, PieceRows, PieceRows]:
         """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
         which = (scene.earth, scene.reach_m)
         if which not in self._candidates:
             pieces = self._objects.pieces(scene, self._objects.members(self._drawn))
             a, b = candidates(pieces)
             wanted = np.isin(self._objects.pair_keys(pieces, a, b), self._drawn)
-            self._candidates[which] = (pieces, a[wanted], b[wanted])
+            self._candidates[which] = (pieces, PieceRows(a[wanted]), PieceRows(b[wanted]))
         return self._candidates[which]
 
-    def _number(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _number(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
         """Return as which number the pair of objects of each pair of pieces was drawn."""
         keys = self._objects.pair_keys(pieces, a, b)
         return self._rank[np.searchsorted(self._drawn, keys, sorter=self._rank)]
@@ -374,4 +374,4 @@ def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pi
     )
     again = pairs.take(np.tile(np.arange(len(pairs)), copies))
     away = np.repeat(np.arange(copies) * len(pieces), len(pairs))
-    return everything, replace(again, a=again.a + away, b=again.b + away)
+    return everything, replace(again, a=PieceRows(again.a + away), b=PieceRows(again.b + away))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb.advice.estimates import Count, Sampling, object_error, whole
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -55,7 +55,7 @@ class Objects:
         tracks = replace(TrackBatch.of([self.tracks[i] for i in moving.tolist()]), track_id=moving)
         return pieces_of(scene, plane_of(scene), areas, tracks)
 
-    def pair_keys(self, pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    def pair_keys(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
         """Return one number for the pair of objects of each pair of pieces."""
         return self._keys(pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b])
 

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
 
 
@@ -13,7 +14,7 @@ from conflictdb.arrays.ragged import ragged_rows
 class Pairs:
     """n pairs of pieces that passed stage 2.
 
-    a, b : (n,) int64   row numbers in a `Pieces` batch (not database ids)
+    a, b : (n,)   their pieces, rows of a `Pieces` (not database ids)
     region_xy, region_offset : (r, 2) float64, (n + 1,) int64   vertices of the intersection of the two hulls, plane
         coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
     company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
@@ -22,8 +23,8 @@ class Pairs:
         `motion.contract.with_shape_classes`, which a run calls once
     """
 
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: PieceRows
+    b: PieceRows
     region_xy: NDArray[np.float64]
     region_offset: NDArray[np.int64]
     company: NDArray[np.int64] | None = None
@@ -37,7 +38,8 @@ class Pairs:
         offset, index = ragged_rows(self.region_offset, rows)
         company = None if self.company is None else self.company[rows]
         shape_class = None if self.shape_class is None else self.shape_class[:, rows]
-        return type(self)(self.a[rows], self.b[rows], self.region_xy[index], offset, company, shape_class)
+        a, b = PieceRows(self.a[rows]), PieceRows(self.b[rows])
+        return type(self)(a, b, self.region_xy[index], offset, company, shape_class)
 
     @property
     def shape_classes(self) -> NDArray[np.int64]:

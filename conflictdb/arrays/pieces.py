@@ -6,12 +6,15 @@ shapes are ragged (`ragged`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, NewType, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import ragged_rows
+
+# Row numbers in a `Pieces`: no numbers of objects, nor of the database.
+PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
 
 
 @dataclass(frozen=True, slots=True)

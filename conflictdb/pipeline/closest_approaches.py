@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
@@ -33,7 +33,7 @@ def with_closest_approaches(
         likely = np.flatnonzero(
             np.isin(pieces.object_id[a], conflicts.a_id[~meets]) & np.isin(pieces.object_id[b], conflicts.b_id[~meets])
         )
-        pairs, swapped, a, b = pairs.take(likely), swapped[likely], a[likely], b[likely]
+        pairs, swapped, a, b = pairs.take(likely), swapped[likely], PieceRows(a[likely]), PieceRows(b[likely])
     known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
     keys = np.concatenate([known, object_keys(pieces, a, b)], axis=1)
     objects, number = np.unique(keys, axis=1, return_inverse=True)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -26,7 +26,7 @@ def merged_by_object(
     footprints : asked for whole areas where contacts are shallow in all parts of one
     """
     a, b, _ = ordered_members(pieces, pairs)
-    a, b = a[contacts.pair], b[contacts.pair]
+    a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
     shared_start, shared_end = shared_span(pieces, pairs)
     start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
     objects, group = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
-def ordered_members(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+def ordered_members(pieces: Pieces, pairs: Pairs) -> tuple[PieceRows, PieceRows, NDArray[np.bool_]]:
     """Return the pieces of each pair in the order of its objects, area first, else the smaller number; (n,) each.
 
     And whether that is the other way round than in the pair.
@@ -16,10 +16,10 @@ def ordered_members(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], ND
     swapped = (pieces.kind[a] > pieces.kind[b]) | (
         (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
     )
-    return np.where(swapped, b, a), np.where(swapped, a, b), swapped
+    return PieceRows(np.where(swapped, b, a)), PieceRows(np.where(swapped, a, b)), swapped
 
 
-def object_keys(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+def object_keys(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
     """Return (4, n) kind and number of the objects of pieces a and of pieces b: equal for the same two objects."""
     return np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
@@ -60,4 +60,4 @@ def contacts_by_jobs(
 def _with_own_pieces(pieces: Pieces, pairs: Pairs) -> tuple[Pieces, Pairs]:
     """Return the pairs with only the pieces that occur in them."""
     rows, number = np.unique(np.concatenate([pairs.a, pairs.b]), return_inverse=True)
-    return pieces.take(rows), replace(pairs, a=number[: len(pairs)], b=number[len(pairs) :])
+    return pieces.take(rows), replace(pairs, a=PieceRows(number[: len(pairs)]), b=PieceRows(number[len(pairs) :]))

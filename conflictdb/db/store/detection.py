@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, transaction
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
@@ -238,7 +238,7 @@ def intersecting_pairs(conn: psycopg.Connection[Any], scene_id: int, *, regions:
     a, b = np.minimum(first, second), np.maximum(first, second)
     sequence = np.lexsort((b, a))
     region_xy, region_offset = _regions([region[i] for i in sequence.tolist()] if regions else [], len(a))
-    return pieces, Pairs(a[sequence], b[sequence], region_xy, region_offset)
+    return pieces, Pairs(PieceRows(a[sequence]), PieceRows(b[sequence]), region_xy, region_offset)
 
 
 def _regions(wkb: list[bytes], n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
