@@ -28,7 +28,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import shape_class, with_shape_classes
+from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage1_broad_phase import candidates
@@ -97,7 +97,6 @@ def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equ
     kinds, counts = np.unique(key, return_counts=True)
     rows = np.flatnonzero(key == kinds[counts.argmax()])
     pairs = Pairs(a[rows], b[rows], np.empty((0, 2)), np.zeros(len(rows) + 1, np.int64))
-    pairs = with_shape_classes(plane_of(scene), pieces, pairs)
     start, end = shared_span(pieces, pairs)
     return Load(scene, pieces, pairs, start, (end - start) / 1e6)
 

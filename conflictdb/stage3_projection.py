@@ -20,7 +20,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_classes
 from conflictdb.results import Kind
 
 # Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
@@ -46,7 +46,7 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0
-    for member, classes in zip((pairs.a, pairs.b), pairs.shape_classes, strict=True):
+    for member, classes in zip((pairs.a, pairs.b), shape_classes(plane, pieces, pairs), strict=True):
         rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code))
         if rows.size:
             one, other = _track_window(scene, plane, pieces, member[rows], classes[rows], pairs, rows)
@@ -69,8 +69,8 @@ def _track_window(
     n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
     low, high = np.zeros(n), np.full(n, 1.0)
-    for shape_class in np.unique(classes):
-        some = np.flatnonzero(classes == shape_class)
+    for one in np.unique(classes):
+        some = np.flatnonzero(classes == one)
         low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward

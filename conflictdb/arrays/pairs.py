@@ -19,8 +19,8 @@ class Pairs:
         coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
     company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
         these; None is one each
-    shape_class : (2, n) int64   of a and of b: equal for pieces whose shapes can share arrays; None before
-        `motion.contract.with_shape_classes`, which a run calls once
+    shape_class : (2, n) int64   of a and of b: equal for pieces whose shapes can share arrays; None where
+        they are not known yet, see `motion.contract.shape_classes`
     """
 
     a: PieceRows
@@ -40,10 +40,3 @@ class Pairs:
         shape_class = None if self.shape_class is None else self.shape_class[:, rows]
         a, b = PieceRows(self.a[rows]), PieceRows(self.b[rows])
         return type(self)(a, b, self.region_xy[index], offset, company, shape_class)
-
-    @property
-    def shape_classes(self) -> NDArray[np.int64]:
-        """The shape classes, of pairs that have them; raises ValueError for others."""
-        if self.shape_class is None:
-            raise ValueError("pairs without shape classes: with_shape_classes comes before stages 3 and 4")
-        return self.shape_class

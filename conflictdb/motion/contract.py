@@ -7,7 +7,7 @@ Arrays hold the pair or piece in their last axis: arithmetic then runs along con
 there are.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -232,10 +232,12 @@ def shape_class(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
     return 2 * (vertex_slots(pieces) * 64 + plane.shape_variant(pieces)) + pieces.kind
 
 
-def with_shape_classes(plane: Plane, pieces: Pieces, pairs: Pairs) -> Pairs:
-    """Return the pairs with the shape classes of their pieces: what stages 3 and 4 group them by."""
+def shape_classes(plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
+    """Return (2, n) the shape classes of a and of b of pairs; those handed down with the pairs, where there are any."""
+    if pairs.shape_class is not None:
+        return pairs.shape_class
     of_piece = shape_class(plane, pieces)
-    return replace(pairs, shape_class=np.stack([of_piece[pairs.a], of_piece[pairs.b]]))
+    return np.stack([of_piece[pairs.a], of_piece[pairs.b]])
 
 
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:

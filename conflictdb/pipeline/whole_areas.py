@@ -14,7 +14,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import Plane, shapes_of
+from conflictdb.motion.contract import Plane, shape_classes, shapes_of
 from conflictdb.pieces.cutting import planar
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import TOUCH_M
@@ -42,7 +42,7 @@ def deep_in_whole_areas(
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
     pair = contacts.pair[rows]
-    members, classes = (pairs.a[pair], pairs.b[pair]), pairs.shape_classes[:, pair]
+    members, classes = (pairs.a[pair], pairs.b[pair]), shape_classes(plane, pieces, pairs)[:, pair]
     every = np.concatenate(members)
     numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
     wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
@@ -92,8 +92,8 @@ def _polygons(
 ) -> NDArray[np.object_]:
     """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
     polygons = np.empty(len(rows), dtype=object)
-    for shape_class in np.unique(classes):
-        some = np.flatnonzero(classes == shape_class)
+    for one in np.unique(classes):
+        some = np.flatnonzero(classes == one)
         xy = shapes_of(plane, pieces, rows[some], zero_us[some]).positions(at_s[some])
         indices = np.repeat(np.arange(len(some)), xy.shape[1])
         polygons[some] = shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices))

@@ -196,7 +196,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
     """
     searches = []
-    for rows in group_by_shape(pairs, np.arange(len(pairs))):
+    for rows in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         start = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
         end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
         still = (pieces.kind[pairs.a[rows]] == Kind.AREA.code) & (pieces.kind[pairs.b[rows]] == Kind.AREA.code)
@@ -244,7 +244,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     distance_error = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
     found.error_m[apart] = np.maximum(least - floor, 0.0)[apart] + TOUCH_M + distance_error
     some = pairs.take(found.pair[owner])
-    for rows in group_by_shape(some, np.arange(len(some))):
+    for rows in group_by_shape(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
         encounters = Encounters.of(plane, 0.0, pieces, some, rows, start)
         one, other = _nearest_points(encounters, found.at_s[owner[rows]])

@@ -88,7 +88,7 @@ def contacts(
         touches = np.ones(len(rows), np.bool_)
         return Contacts(np.arange(len(rows)), first_s[rows], last_s[rows], width, verdict, touches)
 
-    for group in group_by_shape(pairs, np.flatnonzero(first_s <= last_s)):
+    for group in group_by_shape(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
         found += [one.of_pairs(rows) for rows, one in isolated(group, solve, leave, "pair of pieces")]
         if progress:
             progress(len(group))
@@ -184,7 +184,7 @@ def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) ->
     def leave(rows: NDArray[np.int64]) -> NDArray[np.int8]:
         return np.full(len(rows), UNRESOLVED, np.int8)
 
-    for group in group_by_shape(pairs, np.arange(len(pairs))):
+    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         for rows, found in isolated(group, judge, leave, "pair of parts of areas"):
             verdict[rows] = found
     return verdict
@@ -216,7 +216,7 @@ def meeting_points(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, at_
     def nowhere(rows: NDArray[np.int64]) -> Floats:
         return np.full((len(rows), 2), np.nan)
 
-    for group in group_by_shape(pairs, np.arange(len(pairs))):
+    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
         for rows, place in isolated(group, meet, nowhere, "pair of pieces"):
             places[rows] = place
     return places

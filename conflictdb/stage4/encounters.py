@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
-from conflictdb.motion.contract import Plane, Rows, Shapes, origins, shapes_of, sides_of
+from conflictdb.motion.contract import Plane, Rows, Shapes, origins, shape_classes, shapes_of, sides_of
 from conflictdb.stage4.constants import BATCH_NUMBERS, PAIRS_AT_ONCE, SHORT_M, TOUCH_M
 
 
@@ -83,11 +83,11 @@ class Encounters:
         return self.plane.largest_scale(points), self.plane.smallest_scale(points)
 
 
-def group_by_shape(pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def group_by_shape(plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return batches of rows of pairs whose pieces can share arrays."""
     if not len(rows):
         return []
-    _, group = np.unique(pairs.shape_classes[:, rows], axis=1, return_inverse=True)
+    _, group = np.unique(shape_classes(plane, pieces, pairs)[:, rows], axis=1, return_inverse=True)
     batches = []
     for g in range(int(group.max()) + 1):
         same = rows[group == g]

@@ -15,7 +15,6 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import METHODS, Method, MethodSpec, Solver
 from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.contract import with_shape_classes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.results import Verdict
@@ -58,9 +57,6 @@ def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Met
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
-    with pytest.raises(ValueError, match="pairs without shape classes"):
-        contacts(replace(scene, method=Method.EXACT), plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
-    pair = with_shape_classes(plane_of(scene), pieces, pair)
     with pytest.raises(ValueError, match=f"method {method} stops before stage 4"):
         contacts(scene, plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
     contacts(replace(scene, method=Method.EXACT), plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))

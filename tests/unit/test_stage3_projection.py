@@ -9,7 +9,6 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.contract import with_shape_classes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage3_projection import shared_span, windows
@@ -32,8 +31,7 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, P
                 regions.append(shapely.get_coordinates(hulls[a].intersection(hulls[b])))
     offset = np.concatenate([[0], np.cumsum([len(region) for region in regions])]).astype(np.int64)
     a, b = np.array(found, dtype=np.int64).reshape(-1, 2).T
-    pairs = Pairs(a, b, np.concatenate([np.empty((0, 2)), *regions]), offset)
-    return pieces, with_shape_classes(plane_of(scene), pieces, pairs)
+    return pieces, Pairs(a, b, np.concatenate([np.empty((0, 2)), *regions]), offset)
 
 
 def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -> tuple[float, float]:

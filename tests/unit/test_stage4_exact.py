@@ -12,7 +12,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.contract import with_shape_classes
+from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import area_pieces
@@ -22,7 +22,7 @@ from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
 from conflictdb.stage4.distance import clearance_m
-from conflictdb.stage4.encounters import Encounters, group_by_shape
+from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.exact.solver import Work, solve_exactly
 from conflictdb.stage4.outcomes import Outcome, Solution
 from conflictdb.stage4.search import search
@@ -47,8 +47,11 @@ def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
+    classes = shape_class(plane_of(scene), pieces)
+    key = classes[pairs.a] * (classes.max() + 1) + classes[pairs.b]
     found = []
-    for rows in group_by_shape(with_shape_classes(plane_of(scene), pieces, pairs), np.arange(len(pairs))):
+    for kind in np.unique(key):
+        rows = np.flatnonzero(key == kind)
         encounters = Encounters.of(plane_of(scene), scene.separation_m, pieces, pairs, rows, start[rows])
         found.append(Group(encounters, (end - start)[rows] / 1e6))
     return found
@@ -126,7 +129,6 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = shared_span(pieces, pairs)
-    pairs = with_shape_classes(plane_of(scene), pieces, pairs)
     found, _ = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     seconds = (start[found.pair] - scenes.T0_US) / 1e6
     assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
@@ -157,7 +159,6 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = shared_span(pieces, pairs)
-    pairs = with_shape_classes(plane_of(scene), pieces, pairs)
     found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
@@ -185,6 +186,5 @@ def test_no_pairs_are_settled_as_none() -> None:
     box = scenes.area("A", shapely.box(0, 0, 1, 1))
     pieces = area_pieces(scene, plane_of(scene), AreaBatch.of([box]))
     none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
-    none = with_shape_classes(plane_of(scene), pieces, none)
     found, effort = contacts(scene, plane_of(scene), pieces, none, np.empty(0), np.empty(0))
     assert len(found) == effort.searched_pairs == 0
