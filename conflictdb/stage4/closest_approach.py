@@ -242,7 +242,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     found.pair[owner], found.at_s[owner], found.at_us[owner] = pair[chosen], at_s[chosen], at_us[chosen]
     apart = np.flatnonzero(np.isfinite(least) & (least > 0.0))
     distance_error = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
-    found.error_m[apart] = np.maximum(least - floor, 0.0)[apart] + TOUCH_M + distance_error
+    found.error_m[apart] = np.maximum(least[apart] - floor[apart], 0.0) + TOUCH_M + distance_error
     some = pairs.take(found.pair[owner])
     for rows in group_by_shape(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
