@@ -95,7 +95,7 @@ def _without_repeats(outline_m: Floats, offset: Offsets) -> tuple[Floats, Offset
     before = np.arange(len(outline_m)) - 1
     before[offset[:-1]] = offset[1:] - 1
     kept = (outline_m != outline_m[before]).any(axis=1)
-    left = np.add.reduceat(kept.astype(np.int64), offset[:-1]) if len(offset) > 1 else np.empty(0, np.int64)
+    left = np.add.reduceat(kept.astype(np.int64), offset[:-1])
     kept[offset[:-1][left == 0]] = True
     return outline_m[kept], _offsets(np.maximum(left, 1))
 

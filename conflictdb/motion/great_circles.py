@@ -236,9 +236,8 @@ class GreatCircleShapes:
         o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s' +
         x_ss s'^2,
         where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in `max_acceleration`,
-        over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. The reference
-        point's share of its way differs from the share of the time by at most max |u_tt| h^2 / (8 |u1 - u0|),
-        u_tt = 2 w^2 sec(phi)^2 tan(phi). The chord is off by that share of the change of the offset.
+        over R sec(c)^2, |x_ff| <= |sin s| + 2 tan c, |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. The chord is
+        off by `share_deviation` of the change of the offset.
         """
         h, (phi0, phi1) = t1 - t0, self._phi(t0, t1)
         furthest = np.maximum(np.abs(phi0), np.abs(phi1))
@@ -254,11 +253,22 @@ class GreatCircleShapes:
         f, s = np.abs(growth.ahead), np.abs(growth.across)
         second = most * (self.rate * secant**2) ** 2 + 2.0 * self.rate**2 * tangent * (ahead + across) * mixed
         second += (2.0 * self.rate * (f + s) + f**2 + 2.0 * f * s) * mixed + s**2 * ss
-        way = np.abs(np.tan(phi1) - np.tan(phi0))
-        late = 2.0 * (self.rate * h * secant) ** 2 * tangent / np.where(way > 0.0, way, np.inf) / 8.0
         offset0, offset1 = (self.positions(t) - self.reference(t)[:, None, :] for t in (t0, t1))
         change = np.hypot(*(offset1 - offset0)).max(axis=0)
-        return np.asarray(MEAN_RADIUS_M * second.max(axis=0) * h**2 / 8.0 + np.minimum(late, 1.0) * change)
+        return np.asarray(MEAN_RADIUS_M * second.max(axis=0) * h**2 / 8.0 + self.share_deviation(t0, t1) * change)
+
+    def share_deviation(self, t0: Floats, t1: Floats) -> Floats:
+        """Return (n,) by how much the reference point's share of its way may differ from the share of the time.
+
+        With u = tan(phi) (see `chord_deviation`) by at most max |u_tt| h^2 / (8 |u1 - u0|), u_tt = 2 w^2 sec(phi)^2
+        tan(phi).
+        """
+        phi0, phi1 = self._phi(t0, t1)
+        furthest = np.maximum(np.abs(phi0), np.abs(phi1))
+        way = np.abs(np.tan(phi1) - np.tan(phi0))
+        turn = self.rate * (t1 - t0)
+        late = 2.0 * (turn / np.cos(furthest)) ** 2 * np.tan(furthest) / np.where(way > 0.0, way, np.inf) / 8.0
+        return np.asarray(np.minimum(late, 1.0))
 
     def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
         """Return (n,) the largest scale that any vertex reaches during [t0, t1]."""

@@ -45,7 +45,7 @@ def with_closest_approaches(
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
     nearest = _approaches(plane, pieces, candidates, group, wanted[asked])
-    of_b = swapped[rows[nearest.pair]] if len(asked) else np.zeros(0, np.bool_)
+    of_b = swapped[rows[nearest.pair]]
     touch = np.flatnonzero(nearest.distance_m == 0.0)
     where = meeting_points(scene, plane, pieces, candidates.take(nearest.pair[touch]), nearest.at_s[touch])
     nearest.a_deg[touch] = nearest.b_deg[touch] = where

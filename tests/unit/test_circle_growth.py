@@ -48,6 +48,30 @@ def test_vertices_agree_with_the_oracle() -> None:
                 assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < ROUNDING_M
 
 
+@pytest.mark.parametrize(
+    ("start", "way"),
+    [((20, 40), (0, 50)), ((20, 40), (60, 0)), ((-30, 10), (5, -5)), ((60, 75), (1e-3, 0)), ((0, 70), (120, 0))],
+)
+@pytest.mark.parametrize(("first", "last"), [(0.0, 1.0), (0.0, 0.01), (0.5, 1.0), (0.99, 1.0)])
+def test_ways_and_times_are_shared_out_alike(
+    start: tuple[float, float], way: tuple[float, float], first: float, last: float
+) -> None:
+    """By `share_deviation` at most, and nearly as much on short ways away from the centre."""
+    end = (start[0] + way[0], start[1] + way[1])
+    track = replace(scenes.track("T", [start, end], [0, LASTS_S], *SMALL), grow_mps=1e-3)
+    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
+    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
+    t0, t1 = first * LASTS_S, last * LASTS_S
+    share = np.linspace(0.0, 1.0, SAMPLES)
+    reference = one.take(np.zeros(SAMPLES, np.int64)).reference(t0 + share * (t1 - t0))
+    gone = np.hypot(*(reference - reference[:, :1]))
+    deviation = np.abs(gone / gone[-1] - share).max()
+    bound = float(one.share_deviation(np.array([t0]), np.array([t1]))[0])
+    assert deviation <= bound + 1e-8
+    if first == 0.99 and max(map(abs, way)) > 1:
+        assert bound <= 1.05 * deviation
+
+
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
 
 

@@ -298,6 +298,14 @@ def test_what_saves_much_is_named() -> None:
     assert text.endswith("stay with exact.")
 
 
+def test_a_tenth_of_the_cost_is_worth_saving() -> None:
+    """Of 20 s these are 2; and half a second of what takes less than 5."""
+    assert "window would save 2.1 s and" in said(20.0, 17.9, 19.9)
+    assert "window would save only 1.9 s and" in said(20.0, 18.1, 19.9)
+    assert "window would save 600 ms and" in said(2.0, 1.4, 1.9)
+    assert "window would save only 400 ms and" in said(2.0, 1.6, 1.9)
+
+
 def test_who_would_have_to_wait_looks_first() -> None:
     assert said(7000.0, 600.0, 300.0).endswith(
         "look with screen whether there is trouble, and use exact for what goes into an order."

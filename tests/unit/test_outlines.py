@@ -126,6 +126,19 @@ def test_staying_convex(start: list[list[float]], end: list[list[float]], stays:
             assert shapely.area(between.convex_hull) == pytest.approx(between.area, rel=1e-12)
 
 
+@pytest.mark.parametrize("side", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+def test_a_vertex_on_a_side_is_convex_wherever_the_outline_lies(side: tuple[float, float]) -> None:
+    """Also where its coordinates are rounded inwards: to either side of the reference point, ahead of it or behind."""
+    inwards = 0
+    for part in np.linspace(0.01, 0.99, 99):
+        first, last = np.array([1000.0, 1.0]), np.array([1.0, 1000.0])
+        ring = np.array([first, first + part * (last - first), last, [1000.0, 1000.0]]) * side
+        between, after = ring[1] - ring[0], ring[2] - ring[1]
+        inwards += side[0] * side[1] * (between[0] * after[1] - between[1] * after[0]) > 0.0
+        assert stays_convex(ring.tolist(), ring.tolist())
+    assert inwards > 5
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32))
 def test_staying_convex_is_what_sampling_says(seed: int) -> None:
