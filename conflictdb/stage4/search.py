@@ -159,7 +159,8 @@ class _Search:
     ) -> None:
         """Report pairs that meet: first and last are instants of contact, [low, high] holds all of them."""
         pairs = self.pairs.take(rows)
-        start, end = self._outer_end(pairs, low, first, latest=False), self._outer_end(pairs, high, last, latest=True)
+        start, first = self._outer_end(pairs, low, first, latest=False)
+        end, last = self._outer_end(pairs, high, last, latest=True)
         start_error, end_error = _uncertain_ends(pairs, start, end, first, last)
         grazes = clearance_m(pairs, np.arange(len(rows)), 0.5 * (start + end)) >= -self.deep_m
         shallow = np.flatnonzero(grazes)
@@ -219,10 +220,10 @@ class _Search:
             if not cut.size:
                 break
             some, at = some.take(cut), at[cut]
-            before = self._outer_end(some, at, first[cut], latest=True)
-            after = self._outer_end(some, at, last[cut], latest=False)
-            earlier = _uncertain_ends(some, start, before, first[cut], before)
-            later = _uncertain_ends(some, after, end, after, last[cut])
+            before, in_former = self._outer_end(some, at, first[cut], latest=True)
+            after, in_latter = self._outer_end(some, at, last[cut], latest=False)
+            earlier = _uncertain_ends(some, start, before, first[cut], in_former)
+            later = _uncertain_ends(some, after, end, in_latter, last[cut])
             slot = np.concatenate([slot, slot])
             start, end = np.concatenate([start, after]), np.concatenate([before, end])
             start_error, end_error = (np.concatenate(both) for both in zip(earlier, later, strict=True))
@@ -232,8 +233,8 @@ class _Search:
         order = np.lexsort((start, slot))
         return slot[order], start[order], end[order], error[order]
 
-    def _outer_end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> Floats:
-        """Return the first (or last) instant of contact on the outer side, seconds.
+    def _outer_end(self, pairs: Encounters, limit: Floats, witness: Floats, *, latest: bool) -> tuple[Floats, Floats]:
+        """Return the first (or last) instant of contact on the outer side, seconds, and the outermost one seen before.
 
         limit : (n,) all contact lies between it and beyond the witness, an instant of contact.
         """
@@ -257,7 +258,7 @@ class _Search:
             active = np.unique(rest.row[~border])
         # The rounds are used up, and each found a contact further out: all times up to the limit are reported.
         outer[active] = limit[active]
-        return outer
+        return outer, witness
 
     def _bracket(
         self, pairs: Encounters, rows: NDArray[np.int64], limit: Floats, witness: Floats, *, latest: bool

@@ -52,7 +52,7 @@ MODULES: Final = (
     "advice.estimates",
 )
 # fmt: on
-TESTS: Final = ("tests/unit", "tests/acceptance")
+TESTS: Final = ("tests/unit", "tests/contract", "tests/acceptance")
 # Hypothesis' own profile for servers: the same examples each time, and no deadline.
 PYTEST: Final = (
     *("-q", "--tb=no", "-n", "0", "-p", "no:randomly", "-p", "no:cacheprovider"),

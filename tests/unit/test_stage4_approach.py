@@ -144,6 +144,22 @@ def test_pairs_further_apart_than_asked_are_not_reported() -> None:
     assert len(solve(pair, [], replace(SCENE, nearest_m=1020.0))) == 1
 
 
+def test_ships_in_each_others_wake_are_reported_only_as_near_as_asked() -> None:
+    """They pass the same places, but never nearer than 0.05 degrees less their lengths."""
+    pair = [ship("a", 0.0, 0.2, 0.0), ship("b", 0.05, 0.25, 0.0)]
+    apart_m = 0.05 * DEGREE - 200.0
+    assert solve(pair, [], replace(SCENE, nearest_m=1000.0)) == []
+    assert solve(pair, [], replace(SCENE, nearest_m=apart_m - 0.01)) == []
+    sound(only([], pair, replace(SCENE, nearest_m=apart_m + 0.01)), apart_m)
+
+
+def test_less_than_a_metre_is_near() -> None:
+    half_m = 0.5 * (0.01 * DEGREE - 0.3)
+    pair = [ship(key, 0.0, 0.1, lat, (100.0, half_m)) for key, lat in (("a", 0.0), ("b", 0.01))]
+    sound(only([], pair, replace(SCENE, nearest_m=0.5)), 0.3)
+    assert solve(pair, [], replace(SCENE, nearest_m=0.2)) == []
+
+
 @pytest.mark.parametrize("method", ["screen", "window"])
 def test_methods_that_do_not_solve_tell_no_approach(method: str) -> None:
     pair = [ship("a", 0.0, 0.1, 0.0), ship("b", 0.1, 0.0, 0.0)]

@@ -1,0 +1,86 @@
+"""What stands in the proofs of stage 4, held to brute force over all vertices."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from swinging import SWING_S, encounters
+
+from conflictdb.earth.geodesy import Floats
+from conflictdb.stage4.distance import clearance_m
+from conflictdb.stage4.proofs import _clearance_upper_bound, _relative_speed, _speed, clear_window
+
+
+class Moving:
+    """Polygons of which only velocities (2, v, n) are known."""
+
+    def __init__(self, velocities: Floats) -> None:
+        self._velocities = velocities
+
+    def velocities(self, t: Floats) -> Floats:
+        return self._velocities
+
+
+class Both:
+    def __init__(self, a: Floats, b: Floats) -> None:
+        self.a, self.b = Moving(a), Moving(b)
+
+
+def test_speeds_are_the_greatest_of_all_vertices() -> None:
+    """Whichever of the two is the faster, whatever way it goes; relative ones are exact in each direction."""
+    rng = np.random.default_rng(1)
+    n = 200
+    a, b = rng.normal(size=(2, 4, n)) + rng.normal(size=(2, 1, n)), rng.normal(size=(2, 3, n))
+    both: Any = Both(a, b)
+    t = np.zeros(n)
+    apart = np.abs(b[:, None, :, :] - a[:, :, None, :]).max(axis=(1, 2))
+    np.testing.assert_allclose(_relative_speed(both, t), np.hypot(*apart), rtol=1e-15)
+    fastest = np.hypot(*np.concatenate([a, b], axis=1)).max(axis=0)
+    np.testing.assert_allclose(_speed(both, t, np.full(n, 0.5)), fastest + 0.5, rtol=1e-15)
+
+
+@pytest.mark.parametrize("separation_m", [0.0, 2000.0])
+def test_bounds_from_above_are_above_and_near(separation_m: float) -> None:
+    """During an interval, a swing comes no closer to parting than is said, up to twice what it moves in that time."""
+    middle = np.concatenate([np.linspace(45.0, 55.0, 21), np.linspace(145.0, 155.0, 21)])
+    pairs = encounters([-3.0] * len(middle), separation_m)
+    rows = np.arange(len(middle))
+    for width in (0.01, 1.0, 5.0):
+        bound = _clearance_upper_bound(pairs, rows, middle, np.full(len(middle), width))
+        at = [clearance_m(pairs, rows, middle + share * width) for share in np.linspace(-0.5, 0.5, 21)]
+        assert (bound >= np.max(at, axis=0)).all()
+        held = clearance_m(pairs, rows, middle) <= 0.0
+        assert held.sum() > 10
+        moved = 50.0 * 2.0 * np.pi / SWING_S * width
+        assert (bound[held] <= np.max(at, axis=0)[held] + 2.0 * moved + 1e-3).all()
+
+
+@pytest.mark.parametrize("stands_still", [True, False])
+def test_outside_of_the_window_polygons_on_chords_are_apart(stands_still: bool) -> None:
+    """Those that turn and grow on the way, past each other; and many of those that are apart are said to be."""
+    rng = np.random.default_rng(2)
+    n, shares = 300, np.linspace(0.0, 1.0, 21)
+
+    def polygons(count: int) -> Floats:
+        turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None] + rng.uniform(-0.4, 0.4, (count, n))
+        size = rng.uniform(0.5, 2.0, n)
+        return np.stack([size * np.cos(turn), size * np.sin(turn)]) + rng.uniform(-3.0, 3.0, (2, 1, n))
+
+    a0, b0, b1 = polygons(4), polygons(5), polygons(5)
+    a1 = a0 if stands_still else polygons(4)
+    u, v = clear_window(a0, b0, a1, b1, np.full(n, 1e-9))
+    apart, said = np.zeros((2, n), np.int64)
+    for share in shares:
+        hulls = [
+            shapely.convex_hull(
+                shapely.multipoints(np.moveaxis((1.0 - share) * first + share * last, 0, 2).swapaxes(0, 1))
+            )
+            for first, last in ((a0, a1), (b0, b1))
+        ]
+        are_apart = ~shapely.intersects(*hulls)
+        is_clear = (share < u) | (share > v) | (u > v)
+        assert are_apart[is_clear].all()
+        apart += are_apart
+        said += is_clear
+    assert said.sum() > 0.4 * apart.sum()
