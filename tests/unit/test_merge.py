@@ -1,0 +1,48 @@
+"""Contacts of pieces merged to periods of objects: the ends, and by how much they may be off; by hand, in seconds."""
+
+import numpy as np
+import pytest
+
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.pipeline.merge import _periods
+
+# Seconds that stand for no beginning and no end.
+EVER = (-1e6, 1e6)
+
+
+@pytest.mark.parametrize(
+    ("contacts", "periods", "error_s"),
+    [
+        # One: its own error, even if it is in doubt altogether, but not more than it is long.
+        ([(10, 30, 2)], [(10, 30)], 2.0),
+        ([(10, 30, 15)], [(10, 30)], 15.0),
+        ([(10, 30, 99)], [(10, 30)], 20.0),
+        # Two that touch or overlap are one period; its ends are as good as those of the contacts there.
+        ([(10, 30, 1), (30, 40, 3)], [(10, 40)], 3.0),
+        ([(10, 40, 1), (20, 30, 3)], [(10, 40)], 1.0),
+        ([(10, 30, 1), (31, 40, 3)], [(10, 30), (31, 40)], 3.0),
+        # The first one is in doubt altogether: the period may begin with the second one, or end with it.
+        ([(10, 20, 9), (14, 40, 1)], [(10, 40)], 5.0),
+        ([(10, 30, 1), (25, 37, 9)], [(10, 37)], 8.0),
+        ([(10, 20, 9), (20, 30, 9)], [(10, 30)], 20.0),
+        # Without an end there is none to be off.
+        ([(EVER[0], 30, 1), (20, 40, 2)], [(EVER[0], 40)], 2.0),
+        ([(10, EVER[1], 1)], [(10, EVER[1])], 1.0),
+    ],
+)
+def test_periods_and_their_errors(
+    contacts: list[tuple[float, float, float]], periods: list[tuple[float, float]], error_s: float
+) -> None:
+    """In the company of other groups, whose contacts have nothing to do with these."""
+    other = [(0, 100, 0)]
+    many = [*other, *contacts, *other]
+    group = np.repeat([0, 1, 2], [1, len(contacts), 1])
+    columns = np.array(many, dtype=np.float64).T
+    start, end = ((column * 1e6).astype(np.int64) for column in columns[:2])
+    start[columns[0] == EVER[0]], end[columns[1] == EVER[1]] = SINCE_EVER_US, FOR_EVER_US
+    instants = {SINCE_EVER_US: EVER[0], FOR_EVER_US: EVER[1]}
+    period_us, offset, time_error_s = _periods(group, start, end, columns[2], 3)
+    assert offset.tolist() == [0, 1, 1 + len(periods), 2 + len(periods)]
+    found = [tuple(instants.get(at, at / 1e6) for at in period) for period in period_us[1:-1].tolist()]
+    assert found == periods
+    assert time_error_s.tolist() == [0.0, error_s, 0.0]
