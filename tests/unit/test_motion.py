@@ -14,7 +14,7 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.registry import plane_of
-from conflictdb.motion.rhumb import RhumbShapes
+from conflictdb.motion.rhumb import RhumbShapes, shape_variant
 from conflictdb.pieces.cutting import track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
@@ -62,6 +62,23 @@ def test_vertices_agree_with_the_oracle(workload: object, earth: EarthModel) -> 
             rows = shapes.take(np.full(len(seconds), leg))
             expected = oracle_plane(scene, track, leg, seconds)
             assert shape_error_m(earth, rows.positions(seconds), expected) < 10 * ROUNDING_M
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("end", [84.0, -84.0])
+@pytest.mark.parametrize("size_m", [1e3, 2e4, 5e4])
+def test_vertices_of_slices_agree_with_the_oracle(earth: EarthModel, end: float, size_m: float) -> None:
+    """All the way from the equator towards a pole: the nearer it is, the more terms their power series need."""
+    scene = Scene("s", earth=earth)
+    track = scenes.track("T", [(0.0, 0.0), (20.0, end)], [0, 36000], size_m, size_m, size_m, size_m)
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    variants = shape_variant(earth_of(earth), pieces)
+    for row in range(0, len(pieces), 5):
+        shapes = havens(scene, pieces, np.full(3, row), np.full(3, pieces.start_us[row]))
+        seconds = np.linspace(0.0, float(pieces.end_us[row] - pieces.start_us[row]) / 1e6, 3)
+        into_leg_s = float(pieces.start_us[row] - track.times_us[0]) / 1e6
+        expected = oracle_plane(scene, track, 0, into_leg_s + seconds)
+        assert shape_error_m(earth, shapes.positions(seconds), expected) < 10 * ROUNDING_M, variants[row]
 
 
 CARDINAL = [

@@ -1,15 +1,23 @@
 """What stands in the proofs of stage 4, held to brute force over all vertices."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import scenes
 import shapely
 from swinging import SWING_S, encounters
 
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.geodesy import Floats
+from conflictdb.model import EarthModel, Scene
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage4.distance import clearance_m
-from conflictdb.stage4.proofs import _clearance_upper_bound, _relative_speed, _speed, clear_window
+from conflictdb.stage4.encounters import Encounters
+from conflictdb.stage4.proofs import _clearance_upper_bound, _relative_speed, _speed, clear_window, undecided_separation
 
 
 class Moving:
@@ -54,6 +62,35 @@ def test_bounds_from_above_are_above_and_near(separation_m: float) -> None:
         assert held.sum() > 10
         moved = 50.0 * 2.0 * np.pi / SWING_S * width
         assert (bound[held] <= np.max(at, axis=0)[held] + 2.0 * moved + 1e-3).all()
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_ships_abreast_that_run_towards_the_pole_come_nearer(earth: EarthModel) -> None:
+    """In the plane they keep their distance: that the plane distorts it is all that the proof has to go by.
+
+    500 km apart, 10 km towards the pole: 650 m nearer, and the separation is lost in the second half.
+    """
+    size, way_deg = (100.0,) * 4, 0.09
+    tracks = [
+        scenes.track(key, [(lon, 55.0), (lon, 55.0 + way_deg)], [0, 3600], *size) for key, lon in (("a", 0), ("b", 8))
+    ]
+    scene = Scene("s", earth=earth)
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
+    # Not slices, but whole legs.
+    pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
+    row, (a, b) = np.zeros(1, np.int64), np.flatnonzero(np.diff(pieces.object_id, prepend=-1))[:, None]
+    pair = Pairs(a, b, np.empty((0, 2)), np.zeros(2, np.int64))
+    pairs = Encounters.of(plane_of(scene), 0.0, pieces, pair, row, pieces.start_us[:1])
+    distance_m = [float(clearance_m(pairs, row, np.array([t]))[0]) for t in (0.0, 1800.0, 3600.0)]
+    assert distance_m[1] - distance_m[2] > 300.0, "metres that are lost in the second half"
+    for separation_m, is_clear in (
+        (distance_m[1] - 100.0, False),
+        (distance_m[2] + 10.0, False),
+        (distance_m[2] - 10.0, True),
+    ):
+        wanted = replace(pairs, separation_m=separation_m)
+        undecided = undecided_separation(wanted, row, np.zeros(1), np.full(1, 3600.0), 0.0)
+        assert (not len(undecided.row)) == is_clear
 
 
 @pytest.mark.parametrize("stands_still", [True, False])

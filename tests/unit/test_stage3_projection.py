@@ -42,17 +42,19 @@ def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -
 
 
 @pytest.mark.parametrize("earth", EarthModel)
-def test_window_on_the_equator_is_the_contact_itself(earth: EarthModel) -> None:
+@pytest.mark.parametrize("separation_m", [0.0, 5000.0])
+def test_window_on_the_equator_is_the_contact_itself(separation_m: float, earth: EarthModel) -> None:
     """A rectangle along the equator through a box: nothing bends, so only the padding is over."""
     degree = scenes.parallel_m(earth, 0.0)
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
-    scene = Scene("s", earth=earth)
+    scene = Scene("s", earth=earth, separation_m=separation_m)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
     low, high = union_s(pieces, pairs, *windows(scene, plane_of(scene), pieces, pairs))
-    begins, ends = (0.5 - 4000 / degree) * 3600, (0.6 + 2000 / degree) * 3600
-    # A metre of tolerance here and there is 0.03 s each way; hulls are padded for it on both sides.
-    assert begins - 0.3 <= low <= begins
-    assert ends <= high <= ends + 0.3
+    begins, ends = (0.5 - (4000 + separation_m) / degree) * 3600, (0.6 + (2000 + separation_m) / degree) * 3600
+    # A metre of tolerance here and there is 0.03 s each way; hulls are padded on both sides for both.
+    slack_s = 0.3 + 0.51 * separation_m / degree * 3600
+    assert begins - slack_s <= low <= begins
+    assert ends <= high <= ends + slack_s
 
 
 @pytest.mark.parametrize(("lat", "slack_s"), [(20.0, 30.0), (75.0, 900.0)])

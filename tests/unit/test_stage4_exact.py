@@ -136,6 +136,22 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     assert found.error_s.max() < 1e-6
 
 
+def test_a_window_of_one_instant_is_looked_at() -> None:
+    """In the middle of a contact: it is one, and as short."""
+    scene = Scene("s", earth=EarthModel.SPHERE)
+    box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
+    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
+    start, end = shared_span(pieces, pairs)
+    at_us = scenes.T0_US + int(0.55 * 3600e6)
+    row = np.flatnonzero((start <= at_us) & (at_us <= end))[:1]
+    at_s = (at_us - start[row]) / 1e6
+    found, _ = contacts(scene, plane_of(scene), pieces, pairs.take(row), at_s, at_s)
+    assert found.verdict.tolist() == [CONFLICT]
+    assert found.start_s == found.end_s == at_s
+
+
 def test_answers_do_not_depend_on_the_company() -> None:
     """Each pair alone, bit for bit what it is among all others."""
     scene, areas, tracks = throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0)
