@@ -132,6 +132,12 @@ class MotionRow:
     home: Place
     rim: Place
 
+    def __repr__(self) -> str:
+        return repr(self.scene)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(repr(self))
+
     @property
     def plane(self) -> Plane:
         return plane_of(self.scene)
@@ -360,6 +366,10 @@ class Moving:
     def __repr__(self) -> str:
         return f"{self.track}, piece {self.piece} of {len(self.pieces)}, {self.t0} to {self.t1} s, from {self.origin}"
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        # Hypothesis would print all arrays.
+        printer.text(repr(self))
+
     @cached_property
     def shapes(self) -> Havens:
         rows = np.array([self.piece])
@@ -439,6 +449,9 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
     on, back = (lon + 5.0, lat - 3.0), (0.7 * lon + 0.3 * rim_lon, 0.7 * lat + 0.3 * rim_lat)
     box = rectangle_outline_m(1e5, 5e4, 3e4, 8e4)
     aside = np.array([(4e5, 3e5)])
+    # Convex by a metre in the middle of each side, which neither plane shows.
+    dents = 1e5 * np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)])
+    dents[1::2] *= 1.00001
     for start, end, outline, duration_us, grown_m in (
         (row.home, on, box, hours, 0.0),
         (row.home, on, box, hours, 3e4),
@@ -449,6 +462,7 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
         (row.rim, back, 100.0 * box, ever, 0.0),
         (row.rim, row.home, 100.0 * box, hours, 1e6),
         (row.rim, row.rim, 100.0 * box, 1, 0.0),
+        (row.home, on, dents, hours, 0.0),
     ):
         start_us = MIN_INSTANT_US if duration_us == ever else T0_US
 

@@ -18,6 +18,8 @@ from conflictdb.motion.contract import shape_class
 # haven may go around a pole; and so is the oracle's.
 TURN_M: Final = 4e7
 PLANE_ROUNDING: Final = 3e-15
+# Long steps along a parallel are as much off as the parallel's length by the last digits of its latitude.
+LATITUDE_ROUNDING: Final = 1e-15
 # And places on the earth, from latitudes and directions that are rounded to 1e-16.
 EARTH_ROUNDING_M: Final = 1.5e-7
 # Of a velocity, by its own digits: at the limits of the planes slopes grow a hundredfold in the latitude's last ones.
@@ -28,7 +30,9 @@ RULES: Final = [np.polynomial.legendre.leggauss(count) for count in (12, 8)]
 
 def rounding_m(haven: Moving) -> float:
     """What places in the plane are rounded to, plane metres."""
-    return PLANE_ROUNDING * max(TURN_M, np.abs(haven.positions).max()) + EARTH_ROUNDING_M * haven.scale
+    furthest = np.abs(haven.positions).max()
+    own = PLANE_ROUNDING * max(TURN_M, furthest) + EARTH_ROUNDING_M * haven.scale
+    return float(own + LATITUDE_ROUNDING * furthest * haven.scale)
 
 
 def fastest(haven: Moving) -> float:
