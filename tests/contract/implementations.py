@@ -102,7 +102,9 @@ class CircleOracle:
     def rounding_m(self, track: Track) -> float:
         size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
         angle = float(oracle_circle.legs(track)[0].angle)
-        return 1e-18 * size_m / angle if angle > 0.0 else 0.0
+        if angle == 0.0:  # what is too short for long double has any heading
+            return 0.0 if np.array_equal(*track.positions_deg) else 2.0 * size_m
+        return 1e-18 * size_m / angle
 
     @property
     def _chart(self) -> oracle_circle.Chart:

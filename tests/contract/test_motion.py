@@ -59,11 +59,12 @@ def left(xy: np.ndarray) -> float:
 @for_every_motion(moving, fixed=extremes)
 def test_vertices_are_where_the_oracle_has_them(row: MotionRow, haven: Moving) -> None:
     expected = row.oracle.haven(haven.track, 0, haven.fractions)
-    turn_m = row.plane.turn_m
-    found = haven.positions
-    if turn_m:
-        found = found - np.array([[[turn_m]], [[0.0]]]) * np.round((found[0].mean() - expected[..., 0].mean()) / turn_m)
-    at_most(far_from(found, expected), rounding_m(haven) + haven.scale * row.oracle.rounding_m(haven.track))
+    found, turn_m = haven.positions, row.plane.turn_m
+    turns = (found[0].mean() - expected[..., 0].mean()) / turn_m if turn_m else 0.0
+    # Some vertices may count more than once in one of them, so that the middles do not say which turn is meant.
+    homes = [found - np.array([[[turn * turn_m]], [[0.0]]]) for turn in {np.floor(turns), np.ceil(turns)}]
+    off = min(far_from(home, expected) for home in homes)
+    at_most(off, rounding_m(haven) + haven.scale * row.oracle.rounding_m(haven.track))
     assert haven.shapes.vertex_count == found.shape[1]
 
 
