@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io import read, stem
 from conflictdb.io.contents import Contents, Remark, Skipped, left_out
 from conflictdb.io.fields import key as checked_key
+from conflictdb.io.reading import read, stem
 from conflictdb.model import Area, Scene, Track
 
 

@@ -1,0 +1,133 @@
+"""Reading of files: the format is found by the name.
+
+`read` either returns everything that the file holds or raises one InvalidInput that names the file and, for every
+mistake in it, the object, the field and the rule. A further format is a module that returns `Contents`, and a case in
+`_read`.
+"""
+
+import codecs
+import gzip
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io import places
+from conflictdb.io.contents import Contents, Remark
+from conflictdb.io.scene_file import read_scene
+from conflictdb.io.speeds import MAX_SPEED_KN
+
+# What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
+# a scene may be many files.
+MAX_FILE_MB: Final = 64.0
+TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
+
+_UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
+_JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
+_ROWS: Final = frozenset({".csv", ".tsv"})
+
+
+def read(
+    path: str | Path,
+    *,
+    max_speed_kn: float | None = None,
+    layers: Sequence[str] = (),
+    skip_invalid: bool = False,
+    max_file_mb: float | None = None,
+) -> Contents:
+    """Return everything that a file holds.
+
+    Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
+    areas of any other format that OGR opens.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its name is the name of the scene unless it gives one itself.
+    max_speed_kn : float, optional
+        The speed in knots beyond which a leg is refused, by default 2,000; in files of positions the fix is left out,
+        see `conflictdb.io.positions`.
+    layers : sequence of str
+        Files that OGR opens: the layers to read; by default all.
+    skip_invalid : bool
+        Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
+    max_file_mb : float, optional
+        Refuse a file that holds, or unpacks to, more millions of bytes; default MAX_FILE_MB.
+
+    Raises
+    ------
+    InvalidInput
+        If the file, an object or a field breaks a rule. Nothing of the file is used then.
+    """
+    path = Path(path)
+    contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
+    contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
+    return contents
+
+
+def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
+    if not contents.areas and not contents.tracks:
+        yield Remark(source, "file", "holds no objects")
+    yield from places.remarks(source, contents.areas, contents.tracks)
+
+
+def _read(
+    path: Path, max_speed_kn: float | None, layers: Sequence[str], skip_invalid: bool, max_file_mb: float | None
+) -> Contents:
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_packed = suffixes[-1:] == [".gz"]
+    suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
+    fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
+    try:
+        if layers and suffix in _JSON | _ROWS:
+            raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
+        if suffix in _JSON:
+            text = _text(path, is_packed, max_file_mb)
+            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid)
+        if suffix in _ROWS:
+            from conflictdb.io.positions import read_positions
+
+            return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
+        if not path.exists():
+            raise InvalidInput("file", "", "does not exist")
+        from conflictdb.io.ogr import read_objects
+
+        most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+        return read_objects(path, most_mb, fastest_kn, layers, skip_invalid=skip_invalid)
+    except InvalidInput as refused:
+        raise refused.at(str(path)) from refused.__cause__
+    except RecursionError:  # also while a message was made of what is wrong
+        raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
+    except MemoryError:
+        raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
+
+
+def stem(path: Path) -> str:
+    """Return the name of a file without the suffixes that say its format."""
+    name = path.name
+    for suffix in reversed(path.suffixes):
+        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS:
+            name = name.removesuffix(suffix)
+    return name if name != path.name else path.stem
+
+
+def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
+    most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+    limit = int(most_mb * 1e6)
+    try:
+        # No more than the limit is ever unpacked: a small archive can hold gigabytes, a device has no end.
+        with gzip.open(path) if is_packed else path.open("rb") as stream:
+            data = stream.read(limit + 1)
+    except FileNotFoundError:
+        raise InvalidInput("file", "", "does not exist") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InvalidInput("file", "", f"cannot be read: {error}") from error
+    if len(data) > limit:
+        raise InvalidInput("file", "", f"holds more than {most_mb:g} MB{TOO_LARGE}")
+    if data.startswith(_UTF_16):
+        raise InvalidInput("file", "byte 0", "must be UTF-8 text; this is UTF-16, or UTF-32")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInput("file", f"byte {error.start}", "must be UTF-8 text") from None
