@@ -17,7 +17,8 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON or CSV.
 
     Members and columns are those of the views `conflicts` and `approaches`; what only a database knows is null without
-    one. The file appears when it is complete; if it cannot be written, an older one stays.
+    one; a CSV file of no results has the columns of conflicts. The file appears when it is complete; if it cannot be
+    written, an older one stays.
 
     Parameters
     ----------
@@ -29,18 +30,23 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     Raises
     ------
     InvalidInput
-        The name tells no format, or `results` holds something else, or both kinds; nothing has been written.
+        The name tells no format, or `results` is or holds something else, or both kinds; nothing has been written.
     OSError
         The file cannot be written.
     """
     path = Path(path)
-    suffix = Path(path.name.removesuffix(".gz")).suffix
+    suffix = (path.with_suffix("") if _is_packed(path) else path).suffix.lower()
     if suffix not in _FORMATS:
         raise InvalidInput("write", "path", f"must end in {', '.join(_FORMATS)}, or one of them and .gz", str(path))
+    rule = "must be conflicts, or closest approaches, and not both"
+    if not isinstance(results, Iterable):
+        raise InvalidInput(
+            "write", "results", f"{rule}, in a list or the like; got {type(results).__name__}", str(path)
+        )
     rows = list(results)
     is_approaches = bool(rows) and all(isinstance(row, Approach) for row in rows)
     if not is_approaches and not all(isinstance(row, Conflict) for row in rows):
-        raise InvalidInput("write", "results", "must be conflicts, or closest approaches, and not both", str(path))
+        raise InvalidInput("write", "results", rule, str(path))
     if suffix == ".csv":
         lines = as_csv(rows, APPROACH_COLUMNS if is_approaches else COLUMNS)
     elif suffix == ".json":
@@ -54,11 +60,11 @@ def write_lines(path: str | Path, lines: Iterable[str]) -> None:
     """Write a file of some lines; it appears when it is complete, and if it cannot be written, an older one stays."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a pipe or a device cannot be replaced
-        _write(path, "wb", lines, is_packed=path.name.endswith(".gz"))
+        _write(path, "wb", lines, is_packed=_is_packed(path))
         return
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        _write(part, "xb", lines, is_packed=path.name.endswith(".gz"))
+        _write(part, "xb", lines, is_packed=_is_packed(path))
         part.replace(path)
     except OSError as error:
         part.unlink(missing_ok=True)
@@ -67,6 +73,10 @@ def write_lines(path: str | Path, lines: Iterable[str]) -> None:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"  # as `read` tells it
 
 
 def _write(path: Path, mode: str, lines: Iterable[str], *, is_packed: bool) -> None:

@@ -49,6 +49,15 @@ def test_the_name_says_the_format(found: list[conflictdb.Conflict], tmp_path: Pa
     assert table[0]["periods"] == "../.."
 
 
+def test_names_may_be_in_capitals(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    """As `read` takes them: what is called .GZ is compressed."""
+    for name in ("found.json", "FOUND.JSON", "FOUND.JSON.GZ"):
+        conflictdb.write(found, tmp_path / name)
+    plain = (tmp_path / "found.json").read_bytes()
+    assert (tmp_path / "FOUND.JSON").read_bytes() == plain
+    assert gzip.decompress((tmp_path / "FOUND.JSON.GZ").read_bytes()) == plain
+
+
 def test_closest_approaches_have_columns_of_their_own(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
     near = [one.approach for one in found if one.approach]
     assert [one.closest_m for one in near] == [0.0] * 3
@@ -72,7 +81,7 @@ def test_other_names_are_refused(found: list[conflictdb.Conflict], name: str, tm
 
 def test_a_mixture_is_refused(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
     assert found[0].approach
-    for mixture in ([*found, found[0].approach], ["A"], [AREA]):
+    for mixture in ([*found, found[0].approach], ["A"], [AREA], [None], found[0], None):
         with pytest.raises(InvalidInput, match="must be conflicts, or closest approaches, and not both"):
             conflictdb.write(mixture, tmp_path / "found.json")  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
