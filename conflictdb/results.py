@@ -108,12 +108,12 @@ class Conflict:
 
     @property
     def first_contact(self) -> datetime | None:
-        """Start of the first period; None if it has none."""
+        """Start of the first period; None where that is unbounded, and without periods."""
         return self.periods[0][0] if self.periods else None
 
     @property
     def last_contact(self) -> datetime | None:
-        """End of the last period; None if it has none."""
+        """End of the last period; None where that is unbounded, and without periods."""
         return self.periods[-1][1] if self.periods else None
 
     @property
