@@ -42,6 +42,10 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
         if key in seen:
             raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(key)
+        try:
+            key.encode()  # as files and the database hold it, and what rows are sorted by
+        except UnicodeEncodeError:
+            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
