@@ -1,7 +1,9 @@
-"""Which plane a scene lives in."""
+"""Which plane a scene lives in: one row for each motion."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 import shapely
@@ -12,12 +14,18 @@ from conflictdb.motion.contract import Plane
 from conflictdb.motion.gnomonic import Gnomonic
 from conflictdb.motion.mercator import Mercator
 
+PLANES: Final[Mapping[Motion, Callable[[Scene], Plane]]] = MappingProxyType(
+    {
+        Motion.RHUMB: lambda scene: Mercator(earth_of(scene.earth)),
+        # Without a centre yet it is without objects.
+        Motion.GREAT_CIRCLE: lambda scene: Gnomonic(*(scene.centre or (0.0, 0.0))),
+    }
+)
+
 
 def plane_of(scene: Scene) -> Plane:
     """Return the plane in which the tracks and edges of a scene are straight."""
-    if scene.motion == Motion.GREAT_CIRCLE:
-        return Gnomonic(*(scene.centre or (0.0, 0.0)))  # without a centre yet it is without objects
-    return Mercator(earth_of(scene.earth))
+    return PLANES[scene.motion](scene)
 
 
 def centred(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Scene:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import assume
 from hypothesis import strategies as st
-from implementations import MotionRow, Place, every_motion, for_every_motion, near, places_apart
+from implementations import MOTIONS, MotionRow, Place, every_motion, for_every_motion, near, places_apart
 
+from conflictdb.model import Motion
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, padding_m
+from conflictdb.motion.registry import PLANES
 
 # What coordinates in the plane are rounded to, metres on the earth.
 ROUNDING_M: Final = 5e-8
@@ -38,6 +40,10 @@ def scale_at(row: MotionRow, place: Place, bearing: float) -> float:
     ends = [row.geod.fwd(*place, bearing + turn, 1.0)[:2] for turn in (0.0, 180.0)]
     (x1, y1), (x2, y2) = (row.xy(near(place, end)).ravel() for end in ends)
     return float(np.hypot(x2 - x1, y2 - y1)) / 2.0
+
+
+def test_every_motion_has_a_plane_and_is_held_to_this_contract() -> None:
+    assert set(PLANES) == set(Motion) == {row.scene.motion for row in MOTIONS.values()}
 
 
 @for_every_motion(of_places)
