@@ -29,7 +29,7 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     """Return the pairs of tracks and areas that interfere, without a database.
 
     With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
-    `Conflict.approach` is how close a pair comes.
+    `Conflict.approach` is how close a pair comes. The rows are in the order of their keys, areas first.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
     that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
     """
