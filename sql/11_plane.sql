@@ -8,6 +8,14 @@
 -- All are single expressions, and not STRICT, so that they are inlined: a SQL function that is not inlined is set up
 -- anew at every call, and one that is STRICT is not when it holds a CASE. Null gives null all the same.
 
+CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN abs(p_m) < 1e-30 THEN 0 ELSE p_m END;
+END;
+COMMENT ON FUNCTION _not_tiny(double precision) IS
+'A number of metres or degrees, 0 below 1e-30: products of smaller ones may underflow, which PostgreSQL refuses.';
+
 CREATE OR REPLACE FUNCTION _exact_numeric(p_number double precision) RETURNS numeric
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -205,6 +213,16 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _wrapped(geometry) IS
 'A geometry with longitudes within +-180 degrees, cut at the seam where it crosses it (RFC 7946).';
+
+CREATE OR REPLACE FUNCTION _part_from_plane(p_geometry geometry, p_plane text) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Edges that all but touch may cross when they are rounded; a union of such parts would be refused by GEOS.
+    SELECT CASE WHEN ST_IsValidReason(d.part) = 'Valid Geometry' THEN d.part ELSE ST_MakeValid(d.part) END
+    FROM (SELECT _wrapped(_from_plane(p_geometry, p_plane)) AS part OFFSET 0) d;
+END;
+COMMENT ON FUNCTION _part_from_plane(geometry, text) IS
+'A part of a region (metres in the plane of a scene) to longitude and latitude, wrapped, valid: fit for a union.';
 
 CREATE OR REPLACE FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

@@ -188,9 +188,9 @@ LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- The mean in space; of places all around the earth it has no direction, then the first one will do.
     WITH mean AS (
-        SELECT avg(cosd(ST_Y(d.geom)) * cosd(ST_X(d.geom))) AS x, avg(cosd(ST_Y(d.geom)) * sind(ST_X(d.geom))) AS y,
-               avg(sind(ST_Y(d.geom))) AS z
-        FROM ST_DumpPoints(p_geometry) d
+        SELECT avg(cosd(d.lat) * cosd(d.lon)) AS x, avg(cosd(d.lat) * sind(d.lon)) AS y, avg(sind(d.lat)) AS z
+        FROM (SELECT _not_tiny(ST_X(v.geom)) AS lon, _not_tiny(ST_Y(v.geom)) AS lat
+              FROM ST_DumpPoints(p_geometry) v OFFSET 0) d
     ), place AS (
         SELECT CASE WHEN m.x ^ 2 + m.y ^ 2 + m.z ^ 2 < 1e-12 THEN _wrapped(ST_GeometryN(ST_Points(p_geometry), 1))
                     ELSE ST_MakePoint(atan2d(m.y, m.x), atan2d(m.z, sqrt(m.x ^ 2 + m.y ^ 2))) END AS place
@@ -206,8 +206,8 @@ RETURNS double precision
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT degrees(2 * asin(least(1.0, sqrt(max(
-               sin(radians(ST_Y(d.geom) - p_lat) / 2) ^ 2
-               + cosd(p_lat) * cosd(ST_Y(d.geom)) * sin(radians(ST_X(d.geom) - p_lon) / 2) ^ 2)))))
+               sin(radians(_not_tiny(ST_Y(d.geom) - p_lat)) / 2) ^ 2
+               + cosd(p_lat) * cosd(ST_Y(d.geom)) * sin(radians(_not_tiny(ST_X(d.geom) - p_lon)) / 2) ^ 2)))))
     FROM ST_DumpPoints(p_geometry) d;
 END;
 COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
@@ -282,7 +282,7 @@ DECLARE
 BEGIN
     -- Corners as in conflictdb.model: rounding of the coordinates turns a straight one by the slack at most.
     WITH vertex AS (
-        SELECT d.path[2] AS n, ST_X(d.geom) AS x, ST_Y(d.geom) AS y
+        SELECT d.path[2] AS n, _not_tiny(ST_X(d.geom)) AS x, _not_tiny(ST_Y(d.geom)) AS y
         FROM ST_DumpPoints(p_outline) d WHERE d.path[2] < ST_NPoints(p_outline)
     ), edge AS (
         SELECT v.n, coalesce(lead(v.x) OVER w, first_value(v.x) OVER w) - v.x AS dx,

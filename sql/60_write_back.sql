@@ -31,9 +31,9 @@ BEGIN
     -- Parts may lie on both sides of the seam: each is brought to longitude and latitude by itself. OFFSET 0 lets each
     -- step be computed once.
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
-        SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
+        SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _from_plane(m.part, p_plane) AS part, m.nr
+            FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                                ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
                                (a.part, a.turn, b.part, b.turn) AS nr
@@ -47,9 +47,9 @@ BEGIN
     END IF;
     IF v_region IS NULL THEN
         -- Hulls are padded: polygons that are only nearer than the separation meet in them.
-        SELECT ST_Union(_wrapped(d.part) ORDER BY d.nr)
+        SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _from_plane(m.part, p_plane) AS part, m.nr
+            FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
                         FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
                         WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id

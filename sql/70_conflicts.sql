@@ -195,7 +195,7 @@ LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
     FROM (SELECT x.object_kind, x.object_id, x.version, range_agg(x.span) AS spans,
-                 ST_Union(_wrapped(_from_plane(x.region, s.plane))) AS region
+                 ST_Union(_part_from_plane(x.region, s.plane)) AS region
           FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
                             p_ceiling_m) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
@@ -219,7 +219,7 @@ BEGIN ATOMIC
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(a.span * b.span) AS spans,
-                 ST_Union(_wrapped(_from_plane(ST_Intersection(a.hull, b.hull), s.plane))) AS region
+                 ST_Union(_part_from_plane(ST_Intersection(a.hull, b.hull), s.plane)) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id

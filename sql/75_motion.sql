@@ -86,8 +86,8 @@ CREATE OR REPLACE FUNCTION _legs(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     WITH waypoint AS (
-        SELECT d.path[1] AS n, to_timestamp(ST_M(d.geom)) AS at, ST_X(d.geom) AS lon_deg,
-               _rectifying(radians(ST_Y(d.geom)), p_earth) AS mu
+        SELECT d.path[1] AS n, to_timestamp(ST_M(d.geom)) AS at, _not_tiny(ST_X(d.geom)) AS lon_deg,
+               _rectifying(radians(_not_tiny(ST_Y(d.geom))), p_earth) AS mu
         FROM ST_DumpPoints(p_path) d
     ), step AS (
         SELECT w.n, w.at AS starts_at, lead(w.at) OVER o AS ends_at,
@@ -115,14 +115,6 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _legs(geometry, text) IS
 'The legs of a path: instants, start and change of longitude (degrees) and rectifying latitude (radians), heading.';
-
-CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT CASE WHEN abs(p_m) < 1e-12 THEN 0 ELSE p_m END;
-END;
-COMMENT ON FUNCTION _not_tiny(double precision) IS
-'A number of metres, 0 below a picometre: the square of a smaller one may underflow, which PostgreSQL refuses.';
 
 CREATE OR REPLACE FUNCTION _corners(
     p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision,
@@ -264,9 +256,10 @@ BEGIN
                degrees(_latitude(p.mu2, v_scene.earth))) ORDER BY p.n)
         INTO v_ring
         FROM (SELECT q.*, q.mu1 - q.across * sind(v_leg.bearing_deg) AS mu2
-              FROM (SELECT d.path[2] AS n, ST_Y(d.geom) / _rectifying_m(v_scene.earth) AS ahead,
-                           ST_X(d.geom) / _rectifying_m(v_scene.earth) AS across,
-                           v_mu + ST_Y(d.geom) / _rectifying_m(v_scene.earth) * cosd(v_leg.bearing_deg) AS mu1
+              FROM (SELECT d.path[2] AS n, _not_tiny(ST_Y(d.geom)) / _rectifying_m(v_scene.earth) AS ahead,
+                           _not_tiny(ST_X(d.geom)) / _rectifying_m(v_scene.earth) AS across,
+                           v_mu + _not_tiny(ST_Y(d.geom)) / _rectifying_m(v_scene.earth) * cosd(v_leg.bearing_deg)
+                               AS mu1
                     FROM ST_DumpPoints(v_outline) d) q) p;
     -- A haven may be a point or a line: its outline then repeats vertices.
     v_ring := CASE ST_Dimension(ST_ConvexHull(v_outline))
@@ -311,8 +304,8 @@ BEGIN
         CROSS JOIN LATERAL (VALUES (l.mu, l.leg), (l.mu + l.mu_step, l.leg + 1)) e (mu, waypoint)
         CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, e.waypoint) AS outline
                             OFFSET 0) o
-        CROSS JOIN LATERAL (SELECT ST_Y(d.geom) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
-                                   ST_X(d.geom) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
+        CROSS JOIN LATERAL (SELECT _not_tiny(ST_Y(d.geom)) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
+                                   _not_tiny(ST_X(d.geom)) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
                             FROM ST_DumpPoints(o.outline) d) v) > radians(89.5) THEN
         PERFORM _refuse('ZC005', p_who,
                         CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'

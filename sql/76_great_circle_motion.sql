@@ -26,7 +26,8 @@ DECLARE
 BEGIN
     FOR v_leg IN
         WITH waypoint AS (
-            SELECT d.path[1] AS n, to_timestamp(ST_M(d.geom)) AS at, ST_X(d.geom) AS lon, ST_Y(d.geom) AS lat
+            SELECT d.path[1] AS n, to_timestamp(ST_M(d.geom)) AS at,
+                   _not_tiny(ST_X(d.geom)) AS lon, _not_tiny(ST_Y(d.geom)) AS lat
             FROM ST_DumpPoints(p_path) d
         ), step AS (
             SELECT w.*, lead(w.at) OVER o AS next_at, lead(w.lat) OVER o AS next_lat,
@@ -77,9 +78,9 @@ CREATE OR REPLACE FUNCTION _circle_vertices(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     WITH corner AS (
-        SELECT d.path[2] AS n, ST_X(d.geom) / _sphere_m() AS across,
-               _mixed(p_start, cos(p_angle + ST_Y(d.geom) / _sphere_m()),
-                      p_heading, sin(p_angle + ST_Y(d.geom) / _sphere_m())) AS ahead
+        SELECT d.path[2] AS n, _not_tiny(ST_X(d.geom)) / _sphere_m() AS across,
+               _mixed(p_start, cos(p_angle + _not_tiny(ST_Y(d.geom)) / _sphere_m()),
+                      p_heading, sin(p_angle + _not_tiny(ST_Y(d.geom)) / _sphere_m())) AS ahead
         FROM ST_DumpPoints(p_outline) d
     ), vertex AS (
         SELECT c.n, _mixed(c.ahead, cos(c.across), ARRAY[
@@ -115,9 +116,9 @@ CREATE OR REPLACE FUNCTION _sag(
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT max(2 * abs((p_angle + v.ahead) * v.across) * sin(v.widest) + v.across ^ 2) / 8
-    FROM (SELECT (ST_Y(b.geom) - ST_Y(a.geom)) / _sphere_m() AS ahead,
+    FROM (SELECT _not_tiny(ST_Y(b.geom) - ST_Y(a.geom)) / _sphere_m() AS ahead,
                  _not_tiny(ST_X(b.geom) - ST_X(a.geom)) / _sphere_m() AS across,
-                 greatest(abs(ST_X(a.geom)), abs(ST_X(b.geom))) / _sphere_m() AS widest
+                 _not_tiny(greatest(abs(ST_X(a.geom)), abs(ST_X(b.geom)))) / _sphere_m() AS widest
           FROM ST_DumpPoints(p_first) a JOIN ST_DumpPoints(p_last) b ON b.path = a.path) v;
 END;
 COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS

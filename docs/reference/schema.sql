@@ -509,6 +509,9 @@ FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double prec
 FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _pending_scenes()
     RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
 

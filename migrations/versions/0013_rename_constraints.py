@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9a703c790f8ed3fa96c7dacdef52e2f52f3db44c0bcaef9e8f4b53257422c982"
+routines_sha256 = "40d891195a88f2f2e607068d95b9558a2aaa9a07ffe939185eaafbf8ea020784"
 
 
 RENAMED = (("area", "area_key"), ("track", "track_key"), ("scene", "scene_name"))

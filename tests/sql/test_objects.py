@@ -10,6 +10,7 @@ import shapely
 from psycopg.rows import dict_row
 
 from conflictdb.db import store
+from conflictdb.db.detect import detect
 from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
 
@@ -224,3 +225,25 @@ def test_other_errors_of_the_database_are_store_errors_with_their_cause(conn: Co
     assert isinstance(failed.value.__cause__, psycopg.Error)
     with pytest.raises(StoreError):
         store.connect(dsn.replace("dbname=", "dbname=no_such_"))
+
+
+@pytest.mark.parametrize("tiny", ["5e-324", "-1e-200", "1e-100", "1e-20"])
+@pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
+def test_numbers_that_underflow_are_as_good_as_nought(conn: Conn, motion: str, tiny: str) -> None:
+    """PostgreSQL refuses products that underflow; but 5e-324 is a place."""
+    conn.execute("SELECT conflictdb.create_scene('tiny', %s)", [motion])
+    ring = f"ST_MakePoint({tiny}, 1), ST_MakePoint(1, {tiny}), ST_MakePoint(-1, -1), ST_MakePoint({tiny}, 1)"
+    ring = f"ST_MakePolygon(ST_MakeLine(ARRAY[{ring}]))"
+    path = f"ST_MakePointM({tiny}, -1, 0), ST_MakePointM(0, {tiny}, 3600), ST_MakePointM(1, {tiny}, 7200)"
+    conn.execute(f"SELECT conflictdb.put_area('tiny', 'A', ST_SetSRID({ring}, 4326))")
+    conn.execute(
+        f"SELECT conflictdb.put_track('tiny', 'T', ST_SetSRID(ST_MakeLine(ARRAY[{path}]), 4326), {ring}, "
+        f"p_grow_mps => 0.001)"
+    )
+    conn.commit()
+    detect(conn, "tiny")
+    query = "SELECT a_key, b_key FROM conflictdb.conflicts WHERE NOT ST_IsEmpty(region)"
+    assert conn.execute(query).fetchall() == [("A", "T")]
+    for seconds in (0, 1800, 3600, 5400):
+        query = "SELECT NOT ST_IsEmpty(conflictdb.haven_at('tiny', 'T', to_timestamp(%s)))"
+        assert conn.execute(query, [seconds]).fetchone() == (True,)

@@ -149,6 +149,26 @@ def test_region_of_a_track_covers_where_they_meet_and_not_much_more(conn_with_co
     assert region["SEAM-1", "OCEAN"].geom_type == "MultiPolygon"
 
 
+def test_part_of_a_region_whose_edges_cross_when_rounded_is_mended(conn: Conn) -> None:
+    """Found in a hull with vertices in a row: GEOS refused the union, and with it the list of all conflicts."""
+    part = (
+        "POLYGON((-2996096.399562144 2143869.3835451314,-2050675.3101090672 4266676.454102659,"
+        "-2050644.9565807781 4266676.454102659,-2050644.9565807781 4266646.10057437,"
+        "-2076420.8313166487 4208770.08135973,-2973885.3351701386 2193642.625871392,"
+        "-2996066.046033855 2143839.0300168423,-2996096.399562144 2143839.0300168423,"
+        "-2996096.399562144 2143869.3835451314))"
+    )
+    row = conn.execute(
+        "SELECT ST_IsValidReason(d.before), ST_IsValid(d.now), ST_Area(d.now) / ST_Area(d.before) "
+        "FROM (SELECT conflictdb._part_from_plane(%(part)s, 'wgs84') AS now, "
+        "             conflictdb._from_plane(%(part)s, 'wgs84') AS before) d",
+        {"part": part},
+    ).fetchone()
+    assert row is not None
+    assert row[0].startswith("Self-intersection")
+    assert row[1:] == (True, pytest.approx(1.0, abs=1e-4))
+
+
 def test_region_is_computed_only_when_it_is_read(conn_with_conflicts: Conn) -> None:
     plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT a_key, periods FROM conflicts_of('s', 'FERRY')")
     assert "_conflict_region" not in str(plan.fetchall())

@@ -186,6 +186,11 @@ BAD = {
         "put_track('s', 'B', {p}, NULL, p_outlines => 'MULTIPOLYGON(((0 0,9 0,9 9,0 9,0 0)),((0 0,0 9,9 9,9 0,0 0)))')",
         "ZC006", "outlines_stay_convex",
     ),
+    "outlines not convex on the way, narrower than an atom": (
+        ("put_track('s', 'B', {p}, NULL, p_outlines => ST_Scale("
+        "'MULTIPOLYGON(((0 0,9 0,9 9,0 9,0 0)),((0 0,0 9,9 9,9 0,0 0)))', 1e-14, 1e-14))"),
+        "ZC006", "outlines_stay_convex",
+    ),
     "outlines a polygon": ("put_track('s', 'B', {p}, {o}, p_outlines => {o})", "ZC006", "outlines_multipolygon"),
     "track ceiling": ("put_track('s', 'B', {p}, {o}, 0, -1)", "ZC004", "ceiling_above_floor"),
     "key of an area": ("put_track('s', 'X', {p}, {o})", "ZC007", "object_key_unique"),
