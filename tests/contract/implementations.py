@@ -2,7 +2,7 @@
 
 A further motion is one row of MOTIONS: the scene that has it, what places it accepts, the geodesics of its earth, and
 an oracle that says by formulas of its own where things are. Methods have their table in `conflictdb.methods`,
-sources of pairs theirs in `sources`.
+sources of pairs theirs in `sources`, write-backs in `stores`.
 """
 
 from collections.abc import Callable, Iterator
