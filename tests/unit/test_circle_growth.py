@@ -16,7 +16,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.model import Motion, Scene
-from conflictdb.motion.gnomonic import Gnomonic
+from conflictdb.motion.gnomonic import Gnomonic, _may_dent_on_the_way
 from conflictdb.motion.great_circles import GreatCircleShapes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane, track_pieces
@@ -121,6 +121,19 @@ def test_bounds_are_near_what_they_bound(
         assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
     up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
     assert up.min(axis=1) == pytest.approx(one.least_up(*ends)[:, 0], abs=1e-14 if mps == 0.0 else 4e-5)
+
+
+def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are_turned() -> None:
+    """Rectangles of 250 to 3,200 km, of which some are known to stay convex."""
+    rng = np.random.default_rng(1)
+    corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    start, end = (np.concatenate(corners * rng.uniform(0.02, 0.25, (200, 1, 2))) for _ in range(2))
+    offset = np.arange(0, len(start) + 1, 4)
+    found = _may_dent_on_the_way(start, end, offset)
+    assert 0.1 < found.mean() < 0.9
+    np.testing.assert_array_equal(_may_dent_on_the_way(end, start, offset), found)
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    np.testing.assert_array_equal(_may_dent_on_the_way(start @ quarter, end @ quarter, offset), found)
 
 
 def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:

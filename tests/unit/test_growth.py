@@ -118,6 +118,21 @@ def test_bounds_are_near_what_they_bound(
     assert highest == pytest.approx(np.abs(at[1]).max() / earth_of(earth).radius_m, abs=1e-12)
 
 
+@pytest.mark.parametrize("earth", EarthModel)
+def test_a_place_that_goes_over_to_the_other_side_stays_near_its_chord(earth: EarthModel) -> None:
+    """Here the bound needs all of its parts: of how the offset bends, and of how unevenly the reference point goes."""
+    track = scenes.track("T", [(0, 45.0), (0, 44.7)], [0, LASTS_S], *SMALL)
+    starboard, port = np.array([[1e5, 5e4]]), np.array([[-1e5, -1e4]])
+    _, one = leg_shapes(Scene("s", earth=earth), replace(track, outline_m=starboard, outlines_m=[starboard, port]))
+    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
+    shapes = one.take(np.zeros(SAMPLES, np.int64))
+    reference = shapes.reference(seconds)
+    offset, moved = shapes.positions(seconds) - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
+    gone = moved / moved[-1]
+    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
+    assert 1.0 <= one.chord_deviation(np.zeros(1), np.full(1, LASTS_S))[0] / left <= 1.3
+
+
 def test_no_growth_is_no_change_in_any_company() -> None:
     """What is computed of a rigid haven is the same to the bit beside one that grows."""
     scene = Scene("s")

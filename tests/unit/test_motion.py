@@ -123,3 +123,11 @@ def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthMode
     acceleration = one.max_acceleration(np.array([0.0]), np.array([36000.0]))[0]
     assert second.max() <= acceleration
     assert acceleration < 1e3 * second.max(), "a bound that is of use"
+
+
+def test_ways_over_the_pole_are_distorted_as_at_the_pole() -> None:
+    """On the sphere: a way of 45 degrees from 80 degrees of latitude may pass the pole, where tanh(psi) is 1."""
+    figure = earth_of(EarthModel.SPHERE)
+    scale, way = 1.0 / np.cos(np.radians(80.0)), np.radians(45.0)
+    rate = Mercator(figure).distortion_rate(way * figure.radius_m, np.array([scale]), np.ones(1))
+    assert rate[0] == pytest.approx(way * scale, rel=1e-12)

@@ -1,7 +1,7 @@
 """What stands in the proofs of stage 4, held to brute force over all vertices."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from swinging import SWING_S, encounters
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.geodesy import Floats
-from conflictdb.model import EarthModel, Scene
+from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage4.distance import clearance_m
@@ -64,23 +64,27 @@ def test_bounds_from_above_are_above_and_near(separation_m: float) -> None:
         assert (bound[held] <= np.max(at, axis=0)[held] + 2.0 * moved + 1e-3).all()
 
 
+# Two ships and their longitudes, degrees.
+ABREAST: Final = (("a", 0.0), ("b", 8.0))
+
+
+def on_whole_legs(scene: Scene, tracks: list[Track], separation_m: float) -> Encounters:
+    """The one pair of two tracks with one leg each, not cut into slices."""
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
+    pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
+    row, (a, b) = np.zeros(1, np.int64), np.flatnonzero(np.diff(pieces.object_id, prepend=-1))[:, None]
+    pair = Pairs(a, b, np.empty((0, 2)), np.zeros(2, np.int64))
+    return Encounters.of(plane_of(scene), separation_m, pieces, pair, row, pieces.start_us[:1])
+
+
 @pytest.mark.parametrize("earth", EarthModel)
 def test_ships_abreast_that_run_towards_the_pole_come_nearer(earth: EarthModel) -> None:
     """In the plane they keep their distance: that the plane distorts it is all that the proof has to go by.
 
     500 km apart, 10 km towards the pole: 650 m nearer, and the separation is lost in the second half.
     """
-    size, way_deg = (100.0,) * 4, 0.09
-    tracks = [
-        scenes.track(key, [(lon, 55.0), (lon, 55.0 + way_deg)], [0, 3600], *size) for key, lon in (("a", 0), ("b", 8))
-    ]
-    scene = Scene("s", earth=earth)
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
-    # Not slices, but whole legs.
-    pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
-    row, (a, b) = np.zeros(1, np.int64), np.flatnonzero(np.diff(pieces.object_id, prepend=-1))[:, None]
-    pair = Pairs(a, b, np.empty((0, 2)), np.zeros(2, np.int64))
-    pairs = Encounters.of(plane_of(scene), 0.0, pieces, pair, row, pieces.start_us[:1])
+    tracks = [scenes.track(key, [(lon, 55.0), (lon, 55.09)], [0, 3600], *(100.0,) * 4) for key, lon in ABREAST]
+    row, pairs = np.zeros(1, np.int64), on_whole_legs(Scene("s", earth=earth), tracks, separation_m=0.0)
     distance_m = [float(clearance_m(pairs, row, np.array([t]))[0]) for t in (0.0, 1800.0, 3600.0)]
     assert distance_m[1] - distance_m[2] > 300.0, "metres that are lost in the second half"
     for separation_m, is_clear in (
@@ -91,6 +95,18 @@ def test_ships_abreast_that_run_towards_the_pole_come_nearer(earth: EarthModel) 
         wanted = replace(pairs, separation_m=separation_m)
         undecided = undecided_separation(wanted, row, np.zeros(1), np.full(1, 3600.0), 0.0)
         assert (not len(undecided.row)) == is_clear
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_a_way_is_bounded_from_above_alike_in_both_directions(earth: EarthModel) -> None:
+    """Of ships abreast, up and down the same meridians: the plane distorts most at the end, or at the start."""
+    scene, bounds = Scene("s", earth=earth), []
+    for first, last in ((55.0, 56.0), (56.0, 55.0)):
+        tracks = [scenes.track(key, [(lon, first), (lon, last)], [0, 3600], *(100.0,) * 4) for key, lon in ABREAST]
+        pairs = on_whole_legs(scene, tracks, separation_m=600e3)
+        bounds.append(_clearance_upper_bound(pairs, np.zeros(1, np.int64), np.full(1, 1800.0), np.full(1, 3600.0)))
+    assert np.isfinite(bounds).all()
+    np.testing.assert_allclose(bounds[0], bounds[1], rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("stands_still", [True, False])
