@@ -40,7 +40,7 @@ from conflictdb.advice.estimates import (
     extrapolated_s,
     recommendation,
 )
-from conflictdb.advice.sample import Frame, Objects
+from conflictdb.advice.sample import SECONDS, Affordable, Frame, Objects
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
@@ -125,11 +125,13 @@ def advise(
     sample: int = SAMPLE,
     seed: int = 0,
     progress: Progress | None = None,
+    affordable: Affordable = SECONDS,
 ) -> Advice:
     """Return what each setting would cost for a scene and how wrong it would be.
 
     sample : pairs of objects to draw, 1 or more; fewer where they have very many pieces
     seed : 0 or more; the same objects and seed give the same sample and the same counts, but not the same seconds
+    affordable : what looking for pairs to draw from may cost
     """
     inputs.count("advise", "sample", sample, 1)
     inputs.count("advise", "seed", seed, 0)
@@ -143,7 +145,7 @@ def advise(
     rng = np.random.default_rng(seed)
     # Of all methods exact looks the furthest, where the scene wants closest approaches.
     widest = replace(scene, method=Method.EXACT, tolerance_m=nearby_m)
-    draw = _Draw.of(widest, objects, sample, PIECE_PAIRS, rng)
+    draw = _Draw.of(Frame.of(widest, objects, affordable, rng), sample, PIECE_PAIRS, rng)
     if not len(draw.keys):
         frame = draw.frame
         return _nothing(scene, seed, objects, len(frame.looked_at), frame.pairs_whole, _nobody_meets(objects, frame))
@@ -153,7 +155,8 @@ def advise(
     far = measure
     if far_m > nearby_m:
         few = -(-sample // FAR_SHARE)
-        draw_far = _Draw.of(replace(widest, tolerance_m=far_m), objects, few, FAR_PIECE_PAIRS, rng)
+        frame_far = Frame.of(replace(widest, tolerance_m=far_m), objects, affordable, rng)
+        draw_far = _Draw.of(frame_far, few, FAR_PIECE_PAIRS, rng)
         far = _Measure(scene, objects, draw_far)
     estimates = []
     for done, setting in enumerate(settings):
@@ -223,9 +226,8 @@ class _Draw:
     keys: NDArray[np.int64]
 
     @classmethod
-    def of(cls, widest: Scene, objects: Objects, sample: int, piece_pairs: int, rng: np.random.Generator) -> "_Draw":
+    def of(cls, frame: Frame, sample: int, piece_pairs: int, rng: np.random.Generator) -> "_Draw":
         """Return so many pairs, or all, or on average as many as have so many pairs of pieces."""
-        frame = Frame.of(widest, objects, rng)
         # By the mean of all, not by what is drawn: stopping at a pair with many pieces would favour those with few.
         n = min(sample, max(1, int(piece_pairs / frame.pieces_per_pair))) if len(frame.pairs) else 0
         return cls(frame, frame.pairs[rng.permutation(len(frame.pairs))[:n]])

@@ -23,10 +23,22 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.results import Kind
 from conflictdb.stage1_broad_phase import candidates, hulls_of
 
-# Objects that show how many can be handled, and the pieces and meetings of boxes in the plane that can be.
-PROBE: Final = 400
-PIECES: Final = 15_000
-MEETINGS: Final = 3_000_000
+
+@dataclass(frozen=True, slots=True)
+class Affordable:
+    """What a look for pairs may cost.
+
+    objects : all of a scene of so many; of a larger one so many show how many more can be
+    pieces, meetings : of the objects looked at: their pieces, and how often the boxes of these meet in the plane
+    """
+
+    objects: int = 400
+    pieces: int = 15_000
+    meetings: int = 3_000_000
+
+
+# A few seconds of work.
+SECONDS: Final = Affordable()
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +146,12 @@ class Frame:
         return whole(of_pair.astype(np.float64), len(self.pairs) * self.scale, sampling, self.object_error, typical)
 
     @classmethod
-    def of(cls, widest: Scene, objects: Objects, rng: np.random.Generator) -> "Frame":
+    def of(cls, widest: Scene, objects: Objects, affordable: Affordable, rng: np.random.Generator) -> "Frame":
         """Return the pairs that come near each other at the settings `widest`, among what objects are affordable."""
         order = rng.permutation(len(objects))
-        looked_at = order[: _affordable(widest, objects, order[:PROBE])] if len(objects) > PROBE else order
+        looked_at = order
+        if len(objects) > affordable.objects:
+            looked_at = order[: _affordable_count(widest, objects, affordable, order[: affordable.objects])]
         started = time.process_time()
         pieces = objects.pieces(widest, np.sort(looked_at))
         piece_s = (time.process_time() - started) / len(pieces)
@@ -150,11 +164,11 @@ class Frame:
         return cls(n, looked_at, pairs, owner, scale, error, piece_s, len(pieces) * n / m)
 
 
-def _affordable(widest: Scene, objects: Objects, probe: NDArray[np.int64]) -> int:
+def _affordable_count(widest: Scene, objects: Objects, affordable: Affordable, probe: NDArray[np.int64]) -> int:
     """Return among how many objects pairs can be looked for, judged by a few of them."""
     pieces = objects.pieces(widest, np.sort(probe))
     hulls = hulls_of(pieces)
     meetings = len(shapely.STRtree(hulls).query(hulls)[0])
-    by_pieces = PIECES * len(probe) / len(pieces)
-    by_meetings = len(probe) * float(np.sqrt(MEETINGS / meetings))
+    by_pieces = affordable.pieces * len(probe) / len(pieces)
+    by_meetings = len(probe) * float(np.sqrt(affordable.meetings / meetings))
     return min(len(objects), max(2, int(min(by_pieces, by_meetings))))

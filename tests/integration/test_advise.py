@@ -15,7 +15,7 @@ import conflictdb
 from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track
 from conflictdb.advice.advise import NLP_LEAST, TOLERANCES_M, Advice, Estimate, advise
 from conflictdb.advice.estimates import Setting
-from conflictdb.advice.sample import Objects
+from conflictdb.advice.sample import Affordable, Objects
 from conflictdb.db import store
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
@@ -93,16 +93,14 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
             assert estimate.wrong.unresolved == done.unresolved
 
 
-def test_estimates_are_near_what_a_detection_counts(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
     """Of 240 objects some are looked at, and 150 pairs of these: within the errors, and within a factor of 3."""
     scene, areas, tracks = throw(replace(PAPER, window=6.0), 4, 120, 120)
-    monkeypatch.setattr("conflictdb.advice.sample.PROBE", 60)
-    monkeypatch.setattr("conflictdb.advice.sample.PIECES", 450)
+    advice = advise(scene, areas, tracks, sample=150, seed=1, affordable=Affordable(objects=60, pieces=450))
+    assert 100 < advice.objects_looked_at < 200
+    assert advice.sampled_pairs == 150
     with conflictdb.connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
-        advice = db.advise(scene.name, sample=150, seed=1)
-        assert 100 < advice.objects_looked_at < 200
-        assert advice.sampled_pairs == 150
         for method in (Method.SCREEN, Method.WINDOW, Method.EXACT):
             done = db.detect(scene.name, method=method, full=True)
             estimate = of(advice, method, scene.tolerance_m)
@@ -215,10 +213,8 @@ def test_an_empty_scene_and_strangers_need_no_advice(dsn: str) -> None:
             assert "come near each other" in advice.recommendation
 
 
-def test_strangers_among_some_objects_are_said_to_be_some(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.advice.sample.PROBE", 4)
-    monkeypatch.setattr("conflictdb.advice.sample.PIECES", 4)
-    advice = advise(Scene("apart"), [], strangers(40))
+def test_strangers_among_some_objects_are_said_to_be_some() -> None:
+    advice = advise(Scene("apart"), [], strangers(40), affordable=Affordable(objects=4, pieces=4))
     assert advice.objects_looked_at < 40
     assert (
         f"no two of {advice.objects_looked_at} of the 40 objects, drawn at random, come near" in advice.recommendation

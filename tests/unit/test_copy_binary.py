@@ -35,12 +35,11 @@ def test_rows_are_field_counts_lengths_and_data() -> None:
     assert b"".join(copy_binary._blocks(columns)) == expected
 
 
-def test_blocks_of_many_rows_join_seamlessly(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_of_many_rows_join_seamlessly() -> None:
     texts = [b"x" * (n % 7) if n % 5 else None for n in range(100)]
     columns: list[Any] = [Ragged.of(texts), copy_binary.fixed(np.arange(100), "i8")]
     whole = b"".join(copy_binary._blocks(columns))
-    monkeypatch.setattr(copy_binary, "_ROWS_PER_BLOCK", 7)
-    assert b"".join(copy_binary._blocks(columns)) == whole
+    assert b"".join(copy_binary._blocks(columns, 7)) == whole
 
 
 def test_no_rows_are_no_bytes() -> None:

@@ -160,10 +160,10 @@ def send(conn: psycopg.Connection[Any], table: str, columns: Mapping[str, Column
         copy.write(_TRAILER)
 
 
-def _blocks(columns: list[Column]) -> Iterator[bytes]:
+def _blocks(columns: list[Column], rows: int = _ROWS_PER_BLOCK) -> Iterator[bytes]:
     n = len(columns[0]) if isinstance(columns[0], np.ndarray) else len(columns[0].offset) - 1
-    for first in range(0, n, _ROWS_PER_BLOCK):
-        yield _block(columns, first, min(first + _ROWS_PER_BLOCK, n)).tobytes()
+    for first in range(0, n, rows):
+        yield _block(columns, first, min(first + rows, n)).tobytes()
 
 
 def _block(columns: list[Column], first: int, end: int) -> Bytes:
