@@ -10,6 +10,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Final, TypeAlias, TypeVar
 
+from conflictdb.errors import InvalidInput
 from conflictdb.methods import Method
 
 Period: TypeAlias = tuple[datetime | None, datetime | None]
@@ -168,7 +169,13 @@ class Approach:
     found_at: datetime | None = None
 
     def as_near(self, method: Method) -> Conflict:
-        """Return a pair that is only near as a row among conflicts: it has no periods."""
+        """Return a pair that is only near as a row among conflicts: it has no periods.
+
+        Raises InvalidInput where the verdict is another: the row of such a pair is the conflict.
+        """
+        if self.verdict is not Verdict.NEAR:
+            who = f"approach of {self.a_key!r} and {self.b_key!r}"
+            raise InvalidInput(who, "verdict", f"must be near: else its row is the conflict; got {self.verdict}")
         return Conflict(
             scene=self.scene,
             a_key=self.a_key,

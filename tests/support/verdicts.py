@@ -170,9 +170,9 @@ def compare(
         if not widest.touches:
             too_far_m = meeting.least_m - scene.separation_m
             if answer.verdict is Verdict.CONFLICT and too_far_m > TOUCH_M:
-                found.wrong.append(f"{pair}: false conflict, {too_far_m} m further apart than wanted")
+                found.wrong.append(f"{pair}: false conflict, {too_far_m} m beyond the separation")
             elif answer.verdict is Verdict.GRAZING and too_far_m > scene.tolerance_m + TOUCH_M:
-                found.wrong.append(f"{pair}: false grazing, {too_far_m} m further apart than wanted")
+                found.wrong.append(f"{pair}: false grazing, {too_far_m} m beyond the separation")
             continue
         found.wrong += [f"{pair}: {problem}" for problem in _periods(meeting, widest, answer, found)]
     return found

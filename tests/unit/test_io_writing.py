@@ -67,6 +67,17 @@ def test_closest_approaches_have_columns_of_their_own(found: list[conflictdb.Con
     assert (tmp_path / "none.csv").read_text() == ",".join(COLUMNS) + "\n"
 
 
+def test_only_what_is_near_is_a_row_without_periods(found: list[conflictdb.Conflict]) -> None:
+    """A pair that conflicts has periods: its row is the conflict."""
+    (near,) = conflictdb.solve([TRACK], [scenes.area("C", shapely.box(0.4, 0.1, 0.6, 0.2))], Scene("s", nearest_m=1e5))
+    assert near.approach is not None
+    assert near.approach.as_near(near.method) == near
+    approach = found[1].approach
+    assert approach is not None
+    with pytest.raises(InvalidInput, match="'A' and 'T': verdict: must be near"):
+        approach.as_near(found[1].method)
+
+
 def test_a_screening_knows_no_approach() -> None:
     found = conflictdb.solve([TRACK], [AREA], Scene("s", method="screen"))
     assert [one.approach for one in found] == [None]
