@@ -8,7 +8,7 @@ printed (benchmarks/published.py), on whole legs as in the paper.
 
 Cost: processor time of stages 3 and 4, up to the row per pair of objects, over the pairs of pieces with a track that
 stages 1 and 2 leave at that tolerance: the same number for every method, so that costs compare; `exact` takes all of
-them to stage 4. All scenes of a workload are settled together, as one large scene would be; the methods take turns, and
+them to stage 4. All scenes of a workload are solved together, as one large scene would be; the methods take turns, and
 the median of the turns counts. What takes milliseconds a pair has one turn, on the scenes held to brute force: it works
 pair by pair, so that their number does not matter. Read the ratios, not the microseconds.
 
@@ -121,7 +121,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Scenes:
-    """Scenes of one workload and earth, settled as one; object i of scene k has number k * objects + i of its kind."""
+    """Scenes of one workload and earth, solved as one; object i of scene k has number k * objects + i of its kind."""
 
     scene: Scene
     thrown: list[tuple[list[Area], list[Track]]]

@@ -13,7 +13,7 @@ ConflictDBError
     |__ NotCurrent             a scene did not become current in the time that somebody would wait
 
 IncompleteWarning is given with an answer that may lack something, because changes wait for detection.
-What a solver could not settle is not an error: it is a verdict (`unresolved`) in the result.
+What a solver could not decide is not an error: it is a verdict (`unresolved`) in the result.
 """
 
 from collections.abc import Iterator, Sequence

@@ -71,8 +71,8 @@ class Scene:
     nearest_m : pairs without conflict that come within this are reported with their closest approach, metres, >= 0
         (0: they are not); methods that stop before stage 4 report none
     earth : by default wgs84, or for great circles sphere, the only one they are on
-    centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until the
-        first objects settle it
+    centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until it
+        follows from the first objects
     """
 
     name: str
@@ -265,10 +265,10 @@ class Track:
             if self.floors_m is None and self.ceilings_m is None:
                 _check_heights(who, self.floor_m, self.ceiling_m)
             else:
-                self._settle_heights(who)
+                self._check_leg_heights(who)
         refusals.raise_found()
 
-    def _settle_heights(self, who: str) -> None:
+    def _check_leg_heights(self, who: str) -> None:
         """Check the heights of legs, and take the band of the whole track from them."""
         for name, extreme in (("floor_m", np.min), ("ceiling_m", np.max)):
             heights, given = getattr(self, name.replace("_m", "s_m")), getattr(self, name)
@@ -282,10 +282,10 @@ class Track:
                     who, f"{name}[{i}]", None if height == (-np.inf if extreme is np.min else np.inf) else height
                 )
             whole = float(extreme(heights))
-            settled = whole if np.isfinite(whole) else None
-            if given not in (None, settled):
-                raise InvalidInput(who, name, f"must be that of all legs ({settled}), or be left out; got {given}")
-            object.__setattr__(self, name, settled)
+            of_all = whole if np.isfinite(whole) else None
+            if given not in (None, of_all):
+                raise InvalidInput(who, name, f"must be that of all legs ({of_all}), or be left out; got {given}")
+            object.__setattr__(self, name, of_all)
         floors_m, ceilings_m = self.heights_m()
         low = np.flatnonzero(ceilings_m <= floors_m)
         if low.size:

@@ -1,6 +1,6 @@
--- A routine whose parameters or results change cannot be replaced, and what depends on it (views, also those of users)
--- must not be dropped. So the old one steps aside under another name; 95_retired.sql drops it, when all are bound to
--- the new one.
+-- A routine whose name, parameters or results change cannot be replaced, and what depends on it (views, also those of
+-- users) must not be dropped. So the old one steps aside under another name; 95_retired.sql drops it, when all are
+-- bound to the new one.
 
 DO $$
 DECLARE
@@ -13,7 +13,8 @@ BEGIN
                AND p.proname IN ('_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar',
                                  '_conflict_region')
                OR NOT 'p_scene_id' = ANY (p.proargnames) AND p.proname = '_conflict_region'
-               OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near')
+               OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near'
+               OR p.proname = '_settle_centre')
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
                        '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));

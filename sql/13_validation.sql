@@ -1,7 +1,7 @@
 -- Rows of scene, area and track must keep the rules, whoever writes them.
 -- Rows are also brought into one form: spans half-open and unbounded rather than infinite.
 
-CREATE OR REPLACE FUNCTION _settle_centre(
+CREATE OR REPLACE FUNCTION _ensure_centre(
     p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -13,7 +13,7 @@ BEGIN
     SELECT s.centre_lon, s.centre_lat INTO centre_lon, centre_lat FROM scene s WHERE s.scene_id = p_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _settle_centre(bigint, geometry) IS
+COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
 'Gives a scene of great circles without a centre the middle of its first object; returns the centre.';
 
 CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
@@ -81,7 +81,7 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     IF v_scene.motion = 'great_circle' THEN
         IF v_scene.centre_lon IS NULL THEN
-            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _settle_centre(NEW.scene_id, NEW.footprint) c;
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.footprint) c;
         END IF;
         PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
     END IF;
@@ -200,7 +200,7 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     IF v_scene.motion = 'great_circle' THEN
         IF v_scene.centre_lon IS NULL THEN
-            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _settle_centre(NEW.scene_id, NEW.path) c;
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.path) c;
         END IF;
         PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
         PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,

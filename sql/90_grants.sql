@@ -46,7 +46,7 @@ $$;
 GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene,
-                          _settle_centre, _first_version, _begin_load, _load
+                          _ensure_centre, _first_version, _begin_load, _load
     TO conflictdb_editor;
 
 -- Workers keep the derived tables.

@@ -404,6 +404,9 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 FUNCTION _end_pieces(p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -589,9 +592,6 @@ FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
 
 FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
-
-FUNCTION _settle_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "40d891195a88f2f2e607068d95b9558a2aaa9a07ffe939185eaafbf8ea020784"
+routines_sha256 = "411c454e2d9c2a7c821cff1a4d17930f263fc383838221ff220e9e8407f4a099"
 
 
 RENAMED = (("area", "area_key"), ("track", "track_key"), ("scene", "scene_name"))

@@ -100,7 +100,7 @@ def test_pairs_at_the_edge_of_contact_sweep(workload: Workload, earth: EarthMode
 
 
 def test_micrometres_apart_for_an_hour_is_grazing() -> None:
-    """Edges that are nearly parallel stay ten micrometres apart for long: settled by depth, not left unresolved."""
+    """Edges that are nearly parallel stay ten micrometres apart for long: decided by depth, not left unresolved."""
     scene, areas, tracks = throw(PAPER, 70, 8, 8, EarthModel.WGS84)
     (zone,) = (area for area in areas if area.key == "A3")
     (other,) = (track for track in tracks if track.key == "T7")

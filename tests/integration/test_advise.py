@@ -151,7 +151,7 @@ def test_areas_for_ever_have_no_slack() -> None:
         assert (one.conflicts.value, one.wrong.false_pairs, one.wrong.slack_worst_s) == (1.0, 0, 0.0)
 
 
-def test_boxes_that_meet_without_their_hulls_are_settled_by_stage_2() -> None:
+def test_boxes_that_meet_without_their_hulls_are_told_apart_by_stage_2() -> None:
     """Two triangles in opposite corners of nearly the same box, and a track along the gap between them."""
     areas = [
         Area(key, shapely.MultiPolygon([shapely.Polygon(ring)]))

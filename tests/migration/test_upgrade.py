@@ -148,6 +148,14 @@ def test_parameters_get_other_names_under_views_of_users(dsn: str) -> None:
         assert conn.execute("SELECT * FROM public.mine").fetchall() == []
 
 
+def test_a_routine_that_got_another_name_goes(dsn: str) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("ALTER FUNCTION conflictdb._ensure_centre RENAME TO _settle_centre")
+        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
+    schema.upgrade(dsn)
+    assert catalog(dsn)[0] == SNAPSHOT.read_text()
+
+
 def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '9999'")

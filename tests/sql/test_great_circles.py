@@ -78,7 +78,7 @@ def test_earth_is_the_sphere(conn: Conn) -> None:
         assert refused(conn, query) == ("ZC009", "scene_circles_on_sphere")
 
 
-def test_centre_is_given_or_settled_by_the_first_object_and_kept(conn: Conn) -> None:
+def test_centre_is_given_with_the_scene_or_by_the_first_object_and_kept(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.create_scene('s', 'great_circle')")
     conn.execute("SELECT conflictdb.put_area('s', 'A', ST_MakeEnvelope(10, -1, 12, 1, 4326))")
     first = centre(conn)
