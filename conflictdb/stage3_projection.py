@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
@@ -47,10 +47,11 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0
     for member, classes in zip((pairs.a, pairs.b), shape_classes(plane, pieces, pairs), strict=True):
-        rows = np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code))
+        rows = PairRows(np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code)))
         if rows.size:
-            one, other = _track_window(scene, plane, pieces, member[rows], classes[rows], pairs, rows)
-            gone = (pieces.start_us[member[rows]] - start[rows]) / 1e6
+            tracks = PieceRows(member[rows])
+            one, other = _track_window(scene, plane, pieces, tracks, classes[rows], pairs, rows)
+            gone = (pieces.start_us[tracks] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
     return first, last
@@ -60,10 +61,10 @@ def _track_window(
     scene: Scene,
     plane: Plane,
     pieces: Pieces,
-    member: NDArray[np.int64],
+    member: PieceRows,
     classes: NDArray[np.int64],
     pairs: Pairs,
-    rows: NDArray[np.int64],
+    rows: PairRows,
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
     n = len(rows)
@@ -71,7 +72,8 @@ def _track_window(
     low, high = np.zeros(n), np.full(n, 1.0)
     for one in np.unique(classes):
         some = np.flatnonzero(classes == one)
-        low[some], high[some] = _fractions(scene, plane, pieces, member[some], duration[some], pairs, rows[some])
+        tracks, of_tracks = PieceRows(member[some]), PairRows(rows[some])
+        low[some], high[some] = _fractions(scene, plane, pieces, tracks, duration[some], pairs, of_tracks)
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward
 
@@ -80,10 +82,10 @@ def _fractions(
     scene: Scene,
     plane: Plane,
     pieces: Pieces,
-    member: NDArray[np.int64],
+    member: PieceRows,
     duration: Floats,
     pairs: Pairs,
-    rows: NDArray[np.int64],
+    rows: PairRows,
 ) -> tuple[Floats, Floats]:
     """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
     nought = np.zeros(len(rows))

@@ -42,7 +42,7 @@ from conflictdb.advice.estimates import (
 )
 from conflictdb.advice.sample import SECONDS, Affordable, Frame, Objects
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.errors import InvalidInput
@@ -374,6 +374,6 @@ def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pi
     everything = Pieces.concatenate(
         [replace(pieces, object_id=pieces.object_id + copy * objects) for copy in range(copies)]
     )
-    again = pairs.take(np.tile(np.arange(len(pairs)), copies))
+    again = pairs.take(PairRows(np.tile(np.arange(len(pairs)), copies)))
     away = np.repeat(np.arange(copies) * len(pieces), len(pairs))
     return everything, replace(again, a=PieceRows(again.a + away), b=PieceRows(again.b + away))

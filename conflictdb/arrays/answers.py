@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Contacts:
     """m intervals during which pairs of pieces interfere, or might.
 
-    pair : (m,) int64          row number of the pair, not decreasing
+    pair : (m,) int64          row number of the pair among those that were asked about, not decreasing
     start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
     error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
     verdict : (m,) int8        Verdict.code

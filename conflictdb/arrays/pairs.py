@@ -1,13 +1,16 @@
 """Pairs of pieces as arrays: what stage 2 leaves for stage 4."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, NewType, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
+
+# Row numbers in a `Pairs`: no pieces, and no rows of what was taken from it.
+PairRows = NewType("PairRows", np.ndarray[Any, np.dtype[np.int64]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.a)
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: PairRows) -> Self:
         """Return some of the pairs."""
         offset, index = ragged_rows(self.region_offset, rows)
         company = None if self.company is None else self.company[rows]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -24,15 +24,15 @@ def with_closest_approaches(
     scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, conflicts: Conflicts
 ) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
-    pairs = pairs.take(np.flatnonzero(~is_covered(pieces, pairs)))
+    pairs = pairs.take(PairRows(np.flatnonzero(~is_covered(pieces, pairs))))
     # Objects that meet are closest when they first do.
     meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
     a, b, swapped = ordered_members(pieces, pairs)
     if scene.nearest_m == 0.0:
         # At most the pairs of conflicts are asked for.
-        likely = np.flatnonzero(
-            np.isin(pieces.object_id[a], conflicts.a_id[~meets]) & np.isin(pieces.object_id[b], conflicts.b_id[~meets])
-        )
+        known_members = np.isin(pieces.object_id[a], conflicts.a_id[~meets])
+        known_members &= np.isin(pieces.object_id[b], conflicts.b_id[~meets])
+        likely = PairRows(np.flatnonzero(known_members))
         pairs, swapped, a, b = pairs.take(likely), swapped[likely], PieceRows(a[likely]), PieceRows(b[likely])
     known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
     keys = np.concatenate([known, object_keys(pieces, a, b)], axis=1)
@@ -41,13 +41,13 @@ def with_closest_approaches(
 
     wanted = np.full(objects.shape[1], scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
     wanted[known_number] = np.where(meets, -np.inf, np.inf)
-    rows = np.flatnonzero(wanted[number] >= 0.0)
+    rows = PairRows(np.flatnonzero(wanted[number] >= 0.0))
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
     nearest = _approaches(plane, pieces, candidates, group, wanted[asked])
     of_b = swapped[rows[nearest.pair]]
     touch = np.flatnonzero(nearest.distance_m == 0.0)
-    where = meeting_points(scene, plane, pieces, candidates.take(nearest.pair[touch]), nearest.at_s[touch])
+    where = meeting_points(scene, plane, pieces, candidates.take(PairRows(nearest.pair[touch])), nearest.at_s[touch])
     nearest.a_deg[touch] = nearest.b_deg[touch] = where
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)
@@ -77,7 +77,7 @@ def with_closest_approaches(
     # Infinite: further apart than asked. NaN: not to be found, so that they may come as near as anything.
     more = np.flatnonzero(~is_known[asked] & ~np.isinf(nearest.distance_m))
     lost = np.isnan(nearest.distance_m[more])
-    pair = rows[np.unique(group, return_index=True)[1][more]]
+    pair = PairRows(rows[np.unique(group, return_index=True)[1][more]])
     member_a, member_b = a[pair], b[pair]
     start, end = shared_span(pieces, candidates)
     first_us, last_us = np.full(len(asked), FOR_EVER_US), np.full(len(asked), SINCE_EVER_US)
@@ -110,13 +110,19 @@ def _approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.in
     nowhere = np.full(n, np.nan)
     places = np.full((n, 2), np.nan)
     answer = Approaches(
-        np.zeros(n, np.int64), nowhere.copy(), np.full(n, SINCE_EVER_US), nowhere.copy(), nowhere, places, places.copy()
+        pair=PairRows(np.zeros(n, np.int64)),
+        at_s=nowhere.copy(),
+        at_us=np.full(n, SINCE_EVER_US),
+        distance_m=nowhere.copy(),
+        error_m=nowhere,
+        a_deg=places,
+        b_deg=places.copy(),
     )
 
     def search(groups: NDArray[np.int64]) -> Approaches | None:
-        rows = np.flatnonzero(np.isin(group, groups))
+        rows = PairRows(np.flatnonzero(np.isin(group, groups)))
         found = approaches(plane, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
-        return replace(found, pair=np.where(found.pair < 0, found.pair, rows[found.pair]))
+        return replace(found, pair=PairRows(np.where(found.pair < 0, found.pair, rows[found.pair])))
 
     for groups, found in isolated(np.arange(n), search, lambda groups: None, "pair of objects"):
         if found is not None:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
@@ -85,10 +85,10 @@ def _first_contacts(
     """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
     points = np.full((len(earliest), 2), np.nan)
     if METHODS[scene.method].solver is not None:
-        pair = contacts.pair[earliest]
+        pair = PairRows(contacts.pair[earliest])
         at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
         seen = np.flatnonzero(~is_covered(pieces, pairs.take(pair)))
-        points[seen] = meeting_points(scene, plane, pieces, pairs.take(pair[seen]), at[seen])
+        points[seen] = meeting_points(scene, plane, pieces, pairs.take(PairRows(pair[seen])), at[seen])
     return points
 
 

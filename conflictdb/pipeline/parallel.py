@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from conflictdb.arrays.answers import Contacts
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
@@ -45,7 +45,8 @@ def contacts_by_jobs(
     if jobs <= 1:
         return contacts(scene, plane, pieces, pairs, first_s, last_s, advance)
     effort, parts = Effort(), []
-    blocks = [np.arange(k, min(k + pairs_per_job, len(pairs))) for k in range(0, len(pairs), pairs_per_job)]
+    starts = range(0, len(pairs), pairs_per_job)
+    blocks = [PairRows(np.arange(k, min(k + pairs_per_job, len(pairs)))) for k in starts]
     tasks = (
         (scene, plane, *_with_own_pieces(pieces, pairs.take(rows)), first_s[rows], last_s[rows]) for rows in blocks
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
@@ -101,11 +101,11 @@ def run_stages(
     covered = is_covered(pieces, pairs)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     parts = [
-        _unresolved(pieces, pairs, np.flatnonzero(covered)),
-        _static_contacts(scene, plane, pieces, pairs, np.flatnonzero(static & ~covered)),
+        _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
+        _static_contacts(scene, plane, pieces, pairs, PairRows(np.flatnonzero(static & ~covered))),
     ]
     funnel.window_pairs = sum(map(len, parts))
-    moving = np.flatnonzero(~static & ~covered)
+    moving = PairRows(np.flatnonzero(~static & ~covered))
     if method.last_stage < 3:
         parts.append(_unresolved(pieces, pairs, moving))
     elif moving.size:
@@ -113,7 +113,7 @@ def run_stages(
         first, last = _windows(scene, plane, pieces, pairs.take(moving), funnel)
         funnel.stage3_s = time.perf_counter() - windows_began
         possible = np.flatnonzero(first <= last)
-        moving, first, last = moving[possible], first[possible], last[possible]
+        moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
         funnel.window_pairs += len(moving)
         if method.last_stage < 4:
             verdict, touches = np.full(len(moving), UNRESOLVED, np.int8), np.ones(len(moving), np.bool_)
@@ -149,8 +149,8 @@ def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: F
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
     for rows, (low, high) in isolated(
         np.arange(len(pairs)),
-        lambda rows: windows(scene, plane, pieces, pairs.take(rows)),
-        lambda rows: _spans_s(pieces, pairs.take(rows)),
+        lambda rows: windows(scene, plane, pieces, pairs.take(PairRows(rows))),
+        lambda rows: _spans_s(pieces, pairs.take(PairRows(rows))),
         "pair of pieces",
     ):
         first[rows], last[rows] = low, high
@@ -162,19 +162,19 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     return np.zeros(len(pairs)), (end - start) / 1e6
 
 
-def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> Contacts:
+def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return the contacts of pairs of areas: they last as long as both are there."""
     verdict = static_verdicts(scene, plane, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
-    return _whole_spans(pieces, pairs, rows[meets], verdict[meets])
+    return _whole_spans(pieces, pairs, PairRows(rows[meets]), verdict[meets])
 
 
-def _unresolved(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64]) -> Contacts:
+def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return pairs of which nothing is decided, with the time that they share."""
     return _whole_spans(pieces, pairs, rows, np.full(len(rows), UNRESOLVED, np.int8))
 
 
-def _whole_spans(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], verdict: NDArray[np.int8]) -> Contacts:
+def _whole_spans(pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8]) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
     start, end = shared_span(pieces, pairs.take(rows))
     unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)

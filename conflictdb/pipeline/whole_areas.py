@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Contacts
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane, shape_classes, shapes_of
@@ -41,7 +41,7 @@ def deep_in_whole_areas(
     """
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
-    pair = contacts.pair[rows]
+    pair = PairRows(contacts.pair[rows])
     members, classes = (pairs.a[pair], pairs.b[pair]), shape_classes(plane, pieces, pairs)[:, pair]
     every = np.concatenate(members)
     numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
@@ -58,7 +58,9 @@ def deep_in_whole_areas(
             asked = np.flatnonzero((pieces.kind[area] == Kind.AREA.code) & ~is_deep[owner])
             mine = cores[np.searchsorted(numbers, pieces.object_id[area[asked]])]
             reaches = _meet(
-                mine, plane, _polygons(plane, pieces, other[asked], other_class[asked], at[asked], zero[asked])
+                mine,
+                plane,
+                _polygons(plane, pieces, PieceRows(other[asked]), other_class[asked], at[asked], zero[asked]),
             )
             is_deep[owner[asked[reaches]]] = True
     return is_deep
@@ -85,7 +87,7 @@ def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_
 def _polygons(
     plane: Plane,
     pieces: Pieces,
-    rows: NDArray[np.int64],
+    rows: PieceRows,
     classes: NDArray[np.int64],
     at_s: Floats,
     zero_us: NDArray[np.int64],

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides, least_on_chord
 from conflictdb.model import SINCE_EVER_US
@@ -61,7 +61,7 @@ class Approaches:
     a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points; NaN where there are none
     """
 
-    pair: NDArray[np.int64]
+    pair: PairRows
     at_s: Floats
     at_us: NDArray[np.int64]
     distance_m: Floats
@@ -231,7 +231,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     chosen = order[first]
 
     found = Approaches(
-        np.full(len(least), -1),
+        PairRows(np.full(len(least), -1)),
         np.zeros(len(least)),
         np.full(len(least), SINCE_EVER_US),
         least,
@@ -243,7 +243,7 @@ def approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int
     apart = np.flatnonzero(np.isfinite(least) & (least > 0.0))
     distance_error = np.where(least[apart] > short_m(plane), plane.distance_error_m(least[apart]), 0.0)
     found.error_m[apart] = np.maximum(least[apart] - floor[apart], 0.0) + TOUCH_M + distance_error
-    some = pairs.take(found.pair[owner])
+    some = pairs.take(PairRows(found.pair[owner]))
     for rows in group_by_shape(plane, pieces, some, np.arange(len(some))):
         start = np.maximum(pieces.start_us[some.a[rows]], pieces.start_us[some.b[rows]])
         encounters = Encounters.of(plane, 0.0, pieces, some, rows, start)
