@@ -2,11 +2,11 @@
 
     ./.venv/bin/python benchmarks/stage4.py [--scenes 40] [--tracks 60] [--programs 40]
 
-Tracks of the paper's workload with rectangular havens, tolerance 0, one process. Every figure is processor time, the
-least of several rounds in which all take turns: *exact* with everything it takes from pieces to contacts, *first step*
-the certified windows alone (with the motion at both ends), *uniform* the exact method on pairs that move uniformly (the
-same tracks laid along the equator), *closed form* of that the formula alone, from polygons and velocities, *SLSQP* the
-published program on a few of the pairs that are in conflict, and as many that are not.
+Full batches (tracks of a workload with rectangular havens) and mixed ones (areas and tracks of every shape), WGS84,
+tolerance 0. Processor time, microseconds a pair, the least of several rounds: *whole* from pieces
+to contacts, *kernel* alone, *500 m* and *5 km* the same with a separation, *uniform* on the same tracks laid along the
+equator (the closed form), *SLSQP* the published program on a few of the pairs that are in conflict, and as many that
+are not. *prepare* is a piece, not a pair. *threads* is how many times as fast two threads are, by the clock.
 """
 
 import argparse
@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
@@ -23,41 +22,31 @@ import numpy as np
 from numpy.typing import NDArray
 from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
-from conflictdb.arrays.objects import TrackBatch
+from conflictdb import kernel
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel import Outcome, Solution, Work
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import track_pieces
+from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import contacts
-from conflictdb.stage4.distance import edge_gaps
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import BLOCK, Work, solve_exactly
-from conflictdb.stage4.exact.touching import Touching, closed_form
-from conflictdb.stage4.outcomes import Outcome
 from conflictdb.stage4.published.nonlinear_program import extreme_contact
 
 ROUNDS = 5
-
-
-class FirstStep(Touching):
-    """The certified window of every pair, and no more."""
-
-    most_windows: ClassVar[int] = 1
-
-    def _depth(self, pairs: Encounters, t: Floats, smallest: Floats) -> Floats:
-        return np.ones(len(t))
+# Pairs are taken so many times over, so that two threads have something to do.
+TIMES = 10
 
 
 @dataclass(frozen=True)
 class Load:
-    """Pairs of pieces whose shapes share arrays."""
+    """Pairs of pieces, one of which moves."""
 
     scene: Scene
     pieces: Pieces
@@ -65,10 +54,28 @@ class Load:
     start_us: NDArray[np.int64]
     span_s: Floats
 
-    def encounters(self) -> Encounters:
-        """Return the pairs as encounters."""
-        rows = np.arange(len(self.pairs))
-        return Encounters.of(plane_of(self.scene), 0.0, self.pieces, self.pairs, rows, self.start_us)
+    def prepared(self) -> kernel.Scene:
+        """Return the pieces as the kernel takes them."""
+        return kernel.Scene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
+
+    def solved(self, prepared: kernel.Scene, separation_m: float = 0.0, times: int = 1, threads: int = 1) -> Solution:
+        """Ask the kernel about all pairs."""
+        columns = self.pairs.a, self.pairs.b, self.start_us, np.zeros(len(self.pairs)), self.span_s
+        many = [np.tile(column, times) for column in columns]
+        return prepared.contacts(*many, separation_m, TOUCH_M, Work(), threads)
+
+    def contacts(self) -> None:
+        """Find all contacts, from pieces on."""
+        contacts(self.scene, plane_of(self.scene), self.pieces, self.pairs, np.zeros(len(self.pairs)), self.span_s)
+
+    def ask_program(self, rows: NDArray[np.int64]) -> None:
+        """Ask the published nonlinear program for both ends of some pairs."""
+        plane = plane_of(self.scene)
+        for row in rows:
+            some = np.array([row])
+            pair = Encounters.of(plane, 0.0, self.pieces, self.pairs, some, self.start_us[some])
+            for latest in (False, True):
+                extreme_contact(pair, 0.0, float(self.span_s[row]), latest=latest)
 
 
 def along_the_equator(track: Track) -> Track:
@@ -76,131 +83,80 @@ def along_the_equator(track: Track) -> Track:
     return replace(track, positions_deg=track.positions_deg * np.array([1.0, 0.0]))
 
 
-def load(workload: Workload, earth: EarthModel, scenes: int, tracks: int, *, equatorial: bool) -> Load:
-    """Return the largest group of like pairs of some scenes."""
+def load(workload: Workload, scenes: int, areas: int, tracks: int, *, equatorial: bool = False) -> Load:
+    """Return the pairs of some scenes, side by side; without areas all havens are rectangles."""
     parts, firsts, seconds, count = [], [], [], 0
-    scene = Scene("stage 4", earth=earth, tolerance_m=0.0)
+    scene = Scene("stage 4", earth=EarthModel.WGS84, tolerance_m=0.0)
+    thrown_from = workload if areas else replace(workload, odd_share=0.0)
     for seed in range(scenes):
-        _, _, thrown = throw(replace(workload, odd_share=0.0), seed, 0, tracks, earth)
+        _, standing, moving = throw(thrown_from, seed, areas, tracks, EarthModel.WGS84)
         if equatorial:
-            thrown = [along_the_equator(track) for track in thrown]
-        pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(thrown))
+            moving = [along_the_equator(track) for track in moving]
+        pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(standing), TrackBatch.of(moving))
         found = intersections(pieces, *candidates(pieces), regions=False)
+        found = found.take(np.flatnonzero((pieces.kind[found.a] == 1) | (pieces.kind[found.b] == 1)))
         parts.append(pieces)
         firsts.append(found.a + count)
         seconds.append(found.b + count)
         count += len(pieces)
     pieces = Pieces.concatenate(parts)
     a, b = np.concatenate(firsts), np.concatenate(seconds)
-    classes = shape_class(plane_of(scene), pieces)
-    key = classes[a] * (classes.max() + 1) + classes[b]
-    kinds, counts = np.unique(key, return_counts=True)
-    rows = np.flatnonzero(key == kinds[counts.argmax()])
-    pairs = Pairs(a[rows], b[rows], np.empty((0, 2)), np.zeros(len(rows) + 1, np.int64))
+    pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
     start, end = shared_span(pieces, pairs)
     return Load(scene, pieces, pairs, start, (end - start) / 1e6)
 
 
-def spent(work: Callable[[], object]) -> float:
-    """Return the seconds of processor time that some work takes."""
-    before = time.process_time()
+def spent(work: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
+    """Return the seconds that some work takes."""
+    before = clock()
     work()
-    return time.process_time() - before
-
-
-def exact(loaded: Load) -> None:
-    """Settle all pairs, from pieces to contacts."""
-    contacts(
-        loaded.scene, plane_of(loaded.scene), loaded.pieces, loaded.pairs, np.zeros(len(loaded.pairs)), loaded.span_s
-    )
-
-
-def first_step(pairs: Encounters, span_s: Floats) -> None:
-    """Certify a window for every pair."""
-    for first in range(0, len(pairs), BLOCK):
-        rows = np.arange(first, min(first + BLOCK, len(pairs)))
-        FirstStep(pairs.take(rows), np.zeros(len(rows)), span_s[rows], TOUCH_M, Work()).settle()
-
-
-def formula(pairs: Encounters, span_s: Floats) -> Callable[[], None]:
-    """Return the closed form of pairs whose polygons and velocities are known."""
-    blocks = []
-    for first in range(0, len(pairs), BLOCK):
-        some, span = pairs.take(slice(first, first + BLOCK)), span_s[first : first + BLOCK]
-        a, b = some.a.positions(0.5 * span), some.b.positions(0.5 * span)
-        velocity = some.b.velocity(0.5 * span) - some.a.velocity(0.5 * span)
-        blocks.append((some, a, b, velocity, 0.5 * span, np.full(len(span), 2.0 * TOUCH_M)))
-
-    def work() -> None:
-        for some, a, b, velocity, half, slack in blocks:
-            closed_form(edge_gaps(some, a, b), velocity, -half, half, slack, slack)
-
-    return work
-
-
-def program(pairs: Encounters, rows: NDArray[np.int64], span_s: Floats) -> None:
-    """Ask the published nonlinear program for both ends of each pair."""
-    for row in rows.tolist():
-        pair = pairs.take(np.array([row]))
-        for latest in (False, True):
-            extreme_contact(pair, 0.0, float(span_s[row]), latest=latest)
+    return clock() - before
 
 
 def main() -> None:
-    """Measure and print one row per workload and earth."""
+    """Measure and print one row per batch and workload."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=40)
-    parser.add_argument("--tracks", type=int, default=60, help="tracks per scene")
+    parser.add_argument("--tracks", type=int, default=60, help="tracks per scene of a full batch")
     parser.add_argument("--programs", type=int, default=40, help="pairs that the program is asked about")
     args = parser.parse_args()
-    print(
-        f"{'workload':>15} {'earth':>7} {'pairs':>7} {'meet':>5} {'exact':>9} {'first step':>10} {'uniform':>8} "
-        f"{'closed form':>11} {'SLSQP':>9} {'SLSQP/exact':>11} {'windows':>8} {'evaluations':>11} {'undecided':>11} "
-        "  (us a pair)"
-    )
-    for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS):
-        for earth in EarthModel:
-            loaded = load(workload, earth, args.scenes, args.tracks, equatorial=False)
-            uniform = load(workload, earth, args.scenes, args.tracks, equatorial=True)
-            pairs, level = loaded.encounters(), uniform.encounters()
-            work = Work()
-            solution = solve_exactly(pairs, np.zeros(len(pairs)), loaded.span_s, TOUCH_M, work)
+    names = ("whole", "kernel", "500 m", "5 km", "uniform", "SLSQP", "prepare", "threads")
+    print(f"{'batch':>6} {'workload':>15} {'pairs':>7} {'meet':>5} " + " ".join(f"{name:>8}" for name in names))
+    for areas, tracks in ((0, args.tracks), (10, 10)):
+        for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS):
+            given = load(workload, args.scenes, areas, tracks)
+            uniform = load(workload, args.scenes, areas, tracks, equatorial=True)
+            prepared, level = given.prepared(), uniform.prepared()
+            solution = given.solved(prepared)
             rng = np.random.default_rng(0)
-            half = args.programs // 2
             chosen = np.concatenate(
                 [
-                    rng.permutation(np.flatnonzero(solution.ended(Outcome.CONTACT)))[:half],
-                    rng.permutation(np.flatnonzero(solution.ended(Outcome.SEPARATED)))[:half],
+                    rng.permutation(np.flatnonzero(solution.ended(outcome)))[: args.programs // 2]
+                    for outcome in (Outcome.CONTACT, Outcome.SEPARATED)
                 ]
             )
-            level_work = Work()
-            solve_exactly(level, np.zeros(len(level)), uniform.span_s, TOUCH_M, level_work)
-            if level_work.closed_forms != len(level):
-                raise SystemExit(
-                    f"only {level_work.closed_forms} of {len(level)} equatorial pairs took the closed form"
-                )
-            least = np.full(5, np.inf)
+            works: list[tuple[Callable[[], object], int]] = [
+                (given.contacts, len(given.pairs)),
+                (lambda given=given, prepared=prepared: given.solved(prepared), len(given.pairs)),
+                (lambda given=given, prepared=prepared: given.solved(prepared, 500.0), len(given.pairs)),
+                (lambda given=given, prepared=prepared: given.solved(prepared, 5000.0), len(given.pairs)),
+                (lambda uniform=uniform, level=level: uniform.solved(level), len(uniform.pairs)),
+                (lambda given=given, chosen=chosen: given.ask_program(chosen), max(len(chosen), 1)),
+                (given.prepared, len(np.unique(np.concatenate([given.pairs.a, given.pairs.b])))),
+            ]
+            least, clocks = np.full(len(works), np.inf), np.full(2, np.inf)
             for _ in range(ROUNDS):
-                rounds = (
-                    spent(lambda loaded=loaded: exact(loaded)) / len(pairs),
-                    spent(lambda pairs=pairs, loaded=loaded: first_step(pairs, loaded.span_s)) / len(pairs),
-                    spent(
-                        lambda level=level, uniform=uniform: solve_exactly(
-                            level, np.zeros(len(level)), uniform.span_s, TOUCH_M, Work()
-                        )
-                    )
-                    / len(level),
-                    spent(formula(level, uniform.span_s)) / len(level),
-                    spent(lambda pairs=pairs, loaded=loaded, chosen=chosen: program(pairs, chosen, loaded.span_s))
-                    / max(len(chosen), 1),
-                )
-                least = np.minimum(least, rounds)
-            whole, first, level_us, closed, slsqp = 1e6 * least
+                least = np.minimum(least, [spent(work) / count for work, count in works])
+                for k in (0, 1):
+
+                    def many(given: Load = given, prepared: kernel.Scene = prepared, threads: int = k + 1) -> None:
+                        given.solved(prepared, 0.0, TIMES, threads)
+
+                    clocks[k] = min(clocks[k], spent(many, time.perf_counter))
+            meet = solution.ended(Outcome.CONTACT).mean()
             print(
-                f"{workload.name:>15} {earth:>7} {len(pairs):>7,} {solution.ended(Outcome.CONTACT).mean():>5.0%} "
-                f"{whole:>9.2f} {first:>10.2f} {level_us:>8.2f} {closed:>11.2f} {slsqp:>9,.0f} {slsqp / whole:>11,.0f} "
-                f"{work.windows / len(pairs):>8.2f} {work.evaluations / len(pairs):>11.2f} "
-                f"{solution.ended(Outcome.UNDECIDED).mean():>11.3%}",
+                f"{'mixed' if areas else 'full':>6} {workload.name:>15} {len(given.pairs):>7,} {meet:>5.0%} "
+                + " ".join(f"{value:>8.2f}" for value in (*(1e6 * least), clocks[0] / clocks[1])),
                 flush=True,
             )
 

@@ -7,6 +7,7 @@ ConflictDBError
 |   |__ SchemaOutdated         database older than this package: run `conflictdb upgrade`
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
+|__ KernelMissing              the compiled kernel is not there, or not that of these sources: `./run` builds it
 |__ StoreError                 any other database error; psycopg.Error in __cause__
     |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
@@ -113,6 +114,13 @@ class SchemaTooNew(SchemaError):
 
 class ServerError(ConflictDBError):
     """No PostgreSQL with PostGIS was found, or it does not start."""
+
+
+class KernelMissing(ConflictDBError):
+    """The compiled kernel is not there, or not that of these sources."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what}: ./run builds it, or `python -m conflictdb.kernel.build`")
 
 
 class StoreError(ConflictDBError):

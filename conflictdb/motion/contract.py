@@ -13,6 +13,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats, Sides
@@ -81,6 +82,10 @@ class Plane(Protocol):
     @property
     def is_conformal(self) -> bool:
         """Whether angles in the plane are those on the earth."""
+
+    @property
+    def kernel_plane(self) -> kernel.Plane:
+        """What the kernel needs to know of the plane."""
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y of longitudes and latitudes."""

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.arcs import least_chord
@@ -58,6 +59,10 @@ class Gnomonic:
     @property
     def is_conformal(self) -> bool:
         return False
+
+    @property
+    def kernel_plane(self) -> kernel.Plane:
+        return kernel.Plane.gnomonic(self.centre_lon_deg, self.centre_lat_deg)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres; NaN for points that are not within 90 degrees of the centre."""

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth import rhumb_distance
 from conflictdb.earth.geodesy import Earth, Floats, Sides, direction_of
@@ -33,6 +34,10 @@ class Mercator:
     @property
     def is_conformal(self) -> bool:
         return True
+
+    @property
+    def kernel_plane(self) -> kernel.Plane:
+        return kernel.Plane.mercator(self.earth)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)

@@ -54,18 +54,6 @@ MAX_INTERVALS_PER_PAIR: Final = 4096
 # Halvings of a bracket by bisection, and narrowings by golden section: 48 reach BRACKET_S from a month. With fewer,
 # instants are known less well.
 MAX_BISECTIONS: Final = 48
-# Steps of one search. Bisection takes 60 to the last digit of float64, and every fourth step is one at worst: with
-# fewer, brackets stay wide and pairs are left to the search.
-MAX_ROOT_STEPS: Final = 300
-# Steps that may fail to halve a bracket before it is bisected: with none, ordinary ends take more steps; with more,
-# ends of shallow contacts do.
-SLOW_STEPS: Final = 3
-# An end is beyond doubt where the measure is between one and so many times what rounding is worth: with less, more
-# steps are needed to get there; with more, bounds are wider.
-MOST_TOUCHES: Final = 3.0
-# Instants nearer to each other than so many spacings of float64 are not told apart. With less, a search may not end
-# before its steps are used up.
-RESOLVED_SPACINGS: Final = 4.0
 
 # --- Closest approach ------------------------------------------------------------------------------------------------
 

@@ -1,17 +1,17 @@
 """Stage 4: when exactly do two pieces interfere.
 
-Pairs whose shapes can share arrays are solved together. Method `exact` solves most of them with the certified solver
-(`stage4.exact.solver`), and searches the rest (`stage4.search`). Method `nlp` searches all, and asks the published
-programs where to look.
+Method `exact` asks the kernel, which decides nearly all pairs, and takes the rest apart (`stage4.search`); method `nlp`
+takes every pair apart, and asks the published programs where to look.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
@@ -20,11 +20,10 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
-from conflictdb.stage4.constants import END_RESOLUTION_S, TOUCH_M
+from conflictdb.stage4.constants import PAIRS_AT_ONCE, TOUCH_M
 from conflictdb.stage4.distance import clearance_m, nearest_at
 from conflictdb.stage4.encounters import Encounters, group_by_shape
-from conflictdb.stage4.exact.solver import Work, solve_depth, solve_exactly
-from conflictdb.stage4.outcomes import Outcome, Solution
+from conflictdb.stage4.exact import Meetings, certain_contacts
 from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "static_verdicts"]
@@ -34,10 +33,10 @@ Progress = Callable[[int], None]
 
 @dataclass(slots=True)
 class Effort:
-    """What stage 4 did: pairs taken apart by the search, and what the exact solver and the programs did."""
+    """What stage 4 did: pairs taken apart by the search, and what the kernel and the programs did."""
 
     searched_pairs: int = 0
-    exact: Work = field(default_factory=Work)
+    exact: kernel.Work = field(default_factory=kernel.Work)
     programs: Programs = field(default_factory=Programs)
 
     def add(self, other: "Effort") -> None:
@@ -70,96 +69,49 @@ def contacts(
     solver = METHODS[scene.method].solver
     if solver is None:
         raise ValueError(f"method {scene.method} stops before stage 4")
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     effort = Effort()
     found = [nothing()]
 
     def solve(rows: NDArray[np.int64]) -> Contacts:
-        zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
-        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
-        end = np.minimum(pieces.end_us[pairs.a[rows]], pieces.end_us[pairs.b[rows]])
-        span = (end - zero) / 1e6
-        low, high = np.clip(first_s[rows], 0.0, span), np.clip(last_s[rows], 0.0, span)
-        belongs = _end_belongs(pieces, pairs, rows, end)
-        beyond = np.where(belongs, np.inf, span)
-        return _group_contacts(scene, solver, encounters, low, high, beyond, effort)
+        meetings = Meetings.of(plane, pieces, prepared, pairs, rows, first_s[rows], last_s[rows])
+        return _solved(scene, solver, meetings, effort)
 
     def leave(rows: NDArray[np.int64]) -> Contacts:
         width, verdict = last_s[rows] - first_s[rows], np.full(len(rows), UNRESOLVED, np.int8)
         touches = np.ones(len(rows), np.bool_)
         return Contacts(np.arange(len(rows)), first_s[rows], last_s[rows], width, verdict, touches)
 
-    for group in group_by_shape(plane, pieces, pairs, np.flatnonzero(first_s <= last_s)):
-        found += [one.of_pairs(rows) for rows, one in isolated(group, solve, leave, "pair of pieces")]
+    possible = np.flatnonzero(first_s <= last_s)
+    for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
+        found += [one.of_pairs(some) for some, one in isolated(rows, solve, leave, "pair of pieces")]
         if progress:
-            progress(len(group))
+            progress(len(rows))
     return Contacts.concatenate(found), effort
 
 
-def _group_contacts(
-    scene: Scene, solver: Solver, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, effort: Effort
-) -> Contacts:
-    """Return the contacts of like pairs by the solver of the scene's method."""
-    match solver:
-        case Solver.PROGRAMS:
-            effort.searched_pairs += len(pairs)
-            return search(pairs, scene.tolerance_m, low, high, beyond_s, effort.programs)
-        case Solver.CERTIFIED:
-            found, rest = _exact_contacts(scene, pairs, low, high, beyond_s, effort.exact)
-            effort.searched_pairs += len(rest)
-            if rest.size:
-                searched = search(pairs.take(rest), scene.tolerance_m, low[rest], high[rest], beyond_s[rest], None)
-                found.append(searched.of_pairs(rest))
-            return Contacts.concatenate(found)
+def _solved(scene: Scene, solver: Solver, meetings: Meetings, effort: Effort) -> Contacts:
+    """Return the contacts of pairs, numbered from 0, by the solver of the scene's method."""
+    found, rest = [nothing()], np.arange(len(meetings))
+    if solver is Solver.CERTIFIED:
+        certain, rest = certain_contacts(scene, meetings, effort.exact)
+        found += certain
+    effort.searched_pairs += len(rest)
+    if rest.size:
+        found.append(_searched(scene, solver, meetings.take(rest).with_own_pieces(), effort).of_pairs(rest))
+    return Contacts.concatenate(found)
 
 
-def _exact_contacts(
-    scene: Scene, pairs: Encounters, low: Floats, high: Floats, beyond_s: Floats, work: Work
-) -> tuple[list[Contacts], NDArray[np.int64]]:
-    """Return the contacts that are certain, and the rows of which nothing is."""
-
-    def known(solution: Solution, rows: NDArray[np.int64], is_known: NDArray[np.bool_], verdict: int) -> Contacts:
-        some = np.flatnonzero(is_known)
-        times = solution.start_s[some], solution.end_s[some], solution.error_s[some]
-        verdicts, touches = np.full(len(some), verdict, np.int8), np.ones(len(some), np.bool_)
-        return Contacts(rows[some], *times, verdicts, touches)
-
-    every = np.arange(len(pairs))
-    margin_m = max(scene.tolerance_m, TOUCH_M)
-    # A contact that begins where the span ends may not belong to the span: the search decides that.
-    last = beyond_s - 2.0 * END_RESOLUTION_S
-    solution = solve_exactly(pairs, low, high, margin_m, work)
-    deep = solution.ended(Outcome.CONTACT) & (solution.start_s < last)
-    found = [nothing(), known(solution, every, deep, CONFLICT)]
-    rest = np.flatnonzero(~deep & ~solution.ended(Outcome.SEPARATED))
-    if margin_m == TOUCH_M or not rest.size:
-        return found, rest
-    # The rest may be grazing. Do they touch, and how deep? If not, when are they within the tolerance?
-    some = pairs.take(rest)
-    solution = solve_exactly(some, low[rest], high[rest], TOUCH_M, work)
-    meets = solution.ended(Outcome.CONTACT) & (solution.start_s < last[rest])
-    depth = np.full(len(rest), Outcome.UNDECIDED, np.int8)
-    rows = np.flatnonzero(meets)
-    depth[rows] = _depth(some.take(rows), solution.start_s[rows], solution.end_s[rows], margin_m, work)
-    found.append(known(solution, rest, depth == Outcome.SEPARATED, GRAZING))
-    found.append(known(solution, rest, depth == Outcome.CONTACT, CONFLICT))
-    rows = np.flatnonzero(solution.ended(Outcome.SEPARATED))
-    wider = replace(some.take(rows), separation_m=pairs.separation_m + margin_m)
-    near = solve_exactly(wider, low[rest[rows]], high[rest[rows]], TOUCH_M, work)
-    close = near.ended(Outcome.CONTACT) & (near.start_s < last[rest[rows]])
-    found.append(replace(known(near, rest[rows], close, GRAZING), touches=np.zeros(int(close.sum()), np.bool_)))
-    done = depth != Outcome.UNDECIDED
-    done[rows] = close | near.ended(Outcome.SEPARATED)
-    return found, rest[~done]
-
-
-def _depth(pairs: Encounters, start: Floats, end: Floats, margin_m: float, work: Work) -> NDArray[np.int8]:
-    """Return (n,) the outcome of asking whether pairs that meet from start to end do so deeper than a margin."""
-    if pairs.separation_m > margin_m:
-        deeper = replace(pairs, separation_m=pairs.separation_m - margin_m)
-        return solve_exactly(deeper, start, end, TOUCH_M, work).outcome
-    if pairs.separation_m == 0.0 and len(pairs):
-        return solve_depth(pairs, start, end, margin_m)
-    return np.full(len(pairs), Outcome.UNDECIDED, np.int8)
+def _searched(scene: Scene, solver: Solver, meetings: Meetings, effort: Effort) -> Contacts:
+    """Return the contacts of pairs taken apart by the search, those together whose shapes can share arrays."""
+    programs = effort.programs if solver is Solver.PROGRAMS else None
+    found = [nothing()]
+    for rows in group_by_shape(meetings.plane, meetings.pieces, meetings.pairs, np.arange(len(meetings))):
+        alike = meetings.take(rows)
+        pairs = alike.encounters(scene.separation_m)
+        contacts = search(pairs, scene.tolerance_m, alike.low_s, alike.high_s, alike.beyond_s, programs)
+        found.append(contacts.of_pairs(rows))
+    return Contacts.concatenate(found)
 
 
 def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
@@ -225,11 +177,3 @@ def meeting_points(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, at_
 def _hulls(polygons: Floats) -> NDArray[np.object_]:
     """Return the convex hulls (n,) of vertices (2, v, n)."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(np.moveaxis(polygons, 0, 2).swapaxes(0, 1))))
-
-
-def _end_belongs(pieces: Pieces, pairs: Pairs, rows: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether the last instant of the shared span belongs to both pieces."""
-    belongs = np.ones(len(rows), np.bool_)
-    for member in (pairs.a[rows], pairs.b[rows]):
-        belongs &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
-    return belongs

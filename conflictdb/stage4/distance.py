@@ -76,11 +76,6 @@ def nearest(pairs: Encounters, a: Floats, b: Floats, within_m: float = np.inf) -
     return Nearest(gap, distance_m - pairs.separation_m, axis.T, point_a.T, point_b.T)
 
 
-def plane_distance(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return (n,) the signed separation in the plane, metres, and its axis (2, n) from a to b."""
-    return _nearest_in_plane(pairs, a, b)[:2]
-
-
 def _nearest_in_plane(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return (gap, axis, point_a, point_b) in the plane, points from the origin (see `Nearest`)."""
     gap, axis = widest_gap(pairs, a, b)
@@ -185,31 +180,6 @@ def gaps_along(nx: Floats, ny: Floats, mine: Floats, other: Floats, k: NDArray[n
 def _along(nx: Floats, ny: Floats, polygon: Floats) -> Floats:
     """Return (e, v, n) vertices along directions nx, ny (e, n)."""
     return np.asarray(nx[:, None] * polygon[0] + ny[:, None] * polygon[1])
-
-
-def separation(pairs: Encounters, a: Floats, b: Floats) -> Floats:
-    """Return (n,) the widest gap along the normals of the edges, plane metres; its sign is that of the separation.
-
-    NaN where neither polygon has an edge, for both have yet to grow from a point.
-    """
-    widest = np.full(a.shape[2], -np.inf)
-    for mine, other, convex in ((a, b, pairs.a.is_convex), (b, a, pairs.b.is_convex)):
-        for k, m in edges(mine, other, convex=convex):
-            nx, ny = mine[1, m] - mine[1, k], mine[0, k] - mine[0, m]
-            gap = gaps_along(nx, ny, mine, other, k, convex=convex)
-            length = nx * nx + ny * ny
-            # No edge between vertices that coincide.
-            gap /= np.sqrt(np.where(length > 0.0, length, np.nan))
-            np.fmax(widest, np.fmax.reduce(gap, axis=0), out=widest)
-    return np.where(widest > -np.inf, widest, np.nan)
-
-
-def separation_and_axis(pairs: Encounters, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the widest gap along the normals of the edges, and its axis (2, n) from a to b."""
-    widest, axis = np.full(a.shape[2], -np.inf), np.zeros((2, a.shape[2]))
-    for normal, gap, real in edge_gaps(pairs, a, b):
-        _take_wider(widest, axis, normal, np.where(real, gap, -np.inf))
-    return widest, axis
 
 
 def edges(mine: Floats, other: Floats, *, convex: bool) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:

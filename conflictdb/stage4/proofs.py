@@ -35,7 +35,7 @@ from conflictdb.stage4.constants import (
     SHORTEST_INTERVAL_S,
     TOUCH_M,
 )
-from conflictdb.stage4.distance import edges, gap_along, gaps_along, nearest
+from conflictdb.stage4.distance import gap_along, nearest
 from conflictdb.stage4.encounters import Encounters
 
 
@@ -208,29 +208,3 @@ def _speed(pairs: Encounters, t: Floats, more: Floats) -> Floats:
     """Return (n,) the greatest speed of any vertex plus `more`, plane metres per second."""
     fastest = [np.hypot(v[0], v[1]).max(axis=0) for v in (pairs.a.velocities(t), pairs.b.velocities(t))]
     return np.asarray(np.maximum(*fastest) + more)
-
-
-def clear_window(a0: Floats, b0: Floats, a1: Floats, b1: Floats, slack: Floats) -> tuple[Floats, Floats]:
-    """Return (u, v): shares of the time between two instants outside of which the pairs are apart, u > v if throughout.
-
-    a0, b0, a1, b1 : (2, v, n) vertices at both instants, plane metres
-    slack : (n,) what gaps between vertices on their chords must exceed
-    """
-    n = a0.shape[2]
-    u, v = np.zeros(n), np.ones(n)
-    for mine0, mine1, other0, other1 in ((a0, a1, b0, b1), (b0, b1, a0, a1)):
-        middle = mine0 + mine1
-        for k, m in edges(mine0, other0, convex=True):
-            nx, ny = middle[1, m] - middle[1, k], middle[0, k] - middle[0, m]
-            wanted = slack * np.sqrt(nx * nx + ny * ny)
-            # A polygon that stands still has nothing beyond an edge along the edge's own normal.
-            still = mine0 is mine1 and mine0.shape[1] > 2
-            g0 = gaps_along(nx, ny, mine0, other0, k, convex=still) - wanted
-            g1 = gaps_along(nx, ny, mine1, other1, k, convex=still) - wanted
-            with np.errstate(divide="ignore", invalid="ignore"):
-                zero = g0 / (g0 - g1)
-            before, after = g0 > 0.0, g1 > 0.0
-            np.maximum(u, np.where(before & ~after, zero, 0.0).max(axis=0), out=u)
-            np.minimum(v, np.where(after & ~before, zero, 1.0).min(axis=0), out=v)
-            u[(before & after).any(axis=0)] = 2.0
-    return u, v

@@ -42,12 +42,12 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "motion.rhumb", "motion.great_circles", "earth.arcs", "motion.mercator", "motion.gnomonic",
-    "motion.contract", "stage4.encounters", "stage4.distance", "stage4.outcomes", "stage4.proofs", "stage4.roots",
+    "motion.contract", "stage4.encounters", "stage4.distance", "stage4.proofs", "stage4.roots",
     "earth.rhumb_distance", "pieces.cutting",
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",
     "pipeline.closest_approaches", "pipeline.object_pairs", "stage3_projection", "stage4.contacts",
-    "stage4.exact.solver", "stage4.exact.windows", "stage4.exact.touching", "stage4.exact.separated", "stage4.search",
+    "stage4.exact", "stage4.search",
     "stage4.closest_approach", "stage4.published.linear_program", "stage4.published.nonlinear_program",
     "advice.estimates",
 )

@@ -11,21 +11,16 @@ from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING, PAPER, throw
 
-from conflictdb import InvalidInput, solve
-from conflictdb.arrays.objects import TrackBatch
+from conflictdb import InvalidInput, kernel, solve
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import StaticShapes, shape_class
+from conflictdb.motion.contract import shape_class
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.registry import plane_of
 from conflictdb.motion.rhumb import RhumbShapes
-from conflictdb.pieces.cutting import check_plane, track_pieces
-from conflictdb.stage4.distance import separation
-from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import solve_exactly
-from conflictdb.stage4.exact.windows import Work
-from conflictdb.stage4.outcomes import Outcome
+from conflictdb.pieces.cutting import area_pieces, check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65
@@ -266,10 +261,11 @@ def test_points_close_beside_each_other_meet_when_they_have_grown_enough(mps: fl
 
 
 def test_polygons_without_any_edge_have_no_depth() -> None:
-    """Four vertices in one place, as a haven has before it grows, are not settled as if they overlapped."""
-    points = [StaticShapes(np.tile(np.array([x, 0.0])[:, None, None], (1, 4, 1))) for x in (0.0, 10.0)]
-    plane = Mercator(earth_of(EarthModel.SPHERE))
-    pairs = Encounters(plane, *points, np.zeros((2, 1)), 0.0)
-    assert np.isnan(separation(pairs, points[0].xy, points[1].xy)).all()
-    solution = solve_exactly(pairs, np.zeros(1), np.full(1, 100.0), 1.0, Work())
-    assert not solution.ended(Outcome.CONTACT).any()
+    """Four vertices in one place, as a haven has before it grows, do not overlap."""
+    scene = Scene("s", earth=EarthModel.SPHERE)
+    boxes = AreaBatch.of([scenes.area(key, shapely.box(0, 0, 1, 1)) for key in ("A", "B")])
+    pieces = area_pieces(scene, plane_of(scene), boxes)
+    pieces = replace(pieces, shape_xy=np.repeat([[0.0, 0.0], [10.0, 0.0]], 4, axis=0))
+    prepared, pair = kernel.Scene(plane_of(scene).kernel_plane, pieces), (np.array([0]), np.array([1]))
+    found = prepared.contacts(*pair, np.zeros(1, np.int64), np.zeros(1), np.full(1, 100.0), 0.0, 1.0, kernel.Work())
+    assert found.outcome.tolist() == [kernel.Outcome.UNDECIDED]

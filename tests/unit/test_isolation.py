@@ -117,7 +117,7 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
 def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
     """While their pieces are near each other."""
     expected = answer(Scene("s"))
-    monkeypatch.setattr(contacts, "_group_contacts", failing_for(contacts._group_contacts, lambda *_: True))
+    monkeypatch.setattr(contacts, "_solved", failing_for(contacts._solved, lambda *_: True))
     found = answer(Scene("s"))
     assert set(expected) <= set(found)
     for pair, one in found.items():
@@ -134,8 +134,8 @@ def test_a_pair_whose_solver_fails_is_unresolved(monkeypatch: pytest.MonkeyPatch
 def test_a_failing_pair_costs_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """All pairs fail in company, none alone: the answer is what it was."""
     expected = answer(Scene("s"))
-    crowd = failing_for(contacts._group_contacts, lambda scene, solver, pairs, *_: len(pairs) > 1)
-    monkeypatch.setattr(contacts, "_group_contacts", crowd)
+    crowd = failing_for(contacts._solved, lambda scene, solver, pairs, *_: len(pairs) > 1)
+    monkeypatch.setattr(contacts, "_solved", crowd)
     assert answer(Scene("s")) == expected
 
 

@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 import pytest
 import scenes
-import shapely
 from swinging import SWING_S, encounters
 
 from conflictdb.arrays.objects import TrackBatch
@@ -17,7 +16,7 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.stage4.distance import clearance_m
 from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.proofs import _clearance_upper_bound, _relative_speed, _speed, clear_window, undecided_separation
+from conflictdb.stage4.proofs import _clearance_upper_bound, _relative_speed, _speed, undecided_separation
 
 
 class Moving:
@@ -107,33 +106,3 @@ def test_a_way_is_bounded_from_above_alike_in_both_directions(earth: EarthModel)
         bounds.append(_clearance_upper_bound(pairs, np.zeros(1, np.int64), np.full(1, 1800.0), np.full(1, 3600.0)))
     assert np.isfinite(bounds).all()
     np.testing.assert_allclose(bounds[0], bounds[1], rtol=0.0, atol=1e-3)
-
-
-@pytest.mark.parametrize("stands_still", [True, False])
-def test_outside_of_the_window_polygons_on_chords_are_apart(stands_still: bool) -> None:
-    """Those that turn and grow on the way, past each other; and many of those that are apart are said to be."""
-    rng = np.random.default_rng(2)
-    n, shares = 300, np.linspace(0.0, 1.0, 21)
-
-    def polygons(count: int) -> Floats:
-        turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None] + rng.uniform(-0.4, 0.4, (count, n))
-        size = rng.uniform(0.5, 2.0, n)
-        return np.stack([size * np.cos(turn), size * np.sin(turn)]) + rng.uniform(-3.0, 3.0, (2, 1, n))
-
-    a0, b0, b1 = polygons(4), polygons(5), polygons(5)
-    a1 = a0 if stands_still else polygons(4)
-    u, v = clear_window(a0, b0, a1, b1, np.full(n, 1e-9))
-    apart, said = np.zeros((2, n), np.int64)
-    for share in shares:
-        hulls = [
-            shapely.convex_hull(
-                shapely.multipoints(np.moveaxis((1.0 - share) * first + share * last, 0, 2).swapaxes(0, 1))
-            )
-            for first, last in ((a0, a1), (b0, b1))
-        ]
-        are_apart = ~shapely.intersects(*hulls)
-        is_clear = (share < u) | (share > v) | (u > v)
-        assert are_apart[is_clear].all()
-        apart += are_apart
-        said += is_clear
-    assert said.sum() > 0.4 * apart.sum()

@@ -1,6 +1,6 @@
-"""The exact solver held to the search, which shares none of its shortcuts, and to answers known by hand."""
+"""The kernel held to the search, which shares none of its shortcuts, and to answers known by hand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,11 +8,12 @@ import scenes
 import shapely
 from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel import Outcome, Solution, Work
 from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.contract import shape_class
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import area_pieces
@@ -22,9 +23,8 @@ from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
 from conflictdb.stage4.distance import clearance_m
-from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.exact.solver import Work, solve_exactly
-from conflictdb.stage4.outcomes import Outcome, Solution
+from conflictdb.stage4.encounters import Encounters, group_by_shape
+from conflictdb.stage4.exact import Meetings
 from conflictdb.stage4.search import search
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
@@ -34,27 +34,33 @@ DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 class Group:
     """Pairs whose shapes share arrays, timed from the start of their shared spans."""
 
-    pairs: Encounters
-    span_s: Floats
+    scene: Scene
+    meetings: Meetings
+
+    @property
+    def pairs(self) -> Encounters:
+        return self.meetings.encounters(self.scene.separation_m)
+
+    @property
+    def span_s(self) -> Floats:
+        return self.meetings.high_s
 
     def solved(self, margin_m: float, work: Work | None = None) -> Solution:
-        return solve_exactly(self.pairs, np.zeros(len(self.pairs)), self.span_s, margin_m, work or Work())
+        return self.meetings.contacts(self.scene.separation_m, margin_m, work or Work())
 
 
 def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     """All pairs with a track that pass stages 1 and 2."""
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
     start, end = shared_span(pieces, pairs)
-    classes = shape_class(plane_of(scene), pieces)
-    key = classes[pairs.a] * (classes.max() + 1) + classes[pairs.b]
-    found = []
-    for kind in np.unique(key):
-        rows = np.flatnonzero(key == kind)
-        encounters = Encounters.of(plane_of(scene), scene.separation_m, pieces, pairs, rows, start[rows])
-        found.append(Group(encounters, (end - start)[rows] / 1e6))
-    return found
+    seconds, prepared = (end - start) / 1e6, kernel.Scene(plane.kernel_plane, pieces)
+    return [
+        Group(scene, Meetings.of(plane, pieces, prepared, pairs, rows, np.zeros(len(rows)), seconds[rows]))
+        for rows in group_by_shape(plane, pieces, pairs, np.arange(len(pairs)))
+    ]
 
 
 @pytest.mark.parametrize("earth", EarthModel)
@@ -158,7 +164,7 @@ def test_answers_do_not_depend_on_the_company() -> None:
     for group in groups(scene, areas, tracks):
         together = group.solved(1.0)
         for row in range(len(group.pairs)):
-            alone = Group(group.pairs.take(np.array([row])), group.span_s[[row]]).solved(1.0)
+            alone = replace(group, meetings=group.meetings.take(np.array([row]))).solved(1.0)
             for name in ("outcome", "start_s", "end_s", "error_s"):
                 assert getattr(alone, name)[0] == getattr(together, name)[row]
 

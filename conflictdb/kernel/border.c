@@ -1,0 +1,207 @@
+/* The border: everything that comes in is checked here, and memory is taken and given back. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "contact.h"
+
+#ifndef KERNEL_FINGERPRINT
+#define KERNEL_FINGERPRINT ""
+#endif
+
+/* Polygons that an encounter has room for, the spare one twice, and numbers a vertex of a frame (two of them). */
+enum { POLYGONS = 6, FRAME = 9, NUMBERS = 2 * POLYGONS + 4 + 2 * FRAME };
+
+int32_t kernel_abi(void) { return KERNEL_ABI; }
+
+const char *kernel_fingerprint(void) { return KERNEL_FINGERPRINT; }
+
+static bool is_instant(int64_t us) { return us >= -KERNEL_LATEST_US && us <= KERNEL_LATEST_US; }
+
+static KernelStatus check_plane(const KernelPlane *plane) {
+    if (plane->projection != KERNEL_MERCATOR && plane->projection != KERNEL_GNOMONIC) return KERNEL_BAD_PLANE;
+    if (plane->harmonics < 0 || plane->harmonics > KERNEL_HARMONICS) return KERNEL_BAD_PLANE;
+    bool is_sized = plane->radius_m > 0.0 && plane->radius_m < INFINITY;
+    is_sized &= plane->rectifying_m > 0.0 && plane->rectifying_m < INFINITY;
+    is_sized &= plane->eccentricity >= 0.0 && plane->eccentricity < 1.0 && plane->oblateness >= 0.0;
+    double sum = plane->centre_lon_deg + plane->centre_lat_deg + plane->oblateness;
+    for (int k = 0; k < KERNEL_HARMONICS; k++) sum += plane->to_rectifying[k] + plane->to_conformal[k];
+    for (int k = 0; k < KERNEL_RADII; k++) sum += plane->conformal_radius[k];
+    return is_sized && isfinite(sum) ? KERNEL_OK : KERNEL_BAD_PLANE;
+}
+
+static KernelStatus check_pieces(const KernelPieces *pieces) {
+    if (pieces->count < 0 || pieces->vertex_count < 0) return KERNEL_BAD_COUNT;
+    /* What is counted fits into memory, and its size into numbers. */
+    if (pieces->count > INT64_MAX / (int64_t)sizeof(Body) / 2) return KERNEL_BAD_COUNT;
+    if (pieces->vertex_count > INT64_MAX / (int64_t)sizeof(double) / CIRCLE_COLUMNS / 2) return KERNEL_BAD_COUNT;
+    if (!pieces->shape_offset || (pieces->vertex_count > 0 && !pieces->shape)) return KERNEL_NULL;
+    bool is_whole = pieces->moves && pieces->turn && pieces->start_us && pieces->end_us && pieces->leg_start_us &&
+                    pieces->leg_end_us && pieces->leg_start_deg && pieces->leg_end_deg && pieces->bearing_deg;
+    if (pieces->count > 0 && !is_whole) return KERNEL_NULL;
+    if (pieces->shape_offset[0] != 0) return KERNEL_BAD_OFFSET;
+    for (int64_t i = 0; i < pieces->count; i++)
+        if (pieces->shape_offset[i + 1] < pieces->shape_offset[i]) return KERNEL_BAD_OFFSET;
+    return pieces->shape_offset[pieces->count] == pieces->vertex_count ? KERNEL_OK : KERNEL_BAD_OFFSET;
+}
+
+static bool is_shape_finite(const double *shape, const Body *body) {
+    for (int64_t k = 2 * body->first; k < 2 * (body->first + body->count); k++)
+        if (!isfinite(shape[k])) return false;
+    return true;
+}
+
+static bool outline_changes(const KernelPieces *pieces, const Body *body) {
+    if (!pieces->shape_to || pieces->shape_to == pieces->shape) return false;
+    return memcmp(pieces->shape + 2 * body->first, pieces->shape_to + 2 * body->first,
+                  2 * sizeof(double) * (size_t)body->count) != 0;
+}
+
+static bool prepare_still(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body) {
+    double turn_m = scene->plane.projection == KERNEL_MERCATOR ? 0x1.921fb54442d18p2 * scene->plane.radius_m : 0.0;
+    double *x = scene->columns + body->first, *y = x + scene->vertex_count;
+    for (int64_t i = 0; i < body->count; i++) {
+        x[i] = pieces->shape[2 * (body->first + i)] + turn_m * pieces->turn[piece];
+        y[i] = pieces->shape[2 * (body->first + i) + 1];
+    }
+    body->motion = STANDS_STILL, body->is_convex = true;
+    body->origin = (Vector){x[0], y[0]};
+    return true;
+}
+
+static bool is_leg_sound(const KernelPieces *pieces, int64_t i) {
+    const double *start = pieces->leg_start_deg + 2 * i, *end = pieces->leg_end_deg + 2 * i;
+    bool is_timed = is_instant(pieces->start_us[i]) && is_instant(pieces->end_us[i]) &&
+                    is_instant(pieces->leg_start_us[i]) && is_instant(pieces->leg_end_us[i]);
+    bool is_placed = fabs(start[1]) <= 90.0 && fabs(end[1]) <= 90.0 && fabs(start[0]) <= 1e6 && fabs(end[0]) <= 1e6;
+    return is_timed && is_placed && fabs(pieces->bearing_deg[i]) <= 1e6 && pieces->leg_end_us[i] > pieces->leg_start_us[i];
+}
+
+static void prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece) {
+    Body *body = scene->bodies + piece;
+    *body = (Body){.first = pieces->shape_offset[piece], .leg_start_us = pieces->leg_start_us[piece]};
+    body->count = pieces->shape_offset[piece + 1] - body->first;
+    if (pieces->wanted && !pieces->wanted[piece]) return;
+    if (body->count == 0 || !is_shape_finite(pieces->shape, body)) return;
+    if (!pieces->moves[piece]) {
+        body->is_sound = prepare_still(scene, pieces, piece, body);
+        return;
+    }
+    body->changes = outline_changes(pieces, body);
+    if (!is_leg_sound(pieces, piece) || (body->changes && !is_shape_finite(pieces->shape_to, body))) return;
+    body->is_sound = scene->plane.projection == KERNEL_MERCATOR ? rhumb_prepare(scene, pieces, piece, body)
+                                                                : circle_prepare(scene, pieces, piece, body);
+}
+
+KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pieces, KernelScene **scene) {
+    if (!plane || !pieces || !scene) return KERNEL_NULL;
+    *scene = NULL;
+    KernelStatus status = check_plane(plane);
+    if (status == KERNEL_OK) status = check_pieces(pieces);
+    if (status != KERNEL_OK) return status;
+    Scene *made = calloc(1, sizeof *made);
+    if (!made) return KERNEL_NO_MEMORY;
+    size_t columns = plane->projection == KERNEL_MERCATOR ? RHUMB_COLUMNS : CIRCLE_COLUMNS;
+    made->plane = *plane, made->count = pieces->count, made->vertex_count = pieces->vertex_count;
+    made->bodies = calloc((size_t)pieces->count + 1, sizeof *made->bodies);
+    made->columns = calloc((size_t)pieces->vertex_count * columns + 1, sizeof *made->columns);
+    if (!made->bodies || !made->columns) {
+        kernel_scene_free(made);
+        return KERNEL_NO_MEMORY;
+    }
+    for (int64_t i = 0; i < pieces->count; i++) prepare(made, pieces, i);
+    *scene = made;
+    return KERNEL_OK;
+}
+
+void kernel_scene_free(KernelScene *scene) {
+    if (!scene) return;
+    free(scene->bodies);
+    free(scene->columns);
+    free(scene);
+}
+
+/* Check pairs, and tell how many vertices the largest of their pieces has. */
+static KernelStatus check_pairs(const Scene *scene, const KernelPairs *pairs, int64_t *largest) {
+    if (pairs->count < 0) return KERNEL_BAD_COUNT;
+    *largest = 1;
+    if (pairs->count == 0) return KERNEL_OK;
+    if (!pairs->a || !pairs->b || !pairs->zero_us || !pairs->low_s || !pairs->high_s) return KERNEL_NULL;
+    for (int64_t i = 0; i < pairs->count; i++) {
+        int64_t a = pairs->a[i], b = pairs->b[i];
+        if (a < 0 || a >= scene->count || b < 0 || b >= scene->count) return KERNEL_BAD_PIECE;
+        int64_t larger = scene->bodies[a].count > scene->bodies[b].count ? scene->bodies[a].count : scene->bodies[b].count;
+        *largest = larger > *largest ? larger : *largest;
+    }
+    return KERNEL_OK;
+}
+
+/* Give an encounter room in memory, NUMBERS * largest, for polygons of so many vertices. */
+static void lay_out(Encounter *pair, double *memory, int64_t largest) {
+    Polygon *polygons[POLYGONS] = {&pair->a0, &pair->b0, &pair->a1, &pair->b1, &pair->a_now, &pair->b_now};
+    for (int k = 0; k < POLYGONS; k++) {
+        polygons[k]->x = memory + 2 * k * largest;
+        polygons[k]->y = memory + (2 * k + 1) * largest;
+    }
+    pair->spare.x = memory + 2 * POLYGONS * largest;
+    pair->spare.y = pair->spare.x + 2 * largest;
+    pair->a.frame = pair->spare.y + 2 * largest;
+    pair->b.frame = pair->a.frame + FRAME * largest;
+}
+
+/* Set an encounter up for a pair; false where it has no instant to count from or a piece that cannot be. */
+static bool meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
+    const Body *a = scene->bodies + pairs->a[i], *b = scene->bodies + pairs->b[i];
+    if (!a->is_sound || !b->is_sound) return false;
+    if ((a->motion != STANDS_STILL || b->motion != STANDS_STILL) && !is_instant(pairs->zero_us[i])) return false;
+    if (!isfinite(pairs->low_s[i]) || !isfinite(pairs->high_s[i])) return false;
+    pair->a = mover_make(scene, a, pairs->zero_us[i], a->origin, pair->a.frame);
+    pair->b = mover_make(scene, b, pairs->zero_us[i], a->origin, pair->b.frame);
+    return true;
+}
+
+/* Check what a call on pairs is given, and take memory for an encounter. */
+static KernelStatus begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {
+    int64_t largest;
+    if (!scene || !pairs) return KERNEL_NULL;
+    if (!(pair->separation_m >= 0.0) || !(pair->margin_m >= 0.0)) return KERNEL_BAD_DISTANCE;
+    if (!isfinite(pair->separation_m) || !isfinite(pair->margin_m)) return KERNEL_BAD_DISTANCE;
+    KernelStatus status = check_pairs(scene, pairs, &largest);
+    if (status != KERNEL_OK) return status;
+    *memory = malloc(NUMBERS * (size_t)largest * sizeof **memory);
+    if (!*memory) return KERNEL_NO_MEMORY;
+    pair->plane = &scene->plane;
+    lay_out(pair, *memory, largest);
+    return KERNEL_OK;
+}
+
+KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, double separation_m, double margin_m,
+                             int8_t *outcome, double *start_s, double *end_s, double *error_s, KernelWork *work) {
+    double *memory;
+    Encounter pair = {.separation_m = separation_m, .margin_m = margin_m, .work = work};
+    if (!work || (pairs && pairs->count > 0 && (!outcome || !start_s || !end_s || !error_s))) return KERNEL_NULL;
+    *work = (KernelWork){0, 0, 0};
+    KernelStatus status = begin(scene, pairs, &pair, &memory);
+    if (status != KERNEL_OK) return status;
+    for (int64_t i = 0; i < pairs->count; i++) {
+        Contact found = {KERNEL_UNDECIDED, 0.0, 0.0, 0.0};
+        if (meet(scene, pairs, i, &pair)) found = encounter_contact(&pair, pairs->low_s[i], pairs->high_s[i]);
+        outcome[i] = (int8_t)found.outcome, start_s[i] = found.start, end_s[i] = found.end, error_s[i] = found.error;
+    }
+    free(memory);
+    return KERNEL_OK;
+}
+
+KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, double margin_m, int8_t *outcome) {
+    double *memory;
+    KernelWork work = {0, 0, 0};
+    Encounter pair = {.margin_m = margin_m, .work = &work};
+    if (pairs && pairs->count > 0 && !outcome) return KERNEL_NULL;
+    KernelStatus status = begin(scene, pairs, &pair, &memory);
+    if (status != KERNEL_OK) return status;
+    for (int64_t i = 0; i < pairs->count; i++) {
+        bool is_there = meet(scene, pairs, i, &pair);
+        outcome[i] = (int8_t)(is_there ? encounter_depth(&pair, pairs->low_s[i], pairs->high_s[i]) : KERNEL_UNDECIDED);
+    }
+    free(memory);
+    return KERNEL_OK;
+}

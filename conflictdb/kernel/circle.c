@@ -1,0 +1,268 @@
+/* Havens that ride on great circles of the sphere, in the gnomonic plane about a centre:
+ * conflictdb.motion.great_circles, where the formulas are derived.
+ *
+ * In the frame of the centre (east, north, up) a vertex f ahead and s to starboard is
+ *     V = cos(s) e + sin(s) S,    e = cos(theta + f) A + sin(theta + f) B,
+ * A, B and S the leg's start, heading and starboard, theta its way in radians; and in the plane at R (V.x, V.y) / V.up.
+ * Vectors counted from an origin o of the plane have (V.x, V.y) less o V.up / R, so that coordinates keep their digits.
+ */
+#include "motion.h"
+
+static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
+/* V.up is at least this of what a scene holds: 60 degrees from the centre. */
+static const double LEAST_UP = 0.49999999998488504;
+/* How far a haven that changes may reach, radians: what is further ahead could be more than a quarter turn from the
+ * centre, though its leg is not, and its bounds would not hold. */
+static const double MAX_CHANGING_REACH = 0.5235987755982988;
+/* Sine of the least turn of a corner, so that rounding does not make it turn inwards; the reach in radians beyond which
+ * a haven that changes is not shown to stay convex; and how much a corner must turn over what its sides bend. */
+static const double LEAST_TURN = 1e-8, FLAT = 0.5, CORNER_SLACK = 4.0;
+
+static Vector3 sum(double a, Vector3 u, double b, Vector3 v) {
+    return (Vector3){a * u.x + b * v.x, a * u.y + b * v.y, a * u.up + b * v.up};
+}
+
+static Vector3 cross3(Vector3 u, Vector3 v) {
+    return (Vector3){u.y * v.up - u.up * v.y, u.up * v.x - u.x * v.up, u.x * v.y - u.y * v.x};
+}
+
+/* A difference of longitudes the shorter way round. */
+static double shorter_way_deg(double turn) { return fabs(turn) > 180.0 ? turn - 360.0 * nearbyint(turn / 360.0) : turn; }
+
+static double turn_deg(const KernelPlane *plane, double lon_deg) {
+    double home = lon_deg - 360.0 * nearbyint(lon_deg / 360.0);
+    return shorter_way_deg((home == -180.0 ? 180.0 : home) - plane->centre_lon_deg);
+}
+
+/* The unit vector towards a place: in differences from the centre, so that small scenes have small coordinates. */
+static Vector3 towards(const KernelPlane *plane, double lon_deg, double lat_deg) {
+    double turn = turn_deg(plane, lon_deg), sine, cosine, sine0, cosine0, sine_turn, cosine_turn;
+    earth_direction(lat_deg, &sine, &cosine);
+    earth_direction(plane->centre_lat_deg, &sine0, &cosine0);
+    earth_direction(turn, &sine_turn, &cosine_turn);
+    double half = sin(RADIANS * (0.5 * turn)), versine = 2.0 * half * half;
+    double north = sin(RADIANS * (lat_deg - plane->centre_lat_deg)) + sine0 * cosine * versine;
+    return (Vector3){cosine * sine_turn, north, sine0 * sine + cosine0 * cosine * cosine_turn};
+}
+
+/* The unit vectors that point east and north at a place. */
+static void compass(const KernelPlane *plane, double lon_deg, double lat_deg, Vector3 *east, Vector3 *north) {
+    double sine, cosine, sine0, cosine0, sine_turn, cosine_turn;
+    earth_direction(lat_deg, &sine, &cosine);
+    earth_direction(plane->centre_lat_deg, &sine0, &cosine0);
+    earth_direction(turn_deg(plane, lon_deg), &sine_turn, &cosine_turn);
+    *east = (Vector3){cosine_turn, sine0 * sine_turn, -cosine0 * sine_turn};
+    *north = (Vector3){-sine * sine_turn, sine0 * sine * cosine_turn + cosine0 * cosine,
+                       sine0 * cosine - cosine0 * sine * cosine_turn};
+}
+
+/* Whether a corner might turn inwards in the plane: it turns the same way wherever the haven is, and as it does in the
+ * plane that touches the sphere at the reference point. */
+static bool may_dent(const Scene *scene, const Body *body) {
+    const double *f = body_column(scene, body, FORWARD), *s = body_column(scene, body, STARBOARD);
+    for (int64_t i = 0; i < body->count && body->count > 2; i++) {
+        Vector flat[3];
+        for (int64_t k = 0; k < 3; k++) {
+            int64_t j = (i + k) % body->count;
+            flat[k] = (Vector){tan(s[j]) / cos(f[j]), tan(f[j])};
+        }
+        Vector side = {flat[1].x - flat[0].x, flat[1].y - flat[0].y}, next = {flat[2].x - flat[1].x, flat[2].y - flat[1].y};
+        if (!(cross(side, next) > LEAST_TURN * norm(side) * norm(next))) return true;
+    }
+    return false;
+}
+
+/* The same of a haven that changes: up to half a radian a side of length d is turned by less than 4 d tan(reach). */
+static bool may_dent_on_the_way(const KernelPieces *pieces, const Body *body, double reach, double unit_m) {
+    if (body->count <= 2) return false;
+    if (reach > FLAT) return true;
+    for (int64_t i = 0; i < body->count; i++) {
+        Corner corner = corner_of(pieces, body, i, unit_m);
+        double side = most(norm(corner.side), norm(corner.last_side));
+        double next = most(norm(corner.next), norm(corner.last_next));
+        double bent = CORNER_SLACK * (side + next) * tan(reach);
+        if (!(corner_least_turn(&corner) > (bent + LEAST_TURN) * side * next)) return true;
+    }
+    return false;
+}
+
+/* The leg, the shorter way from start to end; one that does not move has the piece's heading. */
+static void prepare_leg(const KernelPlane *plane, const KernelPieces *pieces, int64_t piece, CircleLeg *leg) {
+    double lon0 = pieces->leg_start_deg[2 * piece], lat0 = pieces->leg_start_deg[2 * piece + 1];
+    double lon1 = pieces->leg_end_deg[2 * piece], lat1 = pieces->leg_end_deg[2 * piece + 1];
+    double turn = shorter_way_deg(lon1 - lon0), half = sin(RADIANS * (0.5 * turn));
+    double sine0, cosine0, sine1, cosine1, sine, cosine;
+    earth_direction(lat0, &sine0, &cosine0);
+    earth_direction(lat1, &sine1, &cosine1);
+    earth_direction(turn, &sine, &cosine);
+    double to_east = cosine1 * sine, to_north = sin(RADIANS * (lat1 - lat0)) + sine0 * cosine1 * (2.0 * half * half);
+    double length = hypot(to_east, to_north), angle = atan2(length, sine0 * sine1 + cosine0 * cosine1 * cosine);
+    if (!(length > 0.0)) angle = 0.0, length = 1.0, earth_direction(pieces->bearing_deg[piece], &to_east, &to_north);
+    Vector3 east, north;
+    compass(plane, lon0, lat0, &east, &north);
+    leg->start = towards(plane, lon0, lat0);
+    leg->heading = sum(to_east / length, east, to_north / length, north);
+    leg->starboard = cross3(leg->heading, leg->start);
+    leg->rate = angle / ((double)(pieces->leg_end_us[piece] - pieces->leg_start_us[piece]) / 1e6);
+}
+
+/* Hold a vertex of a haven that does not change; false if it is not above the plane on the leg, radians long. */
+static bool prepare_vertex(const Scene *scene, const CircleLeg *leg, double angle, int64_t i) {
+    double *column = scene->columns + i, s = column[STARBOARD * scene->vertex_count], f = column[FORWARD * scene->vertex_count];
+    Vector3 p = sum(cos(s) * cos(f), leg->start, cos(s) * sin(f), leg->heading);
+    Vector3 q = sum(cos(s) * cos(f), leg->heading, -cos(s) * sin(f), leg->start);
+    double numbers[9] = {p.x, p.y, p.up, q.x, q.y, q.up,
+                         sin(s) * leg->starboard.x, sin(s) * leg->starboard.y, sin(s) * leg->starboard.up};
+    for (int k = 0; k < 9; k++) column[(P + k) * scene->vertex_count] = numbers[k];
+    /* A cosine, least at one of the ends. */
+    return p.up + numbers[8] > 0.0 && cos(angle) * p.up + sin(angle) * q.up + numbers[8] > 0.0;
+}
+
+bool circle_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body) {
+    CircleLeg *leg = &body->leg.circle;
+    double unit_m = scene->plane.radius_m, reach = 0.0, widest = 0.0;
+    double leg_s = (double)(pieces->leg_end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
+    bool fits = leg_s > 0.0;
+    body->motion = ON_GREAT_CIRCLE;
+    prepare_leg(&scene->plane, pieces, piece, leg);
+    body->origin = (Vector){unit_m * leg->start.x / leg->start.up, unit_m * leg->start.y / leg->start.up};
+    for (int64_t i = body->first; i < body->first + body->count; i++) {
+        double *column = scene->columns + i, s = pieces->shape[2 * i] / unit_m, f = pieces->shape[2 * i + 1] / unit_m;
+        column[STARBOARD * scene->vertex_count] = s, column[FORWARD * scene->vertex_count] = f;
+        reach = most(reach, hypot(s, f)), widest = most(widest, most(fabs(s), fabs(f)));
+        if (!body->changes) {
+            fits &= prepare_vertex(scene, leg, leg->rate * leg_s, i);
+            continue;
+        }
+        double s1 = pieces->shape_to[2 * i] / unit_m, f1 = pieces->shape_to[2 * i + 1] / unit_m;
+        column[STARBOARD_RATE * scene->vertex_count] = (s1 - s) / leg_s;
+        column[FORWARD_RATE * scene->vertex_count] = (f1 - f) / leg_s;
+        reach = most(reach, hypot(s1, f1)), widest = most(widest, most(fabs(s1), fabs(f1)));
+    }
+    body->is_convex = body->changes ? !may_dent_on_the_way(pieces, body, reach, unit_m) : !may_dent(scene, body);
+    fits &= widest <= (body->changes ? MAX_CHANGING_REACH : 2.0 * MAX_CHANGING_REACH);
+    return fits && leg->start.up >= LEAST_UP && isfinite(leg->heading.x + leg->heading.y + leg->heading.up);
+}
+
+static Vector3 from_origin(Vector3 v, Vector radii) { return (Vector3){v.x - radii.x * v.up, v.y - radii.y * v.up, v.up}; }
+
+void circle_count_from(Mover *mover) {
+    const Scene *scene = mover->scene;
+    const Body *body = mover->body;
+    Vector radii = {mover->origin.x / scene->plane.radius_m, mover->origin.y / scene->plane.radius_m};
+    mover->leg = body->leg.circle;
+    mover->leg.start = from_origin(mover->leg.start, radii);
+    mover->leg.heading = from_origin(mover->leg.heading, radii);
+    mover->leg.starboard = from_origin(mover->leg.starboard, radii);
+    if (body->changes) return;
+    for (int k = 0; k < 9; k += 3) {
+        const double *x = body_column(scene, body, P + k), *y = body_column(scene, body, P + k + 1);
+        const double *up = body_column(scene, body, P + k + 2);
+        double *frame = mover->frame + k * body->count;
+        for (int64_t i = 0; i < body->count; i++) {
+            frame[i] = x[i] - radii.x * up[i];
+            frame[body->count + i] = y[i] - radii.y * up[i];
+            frame[2 * body->count + i] = up[i];
+        }
+    }
+}
+
+/* How far ahead and to starboard vertex i is at t, radians. */
+static Vector ahead_across(const Mover *mover, int64_t i, double t) {
+    Vector body = {body_column(mover->scene, mover->body, FORWARD)[i], body_column(mover->scene, mover->body, STARBOARD)[i]};
+    if (mover->body->changes) {
+        body.x += body_column(mover->scene, mover->body, FORWARD_RATE)[i] * (mover->into_s + t);
+        body.y += body_column(mover->scene, mover->body, STARBOARD_RATE)[i] * (mover->into_s + t);
+    }
+    return body;
+}
+
+static double theta_at(const Mover *mover, double t) { return mover->leg.rate * mover->into_s + mover->leg.rate * t; }
+
+/* Where the reference point would be at an angle along the leg, and the way along there. */
+static Vector3 on_leg(const CircleLeg *leg, double angle) { return sum(cos(angle), leg->start, sin(angle), leg->heading); }
+static Vector3 along_leg(const CircleLeg *leg, double angle) { return sum(cos(angle), leg->heading, -sin(angle), leg->start); }
+
+/* Vertex i at t, where the leg is at theta with this cosine and sine. */
+static Vector3 vertex_at(const Mover *mover, int64_t i, double t, double cosine, double sine) {
+    if (!mover->body->changes) {
+        const double *frame = mover->frame + i;
+        int64_t n = mover->body->count;
+        return (Vector3){cosine * frame[0] + sine * frame[3 * n] + frame[6 * n],
+                         cosine * frame[n] + sine * frame[4 * n] + frame[7 * n],
+                         cosine * frame[2 * n] + sine * frame[5 * n] + frame[8 * n]};
+    }
+    Vector reach = ahead_across(mover, i, t);
+    return sum(cos(reach.y), on_leg(&mover->leg, theta_at(mover, t) + reach.x), sin(reach.y), mover->leg.starboard);
+}
+
+void circle_place(const Mover *mover, double t, Polygon *polygon) {
+    double radius_m = mover->scene->plane.radius_m, theta = theta_at(mover, t), cosine = cos(theta), sine = sin(theta);
+    for (int64_t i = 0; i < mover->body->count; i++) {
+        Vector3 v = vertex_at(mover, i, t, cosine, sine);
+        polygon->x[i] = radius_m * v.x / v.up;
+        polygon->y[i] = radius_m * v.y / v.up;
+    }
+}
+
+/* The velocity in the plane of a vector v that changes by w a second. */
+static Vector projected(double radius_m, Vector3 v, Vector3 w) {
+    return (Vector){radius_m * (w.x - v.x / v.up * w.up) / v.up, radius_m * (w.y - v.y / v.up * w.up) / v.up};
+}
+
+Vector circle_velocity(const Mover *mover, double t) {
+    double theta = theta_at(mover, t), rate = mover->leg.rate;
+    Vector3 along = along_leg(&mover->leg, theta);
+    return projected(mover->scene->plane.radius_m, on_leg(&mover->leg, theta), sum(rate, along, 0.0, along));
+}
+
+static Vector vertex_velocity(const Mover *mover, int64_t i, double t) {
+    double theta = theta_at(mover, t), cosine = cos(theta), sine = sin(theta), rate = mover->leg.rate;
+    Vector3 v = vertex_at(mover, i, t, cosine, sine);
+    if (!mover->body->changes) {
+        const double *frame = mover->frame + i;
+        int64_t n = mover->body->count;
+        Vector3 w = {rate * (cosine * frame[3 * n] - sine * frame[0]), rate * (cosine * frame[4 * n] - sine * frame[n]),
+                     rate * (cosine * frame[5 * n] - sine * frame[2 * n])};
+        return projected(mover->scene->plane.radius_m, v, w);
+    }
+    double ahead_rate = body_column(mover->scene, mover->body, FORWARD_RATE)[i];
+    double across_rate = body_column(mover->scene, mover->body, STARBOARD_RATE)[i];
+    Vector reach = ahead_across(mover, i, t);
+    Vector3 across = sum(cos(reach.y), mover->leg.starboard, -sin(reach.y), on_leg(&mover->leg, theta + reach.x));
+    Vector3 w = sum((rate + ahead_rate) * cos(reach.y), along_leg(&mover->leg, theta + reach.x), across_rate, across);
+    return projected(mover->scene->plane.radius_m, v, w);
+}
+
+/* A bound on the second derivative of vertex i. With c the largest angle from the centre and a the rate of theta + f:
+ * R sec(c)^2 (a^2 |sin s| cos s + 2 |a s' sin s| + 2 (a^2 cos(s)^2 + s'^2) tan c), which increases with c. */
+static double vertex_acceleration(const Mover *mover, int64_t i, double t0, double t1) {
+    double theta0 = theta_at(mover, t0), theta1 = theta_at(mover, t1), rate = mover->leg.rate;
+    double up = least(vertex_at(mover, i, t0, cos(theta0), sin(theta0)).up, vertex_at(mover, i, t1, cos(theta1), sin(theta1)).up);
+    Vector reach0 = ahead_across(mover, i, t0), reach1 = ahead_across(mover, i, t1);
+    double furthest = most(fabs(reach0.y), fabs(reach1.y)), across_rate = 0.0;
+    double nearest = reach0.y * reach1.y <= 0.0 ? 0.0 : least(fabs(reach0.y), fabs(reach1.y));
+    double s = sin(furthest), c = cos(nearest);
+    if (mover->body->changes) {
+        /* C.V may sag below its chord: see `least_up` of conflictdb.motion.great_circles. */
+        rate = fabs(rate + body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
+        across_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
+        double turn = rate * (t1 - t0), across = across_rate * (t1 - t0);
+        up = most(up - (2.0 * turn * across * s + across * across) / 8.0, LEAST_UP);
+    }
+    double secant = 1.0 / up, tangent = sqrt(most(secant * secant - 1.0, 0.0));
+    double bound = rate * rate * s * c + 2.0 * rate * across_rate * s;
+    bound += 2.0 * (rate * rate * c * c + across_rate * across_rate) * tangent;
+    return mover->scene->plane.radius_m * secant * secant * bound;
+}
+
+Bounds circle_bounds(const Mover *mover, double t0, double t1) {
+    double middle = 0.5 * (t0 + t1), away = 0.0, acceleration = 0.0;
+    Vector velocity = circle_velocity(mover, middle);
+    for (int64_t i = 0; i < mover->body->count; i++) {
+        Vector own = vertex_velocity(mover, i, middle);
+        away = most(away, hypot(own.x - velocity.x, own.y - velocity.y));
+        acceleration = most(acceleration, vertex_acceleration(mover, i, t0, t1));
+    }
+    return (Bounds){acceleration, away + 0.5 * (t1 - t0) * acceleration};
+}

@@ -1,0 +1,378 @@
+/* The certified solver: conflictdb's method `exact`, a pair at a time.
+ *
+ * Of each pair, in this order and only as far as it is needed:
+ *
+ * 1. Closed form. Where both polygons move evenly and rigidly but for a trace, gaps along the normals of their edges are
+ *    linear in time: the contact is one interval, and the trace bounds its error.
+ * 2. Certified window. Along a fixed direction the gap of polygons whose vertices move along their chords is concave in
+ *    time: its chord, less the bound on how far vertices leave theirs, M h^2 / 8, shows when the pair is apart.
+ * 3. Ends. Between a window's end and an instant of conflict the measure is brought to zero on the true motion, and
+ *    evaluated on both sides of the answer, beyond what rounding could be worth.
+ * 4. Certificate. That the pair is apart from the window's end to there follows again from a chord; that it is in
+ *    conflict from there on, from the convexity of the separation of rigid polygons in even motion.
+ *
+ * With a separation the plane decides most: what is further apart than that at the largest scale reached is apart, what
+ * is nearer than at the smallest is in conflict. In the zone between, the distance on the earth decides, where the
+ * polygons close in beyond doubt.
+ */
+#include "contact.h"
+
+#include "roots.h"
+
+/* Rounds of window and witness: each shrinks the slack by the square of how much the window shrank. With a separation
+ * windows are shrunk at least three times: the scale varies less in a short one, and the zone in doubt is narrower. */
+enum { MAX_WINDOWS = 6, LEAST_WINDOWS_APART = 3 };
+/* Halvings that prove a conflict to hold. */
+enum { MAX_HALVINGS = 12 };
+/* The zone is left where the polygons are nearer than at the smallest scale by this share of the separation. */
+static const double INTO_SHARE = 1e-3;
+static const double HALF_PI = 0x1.921fb54442d18p0;
+
+static const Contact UNDECIDED = {KERNEL_UNDECIDED, 0.0, 0.0, 0.0};
+static const Contact SEPARATED = {KERNEL_SEPARATED, 0.0, 0.0, 0.0};
+
+/* A time of an encounter in which it is in conflict in the middle, and outside of which it is apart. depth: how much
+ * too near it is in the middle, < 0; touch: what rounding is worth, at the largest scale; plane metres. */
+typedef struct {
+    double low, high, start, middle, end, depth, largest, smallest, touch;
+} Window;
+
+/* One side of a window, and the proven end of the conflict there. */
+typedef struct {
+    bool is_proven;
+    double outer, inner;
+} End;
+
+static void place(Encounter *pair, double t, Polygon *a, Polygon *b) {
+    mover_place(&pair->a, t, a);
+    mover_place(&pair->b, t, b);
+}
+
+static Bounds bounds_of(const Encounter *pair, double t0, double t1) {
+    Bounds a = mover_bounds(&pair->a, t0, t1), b = mover_bounds(&pair->b, t0, t1);
+    return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
+}
+
+/* Put both polygons where they are at an instant, convex. */
+static void place_now(Encounter *pair, double t) {
+    place(pair, t, &pair->a_now, &pair->b_now);
+    if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
+    if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
+}
+
+/* The gap between touching polygons at an instant, and its axis. */
+static Gap gap_at(Encounter *pair, double t) {
+    pair->work->evaluations++;
+    place_now(pair, t);
+    return polygon_separation(&pair->a_now, &pair->b_now);
+}
+
+static Gap plane_distance_at(Encounter *pair, double t) {
+    Vector from, to;
+    pair->work->evaluations++;
+    place_now(pair, t);
+    return polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
+}
+
+/* A bound from above on how much further apart than wanted the pair is, plane metres. */
+static double depth_at(Encounter *pair, double t, double smallest) {
+    if (pair->separation_m == 0.0) return gap_at(pair, t).gap;
+    return plane_distance_at(pair, t).gap - pair->separation_m * smallest;
+}
+
+/* How much further apart than wanted the pair is, metres on the earth. */
+static double excess_at(Encounter *pair, double t) {
+    pair->work->evaluations++;
+    place_now(pair, t);
+    return plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin) - pair->separation_m;
+}
+
+/* The share of a time outside of which the pair is apart: u > v if it is throughout. The polygons are those of its ends;
+ * slack: what gaps between vertices on their chords must exceed, plane metres. */
+typedef struct {
+    double u, v;
+} Share;
+
+static void narrow_by_edges(Share *share, const Polygon *mine0, const Polygon *mine1, const Polygon *other0,
+                            const Polygon *other1, bool stands_still, double slack) {
+    int64_t n = mine0->count;
+    for (int64_t k = 0; k < n && n > 1; k++) {
+        int64_t m = edge_end(mine0, k);
+        double nx = (mine0->y[m] + mine1->y[m]) - (mine0->y[k] + mine1->y[k]);
+        double ny = (mine0->x[k] + mine1->x[k]) - (mine0->x[m] + mine1->x[m]);
+        double wanted = slack * sqrt(nx * nx + ny * ny), own0, own1;
+        if (stands_still && n > 2) {
+            own0 = own1 = nx * mine0->x[k] + ny * mine0->y[k]; /* the edge itself is the furthest */
+        } else {
+            own0 = most_along(nx, ny, mine0), own1 = most_along(nx, ny, mine1);
+        }
+        double g0 = least_along(nx, ny, other0) - own0 - wanted, g1 = least_along(nx, ny, other1) - own1 - wanted;
+        if (g0 > 0.0) share->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), share->u);
+        else if (g1 > 0.0) share->v = least(g0 / (g0 - g1), share->v);
+        if (share->u > share->v) return;
+    }
+}
+
+static Share clear_share(const Encounter *pair, double slack) {
+    Share share = {0.0, 1.0};
+    bool a_stands = pair->a.body->motion == STANDS_STILL, b_stands = pair->b.body->motion == STANDS_STILL;
+    narrow_by_edges(&share, &pair->a0, &pair->a1, &pair->b0, &pair->b1, a_stands, slack);
+    if (share.u > share.v) return share;
+    narrow_by_edges(&share, &pair->b0, &pair->b1, &pair->a0, &pair->a1, b_stands, slack);
+    return share;
+}
+
+/* The extent of the polygons at both ends of a time, which are put there. */
+static Extent extent_over(Encounter *pair, double start, double end) {
+    Extent extent = extent_none();
+    place(pair, start, &pair->a0, &pair->b0);
+    place(pair, end, &pair->a1, &pair->b1);
+    extent_add(&extent, &pair->a0, pair->a.origin), extent_add(&extent, &pair->a1, pair->a.origin);
+    extent_add(&extent, &pair->b0, pair->a.origin), extent_add(&extent, &pair->b1, pair->a.origin);
+    return extent;
+}
+
+/* Whether the pair is in conflict all the way from p, by `touch` or more, to q, by `depth` (< 0).
+ *
+ * With K the spread of velocities and L the time between, the separation at a share s of it is at most
+ * (1 - s) f(p) + s (f(q) + 2 K L): no more than -touch where f(p) <= -touch and f(q) <= -touch - 2 K L. */
+static bool holds(Encounter *pair, const Window *window, double p, double q, double depth) {
+    struct {
+        double p, q, fp, fq;
+        int halvings;
+    } stack[MAX_HALVINGS + 1], part;
+    double touch = window->touch;
+    int top = 0;
+    stack[top].p = p, stack[top].q = q, stack[top].fp = -touch, stack[top].fq = depth, stack[top++].halvings = 0;
+    while (top > 0) {
+        part = stack[--top];
+        double first = least(part.p, part.q), last = most(part.p, part.q);
+        double way = 2.0 * bounds_of(pair, first, last).spread * (last - first), limit = -touch - way;
+        if (part.fp <= limit || part.fq <= limit || most(part.fp, part.fq) <= -touch - 0.5 * way) continue;
+        if (part.halvings + 1 >= MAX_HALVINGS) return false;
+        double middle = 0.5 * (part.p + part.q), f = depth_at(pair, middle, window->smallest);
+        if (!(f <= -touch)) return false;
+        int halvings = part.halvings + 1;
+        stack[top].p = part.p, stack[top].q = middle, stack[top].fp = part.fp, stack[top].fq = f;
+        stack[top++].halvings = halvings;
+        stack[top].p = middle, stack[top].q = part.q, stack[top].fp = f, stack[top].fq = part.fq;
+        stack[top++].halvings = halvings;
+    }
+    return true;
+}
+
+static double measured_gap(void *pair, double t) { return gap_at(pair, t).gap; }
+static double measured_excess(void *pair, double t) { return excess_at(pair, t); }
+
+/* The plane distance less a level, as a measure. */
+typedef struct {
+    Encounter *pair;
+    double level;
+} Level;
+
+static double measured_distance(void *of, double t) {
+    Level *level = of;
+    return plane_distance_at(level->pair, t).gap - level->level;
+}
+
+/* Whether the pair stays apart between two instants, at the second of which the gap has this axis: the chord along it,
+ * less how far vertices leave theirs. */
+static bool stays_apart(Encounter *pair, double limit, double outer, Vector axis, double touch) {
+    if (limit == outer) return true;
+    place(pair, limit, &pair->a_now, &pair->b_now);
+    double along = gap_along(axis, &pair->a_now, &pair->b_now), h = fabs(outer - limit);
+    double acceleration = bounds_of(pair, least(limit, outer), most(limit, outer)).acceleration;
+    return along - touch >= 0.5 * acceleration * h * h;
+}
+
+/* The end of a touch between a window's limit and its middle. */
+static End touch_end(Encounter *pair, const Window *window, double limit, bool is_all) {
+    End end = {false, limit, limit};
+    double gap = gap_at(pair, limit).gap, touch = window->touch;
+    /* In touch since before the window, or until after it: only where the window is all there is. */
+    if (is_all && gap < -touch) {
+        end.is_proven = holds(pair, window, limit, window->middle, window->depth);
+        return end;
+    }
+    if (!(gap > touch)) return end;
+    Root root = root_between(measured_gap, pair, limit, gap, window->middle, window->depth, touch);
+    if (!root.is_found) return end;
+    end.outer = root.outer, end.inner = root.inner;
+    end.is_proven = stays_apart(pair, limit, root.outer, gap_at(pair, root.outer).axis, touch) &&
+                    holds(pair, window, root.inner, window->middle, window->depth);
+    return end;
+}
+
+/* Whether the distance on the earth changes one way only between a limit and the end of the zone.
+ *
+ * Let p and q be nearest on the earth at some instant of the zone. They are no further apart than what is nearest in the
+ * plane then, and so in the plane at most `ratio` times the least distance at the end: their direction is within
+ * acos(1 / ratio) of its axis n, and that in which their distance shrinks within the plane's slant of it. With the sum s
+ * of both they close in at |n.V| cos s - |V across| sin s or more, V the velocity that both polygons' vertices depart
+ * from by at most K, less K for each and less what the scale changes on the way. */
+static bool closes_in(Encounter *pair, const Window *window, double limit, double end) {
+    double first = least(limit, end), last = most(limit, end), length = last - first, middle = 0.5 * (first + last);
+    Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
+    Vector v = {vb.x - va.x, vb.y - va.y};
+    double spread = bounds_of(pair, first, last).spread, at_limit = plane_distance_at(pair, limit).gap;
+    Gap at_end = plane_distance_at(pair, end);
+    if (!(at_end.gap > 0.0)) return false;
+    double closing = (limit < window->middle ? -1.0 : 1.0) * (at_end.axis.x * v.x + at_end.axis.y * v.y);
+    double across = fabs(at_end.axis.x * v.y - at_end.axis.y * v.x), speed = most(norm(va), norm(vb)) + spread;
+    double furthest_m = (most(at_limit, at_end.gap) + 2.0 * spread * length) / window->smallest;
+    double ratio = plane_span_m(pair->plane, furthest_m, window->largest) / at_end.gap;
+    double turned = norm(v) * spread * length / at_end.gap;
+    double aside = acos(least(1.0 / ratio, 1.0)) + plane_slant(pair->plane, furthest_m, window->largest);
+    double slowest = closing * cos(aside) - across * sin(aside);
+    double drift = 2.0 * plane_drift(pair->plane, furthest_m, window->largest, speed);
+    return aside < HALF_PI && slowest > spread + drift + turned;
+}
+
+/* How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth. */
+static double certainty_margin_m(const Encounter *pair) {
+    if (!(pair->separation_m > plane_short_m(pair->plane))) return KERNEL_TOUCH_M;
+    return KERNEL_TOUCH_M + plane_distance_error_m(pair->plane, pair->separation_m);
+}
+
+/* The end of a loss of separation between a window's limit and its middle. */
+static End separation_end(Encounter *pair, const Window *window, double limit, bool is_all) {
+    End end = {false, limit, limit};
+    double at_limit = depth_at(pair, limit, window->smallest), touch = window->touch;
+    if (is_all && at_limit < -touch) {
+        end.is_proven = holds(pair, window, limit, window->middle, window->depth);
+        return end;
+    }
+    /* The zone ends where the polygons are just nearer than the separation at the smallest scale. */
+    double wanted = pair->separation_m * window->smallest, into = INTO_SHARE * wanted;
+    if (!(at_limit > touch) || !(window->depth + into < 0.0)) return end;
+    Level level = {pair, wanted - into};
+    double deepest = least(window->depth + into, -1e-9);
+    Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->middle, deepest, 0.5 * into);
+    if (!zone.is_found || !closes_in(pair, window, limit, zone.inner)) return end;
+    /* In the zone the distance on the earth is brought to what is wanted. */
+    double doubt = certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
+    if (!(gap > doubt) || !(within < -doubt)) return end;
+    Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt);
+    if (!root.is_found) return end;
+    end.outer = root.outer, end.inner = root.inner;
+    end.is_proven = holds(pair, window, zone.inner, window->middle, window->depth);
+    return end;
+}
+
+static Contact contact_in_window(Encounter *pair, const Window *window) {
+    if (!(window->depth < -(pair->margin_m + KERNEL_TOUCH_M) * window->largest)) return UNDECIDED;
+    End (*end_of)(Encounter *, const Window *, double, bool) = pair->separation_m == 0.0 ? touch_end : separation_end;
+    End start = end_of(pair, window, window->start, window->start <= window->low);
+    if (!start.is_proven) return UNDECIDED;
+    End end = end_of(pair, window, window->end, window->end >= window->high);
+    if (!end.is_proven) return UNDECIDED;
+    double error = most(fabs(start.inner - start.outer), fabs(end.inner - end.outer));
+    return (Contact){KERNEL_CONTACT, start.outer, end.outer, error};
+}
+
+/* The times in which gaps that are linear in time are below a level: those that close have closed by `first`, those
+ * that open have not opened before `last`. */
+typedef struct {
+    double first, last;
+} Below;
+
+static void take_gap(Below *below, double gap, double rate, double level) {
+    if (rate < 0.0) below->first = most(below->first, (level - gap) / rate);
+    else if (rate > 0.0) below->last = least(below->last, (level - gap) / rate);
+    else if (gap > level) below->last = -INFINITY;
+}
+
+/* Gap and rate along the edge of `mine` from vertex k, where `other` moves at v against it; false if there is none. */
+static bool edge_gap(const Polygon *mine, const Polygon *other, int64_t k, Vector v, double *gap, double *rate) {
+    int64_t m = edge_end(mine, k);
+    double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], length = sqrt(nx * nx + ny * ny);
+    if (!(length > 0.0)) return false;
+    *gap = (least_along(nx, ny, other) - own_reach(nx, ny, mine, k)) / length;
+    *rate = (nx * v.x + ny * v.y) / length;
+    return true;
+}
+
+/* The deepest that all gaps along the edges of `mine` are at an instant, if they go on at their rates. */
+static double widest_then(const Polygon *mine, const Polygon *other, Vector v, double t, double widest) {
+    double gap, rate;
+    for (int64_t k = 0; k < mine->count; k++)
+        if (edge_gap(mine, other, k, v, &gap, &rate)) widest = most(widest, gap + rate * t);
+    return widest;
+}
+
+/* Rigid polygons in even motion but for a departure, plane metres. */
+static Contact closed_form(Encounter *pair, double low, double high, double departure) {
+    pair->work->closed_forms++;
+    double middle = 0.5 * (low + high), gap, rate;
+    Extent extent = extent_none();
+    place_now(pair, middle);
+    extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
+    double largest = plane_largest_scale(pair->plane, &extent);
+    double slack = departure + KERNEL_TOUCH_M * largest, apart = slack + pair->margin_m * largest;
+    Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
+    Below perhaps = {low - middle, high - middle}, surely = perhaps, near = perhaps;
+    for (int turn = 0; turn < 2; turn++) {
+        const Polygon *mine = turn ? &pair->b_now : &pair->a_now, *other = turn ? &pair->a_now : &pair->b_now;
+        Vector v = turn ? (Vector){va.x - vb.x, va.y - vb.y} : (Vector){vb.x - va.x, vb.y - va.y};
+        for (int64_t k = 0; k < mine->count; k++) {
+            if (!edge_gap(mine, other, k, v, &gap, &rate)) continue;
+            take_gap(&perhaps, gap, rate, slack);
+            take_gap(&surely, gap, rate, -slack);
+            take_gap(&near, gap, rate, apart);
+        }
+    }
+    /* They never touch: are they further apart than the margin throughout? */
+    if (perhaps.first > perhaps.last && near.first > near.last) return SEPARATED;
+    if (!(surely.first < surely.last)) return UNDECIDED;
+    double at = 0.5 * (surely.first + surely.last);
+    double deepest = widest_then(&pair->a_now, &pair->b_now, (Vector){vb.x - va.x, vb.y - va.y}, at, -INFINITY);
+    deepest = widest_then(&pair->b_now, &pair->a_now, (Vector){va.x - vb.x, va.y - vb.y}, at, deepest);
+    /* Polygons without any edge have no depth. */
+    if (!(deepest < -apart) || deepest == -INFINITY) return UNDECIDED;
+    double error = most(surely.first - perhaps.first, perhaps.last - surely.last);
+    return (Contact){KERNEL_CONTACT, middle + perhaps.first, middle + perhaps.last, error};
+}
+
+Contact encounter_contact(Encounter *pair, double low, double high) {
+    bool touches = pair->separation_m == 0.0;
+    if (!pair->a.body->is_sound || !pair->b.body->is_sound || !(high > low)) return UNDECIDED;
+    if (pair->a.body->count < 3 && pair->b.body->count < 3) return UNDECIDED;
+    Bounds bounds = bounds_of(pair, low, high);
+    double departure = 0.5 * bounds.spread * (high - low);
+    /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
+    if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
+    Window window = {.low = low, .high = high, .start = low, .end = high};
+    for (int round = 1; round <= MAX_WINDOWS; round++) {
+        Extent extent = extent_over(pair, window.start, window.end);
+        double h = window.end - window.start;
+        window.largest = plane_largest_scale(pair->plane, &extent), window.touch = KERNEL_TOUCH_M * window.largest;
+        double wanted = (pair->margin_m + KERNEL_TOUCH_M) * window.largest;
+        if (!touches) {
+            window.smallest = plane_smallest_scale(pair->plane, &extent);
+            wanted = plane_span_m(pair->plane, pair->separation_m + pair->margin_m, window.largest) + window.touch;
+        }
+        pair->work->windows++;
+        Share share = clear_share(pair, bounds.acceleration * h * h / 8.0 + wanted);
+        if (share.u > share.v) return SEPARATED;
+        window.end = window.start + share.v * h, window.start = window.start + share.u * h;
+        window.middle = 0.5 * (window.start + window.end);
+        window.depth = depth_at(pair, window.middle, window.smallest);
+        if (window.depth < -2.0 * window.touch && (touches || round >= LEAST_WINDOWS_APART))
+            return contact_in_window(pair, &window);
+    }
+    return UNDECIDED;
+}
+
+KernelOutcome encounter_depth(Encounter *pair, double low, double high) {
+    if (!pair->a.body->is_sound || !pair->b.body->is_sound || !(high >= low)) return KERNEL_UNDECIDED;
+    double h = high - low;
+    Extent extent = extent_over(pair, low, high);
+    double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
+    double acceleration = bounds_of(pair, low, high).acceleration;
+    /* As a gap of minus the margin, least in the plane where the scale is. */
+    double slack = acceleration * h * h / 8.0 + KERNEL_TOUCH_M * largest - pair->margin_m * smallest;
+    Share share = clear_share(pair, slack);
+    if (share.u > share.v) return KERNEL_SEPARATED;
+    double depth = gap_at(pair, low + 0.5 * (share.u + share.v) * h).gap;
+    return depth < -(pair->margin_m + KERNEL_TOUCH_M) * largest ? KERNEL_CONTACT : KERNEL_UNDECIDED;
+}

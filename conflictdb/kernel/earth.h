@@ -1,0 +1,49 @@
+/* Rhumb lines on the sphere and on an ellipsoid: the latitudes and divided differences of conflictdb.earth.geodesy.
+ *
+ * Rectifying latitude mu is distance along the meridian, conformal latitude chi that of the sphere with the same
+ * Mercator plane, and psi = asinh(tan chi) the ordinate over the equatorial radius. Radians.
+ *
+ * C. F. F. Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
+ * doi:10.1007/s00190-011-0445-3; "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024),
+ * doi:10.1007/s11200-024-0709-z, section 3 (divided differences).
+ */
+#ifndef CONFLICTDB_EARTH_H
+#define CONFLICTDB_EARTH_H
+
+#include "kernel.h"
+
+/* Terms of the longest power series of psi. */
+enum { EARTH_TERMS = 12 };
+
+static inline double least(double a, double b) { return a < b ? a : b; }
+static inline double most(double a, double b) { return a > b ? a : b; }
+
+/* The east and north components of a bearing, exact at multiples of 90 degrees. */
+void earth_direction(double bearing_deg, double *east, double *north);
+
+/* mu of a geographic latitude. */
+double earth_rectifying(const KernelPlane *earth, double latitude);
+
+/* chi of mu. */
+double earth_conformal(const KernelPlane *earth, double mu);
+
+/* psi of mu. */
+double earth_isometric(const KernelPlane *earth, double mu);
+
+/* d psi / d mu. */
+double earth_slope(const KernelPlane *earth, double mu);
+
+/* (psi2 - psi1) / (mu2 - mu1), computed as one: also where mu1 is mu2. */
+double earth_stretch(const KernelPlane *earth, double mu1, double mu2);
+
+/* g_1 to g_12 with psi(mu + d) = psi(mu) + sum of g_k d^k. */
+void earth_series(const KernelPlane *earth, double mu, double series[EARTH_TERMS]);
+
+/* Metres per radian of the conformal sphere, where sin(chi)^2 is given. */
+static inline double earth_conformal_radius(const KernelPlane *earth, double sine2) {
+    double value = earth->conformal_radius[KERNEL_RADII - 1];
+    for (int k = KERNEL_RADII - 2; k >= 0; k--) value = value * sine2 + earth->conformal_radius[k];
+    return value;
+}
+
+#endif

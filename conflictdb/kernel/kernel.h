@@ -1,0 +1,132 @@
+/* When two moving polygons touch, or come nearer to each other than a distance: one pair at a time, with proofs.
+ *
+ * Two pieces of a scene are convex polygons that stand still, or ride along a leg as havens. For a pair of them during
+ * [low_s, high_s] the kernel proves one of two things, or says that it could not (KernelOutcome). What is proven holds
+ * for the motion itself: no step samples, and rounding is allowed for. docs/explanation/kernel.md says how.
+ *
+ * Units are metres, seconds and degrees at this border; "plane metres" are coordinates of the plane in which the legs
+ * and edges are straight. Instants are microseconds since 1970.
+ *
+ * Nothing is global: a KernelScene is made once, is not changed after that, and may be used by any number of threads.
+ * What a call answers for a pair depends on that pair alone. Every index is checked here, at the border; memory is
+ * taken here and nowhere else. Numbers that are no numbers are no error: what they belong to is undecided.
+ */
+#ifndef CONFLICTDB_KERNEL_H
+#define CONFLICTDB_KERNEL_H
+
+#include <stdint.h>
+
+/* Changes with every change of a structure, a constant or a function of this file. */
+#define KERNEL_ABI 1
+
+/* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
+ * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
+#define KERNEL_TOUCH_M 5e-8
+
+/* Coefficients of the longest series of a figure of the earth. */
+#define KERNEL_HARMONICS 6
+#define KERNEL_RADII 7
+
+/* Instants lie between plus and minus this, microseconds, so that differences of two fit into 64 bits. */
+#define KERNEL_LATEST_US (INT64_C(1) << 61)
+
+/* How a call ended. */
+typedef enum {
+    KERNEL_OK = 0,
+    KERNEL_NO_MEMORY = 1,
+    KERNEL_NULL = 2,        /* an array is missing */
+    KERNEL_BAD_COUNT = 3,   /* a count is negative */
+    KERNEL_BAD_PLANE = 4,   /* no such plane, or an earth of no size */
+    KERNEL_BAD_OFFSET = 5,  /* the offsets of vertices do not begin at 0, decrease, or end beyond the vertices */
+    KERNEL_BAD_PIECE = 6,   /* the number of a pair's piece is none of the scene's */
+    KERNEL_BAD_DISTANCE = 7 /* a separation or margin that is negative or no number */
+} KernelStatus;
+
+/* What is known of a pair during its time. */
+typedef enum {
+    KERNEL_UNDECIDED = 0, /* neither of these is proven: grazing, several contacts, a polygon without an inside */
+    KERNEL_SEPARATED = 1, /* further apart than wanted by more than the margin, throughout */
+    KERNEL_CONTACT = 2    /* nearer than wanted from start_s to end_s, by more than the margin at some instant; at any
+                             other instant not. The true ends lie within, by error_s at most at either end. */
+} KernelOutcome;
+
+typedef enum { KERNEL_MERCATOR = 0, KERNEL_GNOMONIC = 1 } KernelProjection;
+
+/* The plane that a scene lies in.
+ *
+ * Mercator: x = a longitude, y = a psi; legs are rhumb lines on the sphere or on an ellipsoid.
+ * Gnomonic about a centre: legs are great circles of the sphere.
+ */
+typedef struct {
+    int32_t projection;    /* KernelProjection */
+    int32_t harmonics;     /* terms of to_rectifying and to_conformal: 0 on the sphere */
+    double radius_m;       /* of the equator, a */
+    double rectifying_m;   /* metres of meridian per radian of rectifying latitude */
+    double eccentricity;   /* 0 on the sphere */
+    double oblateness;     /* ln(largest / least radius of the conformal sphere) */
+    double to_rectifying[KERNEL_HARMONICS];  /* mu(chi) = chi + sum of c_j sin(2 j chi) */
+    double to_conformal[KERNEL_HARMONICS];   /* chi(mu), the same way */
+    double conformal_radius[KERNEL_RADII];   /* metres, power series in sin(chi)^2; on the sphere radius_m, 0, ... */
+    double centre_lon_deg, centre_lat_deg;   /* gnomonic only */
+} KernelPlane;
+
+/* The pieces of a scene, as arrays (conflictdb.arrays.pieces.Pieces); only read while the scene is made. */
+typedef struct {
+    int64_t count, vertex_count;
+    const int8_t *moves;          /* (count,) 0: an area, whose shape is in plane metres; else a haven on a leg */
+    const int16_t *turn;          /* (count,) whole turns of longitude by which a piece is shifted */
+    const int64_t *start_us, *end_us;          /* (count,) havens: the slice of the leg */
+    const int64_t *leg_start_us, *leg_end_us;  /* (count,) havens: the leg */
+    const double *leg_start_deg, *leg_end_deg; /* (count, 2) havens: longitude, which runs on, and latitude */
+    const double *bearing_deg;                 /* (count,) havens: the heading */
+    const int64_t *shape_offset;  /* (count + 1,) vertices of piece i: [offset[i], offset[i + 1]) */
+    const double *shape;          /* (vertex_count, 2) counter-clockwise; havens: starboard and forward, metres */
+    const double *shape_to;       /* the same at the end of the leg; NULL or `shape` where nothing changes */
+    const int8_t *wanted;         /* (count,) 0: no pair has this piece, which costs nothing then; NULL: all are wanted */
+} KernelPieces;
+
+/* Pairs of pieces: numbers, the instant that the pair counts its seconds from, and its time. Both pieces must be there
+ * throughout: [low_s, high_s] lies within both slices. */
+typedef struct {
+    int64_t count;
+    const int64_t *a, *b;
+    const int64_t *zero_us;
+    const double *low_s, *high_s;
+} KernelPairs;
+
+/* What was done: pairs settled by the closed form, windows of pairs, and evaluations of two polygons at an instant. */
+typedef struct {
+    int64_t closed_forms, windows, evaluations;
+} KernelWork;
+
+typedef struct KernelScene KernelScene;
+
+/* Return KERNEL_ABI, as the library was built with. */
+int32_t kernel_abi(void);
+
+/* Return the fingerprint of the sources, as the build gave it. */
+const char *kernel_fingerprint(void);
+
+/* Make a scene. A piece that is not wanted or cannot be (without vertices, with numbers that are none, on a leg without a duration or
+ * beyond a pole) leaves its pairs undecided. */
+KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pieces, KernelScene **scene);
+
+/* Free a scene, or nothing (NULL). */
+void kernel_scene_free(KernelScene *scene);
+
+/* Find when pairs are nearer than separation_m on the earth; where that is 0, when they touch.
+ *
+ * margin_m : by how much a pair must be deeper than wanted to meet, or further than wanted to be apart; at least
+ *     KERNEL_TOUCH_M
+ * outcome : (count,) KernelOutcome; start_s, end_s, error_s : (count,) seconds, of meaning where pairs meet
+ */
+KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, double separation_m, double margin_m,
+                             int8_t *outcome, double *start_s, double *end_s, double *error_s, KernelWork *work);
+
+/* Find whether pairs that touch overlap by more than margin_m, metres on the earth.
+ *
+ * outcome : (count,) KERNEL_CONTACT: by more, at some instant; KERNEL_SEPARATED: by less, at every instant
+ */
+KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, double margin_m, int8_t *outcome);
+
+#endif

@@ -1,0 +1,193 @@
+/* The least distance on the earth between polygons whose edges are rhumb lines: conflictdb.earth.rhumb_distance, where
+ * it is derived. Longitude and psi are in radians; longitudes count from the pair's origin. */
+#include <math.h>
+
+#include "plane.h"
+
+/* In the plane, radians: what is nearer than this is found by the fixed point. */
+static const double NEARBY = 0.25;
+/* What its steps leave of a distance, and to what bounds are brought. */
+static const double SOLVED_SHARE = 2e-11;
+enum { STEPS = 4, MAX_HALVINGS = 60 };
+/* Parts of one edge that are looked at; a few dozen are usual. With fewer, distances are understated by more. */
+enum { MAX_PARTS = 10000 };
+/* Longer ways, radians, are bounded by the least and the largest radius alone. */
+static const double LONGEST = 2.9;
+static const double TURN = 0x1.921fb54442d18p2; /* 2 pi */
+/* Gauss and Legendre's rule for the mean radius along a way: nodes on [-1, 1] and weights. */
+static const double NODES[6] = {-0.9324695142031519, -0.6612093864662645, -0.2386191860831969,
+                                0.2386191860831969,  0.6612093864662645,  0.9324695142031519};
+static const double WEIGHTS[6] = {0.17132449237917027, 0.3607615730481387, 0.46791393457269104,
+                                  0.46791393457269104, 0.3607615730481387, 0.17132449237917027};
+
+/* A place, and an edge: longitude and psi of its start, and the way along it. */
+typedef struct {
+    double lon, psi;
+} Place;
+typedef struct {
+    Place start, way;
+} Edge;
+
+static double polar_radius_m(const KernelPlane *earth) { return earth_conformal_radius(earth, 1.0); }
+
+/* By how much Simpson's rule for the mean radius is wrong, c theta^5 / 360, where it is used (nearby). */
+static double rule_error_m(const KernelPlane *earth, double distance_m) {
+    double theta = distance_m / polar_radius_m(earth), near = least(theta, NEARBY);
+    return earth->radius_m * earth->oblateness / 360.0 * near * near * near * near * theta;
+}
+
+/* How much longer than the shortest way may be what is found as the least distance: a way that gives way to smaller
+ * radii saves c^2 (2 tan(theta / 2) - theta) / 2 to second order, here doubled for the rest. */
+static double overstated_m(const KernelPlane *earth, double distance_m) {
+    double c = earth->oblateness, theta = distance_m / polar_radius_m(earth), saved = 1.001 * c * theta;
+    if (theta <= LONGEST) saved = c * c * most(2.0 * tan(0.5 * theta) - theta, 0.0);
+    return earth->radius_m * saved + 2.0 * rule_error_m(earth, distance_m) + SOLVED_SHARE * distance_m;
+}
+
+double mercator_distance_error_m(const KernelPlane *plane, double distance_m) {
+    return 1.01 * (overstated_m(plane, distance_m) + rule_error_m(plane, distance_m));
+}
+
+/* The least distance of a vertex from an edge, where it is less than NEARBY in the plane; elsewhere too much. */
+static double nearby_m(const KernelPlane *earth, Place point, Edge edge) {
+    double length = hypot(edge.way.lon, edge.way.psi), divisor = length > 0.0 ? length : 1.0;
+    double ux = edge.way.lon / divisor, uy = edge.way.psi / divisor;
+    double wx = point.lon - edge.start.lon, wy = point.psi - edge.start.psi;
+    double foot = wx * ux + wy * uy, off = wx * uy - wy * ux;
+    /* z / 6 along the edge, and how the radius of the conformal sphere shrinks. */
+    double slope = (ux * ux - uy * uy) / 6.0, level = (ux * wx - uy * wy) / 6.0, shrinks = 2.0 * earth->oblateness;
+    double along = least(most(foot, 0.0), length);
+    for (int step = 0; step < STEPS; step++) {
+        double square = off * off + (along - foot) * (along - foot), sine = tanh(edge.start.psi + along * uy);
+        double pull = uy * sine * (1.0 + shrinks - shrinks * sine * sine) + slope * along - level;
+        along = least(most(foot + 0.5 * square * pull, 0.0), length);
+    }
+    double psi_foot = edge.start.psi + along * uy;
+    double east = sin(0.5 * (wx - along * ux)), north = sinh(0.5 * (wy - along * uy));
+    double half = sqrt(east * east + north * north) / sqrt(cosh(point.psi) * cosh(psi_foot));
+    half = half < 1.0 ? half : 1.0;
+    double angle = 2.0 * asin(half);
+    if (!(earth->oblateness > 0.0)) return earth->radius_m * angle;
+    /* Simpson's rule for the radius along the great circle, whose middle has this latitude. */
+    double sine1 = tanh(point.psi), sine2 = tanh(psi_foot), middle2 = 0.25 * (sine1 + sine2) * (sine1 + sine2);
+    middle2 = half < 1.0 ? middle2 / (1.0 - half * half) : 0.0;
+    double mean = earth_conformal_radius(earth, sine1 * sine1) + earth_conformal_radius(earth, sine2 * sine2);
+    mean += 4.0 * earth_conformal_radius(earth, middle2 <= 1.0 ? middle2 : 0.0);
+    return mean / 6.0 * angle;
+}
+
+/* The length of the great circle of the conformal sphere on the earth: at least that of the shortest way. */
+static double way_m(const KernelPlane *earth, Place a, Place b) {
+    /* Each with its own digits: on the other side of the earth those of a cosine are lost in a sine. */
+    double sine = hypot(sin(0.5 * (b.lon - a.lon)), sinh(0.5 * (b.psi - a.psi)));
+    double cosine = hypot(cos(0.5 * (b.lon - a.lon)), sinh(0.5 * (a.psi + b.psi))), theta = 2.0 * atan2(sine, cosine);
+    if (!(earth->oblateness > 0.0)) return earth->radius_m * theta;
+    double sine1 = tanh(a.psi), sine2 = tanh(b.psi), whole = sin(theta), mean = 0.0;
+    if (theta > LONGEST || !(whole > 0.0)) return earth->radius_m * theta;
+    for (int k = 0; k < 6; k++) {
+        double part = 0.5 + 0.5 * NODES[k];
+        double between = (sin((1.0 - part) * theta) * sine1 + sin(part * theta) * sine2) / whole;
+        mean += 0.5 * WEIGHTS[k] * earth_conformal_radius(earth, least(between * between, 1.0));
+    }
+    return mean * theta;
+}
+
+/* A part of an edge, and the distances of a point from both its ends. */
+typedef struct {
+    double low, high, first, last;
+    int halvings;
+} Part;
+
+/* What the distance from a point is nowhere below on a part. No surface that curves like the earth lets it bend upwards
+ * by more than v^2 / distance along a straight line of the plane, which itself bends by v tanh psi; v is metres per
+ * radian of the plane. */
+static double least_between(const KernelPlane *earth, Edge edge, Part part) {
+    double psi0 = edge.start.psi + part.low * edge.way.psi, psi1 = edge.start.psi + part.high * edge.way.psi;
+    double nearest_equator = psi0 * psi1 > 0.0 ? least(fabs(psi0), fabs(psi1)) : 0.0;
+    double v = earth->radius_m / cosh(nearest_equator), width = hypot(edge.way.lon, edge.way.psi) * (part.high - part.low);
+    double nearest = 0.5 * (part.first + part.last - width * v);
+    if (!(nearest > 0.0)) return 0.0;
+    double bend = v * v / (0.99 * nearest) + 1.01 * v * tanh(most(fabs(psi0), fabs(psi1)));
+    double drop = bend * width * width / 8.0, rise = fabs(part.last - part.first), between = least(part.first, part.last);
+    if (rise < 4.0 * drop) between = 0.5 * (part.first + part.last) - drop - rise * rise / (16.0 * drop);
+    return most(between, nearest);
+}
+
+/* Lower `floor` to what a point's distance from an edge is nowhere below, and `best` to the least that is found. */
+static void search_edge(const KernelPlane *earth, Place point, Edge edge, double *best, double *floor) {
+    Place end = {edge.start.lon + edge.way.lon, edge.start.psi + edge.way.psi};
+    Part stack[MAX_HALVINGS + 2];
+    int top = 0, parts = 0;
+    stack[top++] = (Part){0.0, 1.0, way_m(earth, point, edge.start), way_m(earth, point, end), 0};
+    while (top > 0) {
+        Part part = stack[--top];
+        *best = least(*best, least(part.first, part.last));
+        double bound = least_between(earth, edge, part);
+        if (!(bound < *best * (1.0 - SOLVED_SHARE)) || part.halvings >= MAX_HALVINGS || ++parts > MAX_PARTS) {
+            *floor = least(*floor, bound);
+            continue;
+        }
+        double middle = 0.5 * (part.low + part.high);
+        Place place = {edge.start.lon + middle * edge.way.lon, edge.start.psi + middle * edge.way.psi};
+        double found = way_m(earth, point, place);
+        stack[top++] = (Part){part.low, middle, part.first, found, part.halvings + 1};
+        stack[top++] = (Part){middle, part.high, found, part.last, part.halvings + 1};
+    }
+}
+
+static Place place_of(const KernelPlane *earth, const Polygon *polygon, int64_t i, Vector origin) {
+    return (Place){polygon->x[i] / earth->radius_m, (polygon->y[i] + origin.y) / earth->radius_m};
+}
+
+/* The least of `found` and the distances nearby of vertices and sides that are further apart than `beyond` and at most
+ * `within` plane metres. */
+static double nearest_nearby_m(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
+                               double beyond, double within, double found) {
+    for (int64_t i = 0; i < vertices->count; i++)
+        for (int64_t k = 0; k < sides->count; k++) {
+            int64_t m = edge_end(sides, k);
+            Vector way = {vertices->x[i] - sides->x[k], vertices->y[i] - sides->y[k]};
+            Vector side = {sides->x[m] - sides->x[k], sides->y[m] - sides->y[k]};
+            double square = squared_distance(way, side);
+            if (square > within * within || square <= beyond * beyond) continue;
+            Edge edge = {place_of(earth, sides, k, origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
+            found = least(found, nearby_m(earth, place_of(earth, vertices, i, origin), edge));
+        }
+    return found;
+}
+
+static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
+                       double *best, double *floor) {
+    for (int64_t i = 0; i < vertices->count; i++)
+        for (int64_t k = 0; k < sides->count; k++) {
+            int64_t m = edge_end(sides, k);
+            Edge edge = {place_of(earth, sides, k, origin),
+                         {(sides->x[m] - sides->x[k]) / earth->radius_m, (sides->y[m] - sides->y[k]) / earth->radius_m}};
+            search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor);
+        }
+}
+
+double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest) {
+    Extent extent = extent_none();
+    extent_add(&extent, a, origin), extent_add(&extent, b, origin);
+    double scale = plane_largest_scale(plane, &extent), width = (extent.east - extent.west) / plane->radius_m;
+    /* What is nearest in the plane first, with a little more for rounding; then all that might be nearer on the earth:
+     * nothing that spans more of the plane is. */
+    double within = nearest * (1.0 + 1e-9) + 1e-6, found = INFINITY;
+    found = nearest_nearby_m(plane, a, b, origin, 0.0, within, found);
+    found = nearest_nearby_m(plane, b, a, origin, 0.0, within, found);
+    double span = plane_span_m(plane, found, scale);
+    if (span > within) {
+        found = nearest_nearby_m(plane, a, b, origin, within, span, found);
+        found = nearest_nearby_m(plane, b, a, origin, within, span, found);
+    }
+    /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
+    if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
+        double best = INFINITY, floor = INFINITY;
+        search_all(plane, a, b, origin, &best, &floor);
+        search_all(plane, b, a, origin, &best, &floor);
+        found = least(floor, best);
+    }
+    found -= overstated_m(plane, found);
+    return found < 0.0 ? 0.0 : found;
+}

@@ -1,0 +1,103 @@
+#include "plane.h"
+
+#include <math.h>
+
+/* Below this many metres the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude. */
+static const double SHORT_M = 1e-3;
+/* A distance is taken from gnomonic coordinates up to 1.1e7 m, rounded by 2e-9 m each. */
+static const double GNOMONIC_ROUNDING_M = 1e-8;
+static const double HALF_PI = 0x1.921fb54442d18p0;
+
+Extent extent_none(void) { return (Extent){INFINITY, -INFINITY, INFINITY, -INFINITY, 0.0}; }
+
+void extent_add(Extent *extent, const Polygon *polygon, Vector origin) {
+    double check = 0.0;
+    for (int64_t i = 0; i < polygon->count; i++) {
+        double x = polygon->x[i] + origin.x, y = polygon->y[i] + origin.y;
+        extent->west = least(extent->west, x), extent->east = most(extent->east, x);
+        extent->south = least(extent->south, y), extent->north = most(extent->north, y);
+        extent->furthest2 = most(extent->furthest2, x * x + y * y);
+        check += 0.0 * (x + y); /* 0, or NaN */
+    }
+    if (!(check == 0.0)) extent->north = extent->south = extent->furthest2 = NAN;
+}
+
+double mercator_scale(const KernelPlane *plane, double y) {
+    double e = exp(fabs(y) / plane->radius_m), cosine = 0.5 * (e + 1.0 / e), tangent = (e - 1.0 / e) / (e + 1.0 / e);
+    return cosine * plane->radius_m / earth_conformal_radius(plane, tangent * tangent);
+}
+
+double plane_largest_scale(const KernelPlane *plane, const Extent *extent) {
+    if (plane->projection == KERNEL_GNOMONIC) return 1.0 + extent->furthest2 / (plane->radius_m * plane->radius_m);
+    return mercator_scale(plane, extent->north > -extent->south ? extent->north : extent->south);
+}
+
+double plane_smallest_scale(const KernelPlane *plane, const Extent *extent) {
+    if (plane->projection == KERNEL_MERCATOR)
+        return mercator_scale(plane, most(most(extent->south, -extent->north), 0.0));
+    /* Across the way from the centre, at the nearest point of the box, and nearer by its diagonal for what moves. */
+    double x = most(most(extent->west, -extent->east), 0.0), y = most(most(extent->south, -extent->north), 0.0);
+    double diagonal = hypot(extent->east - extent->west, extent->north - extent->south);
+    double nearest = most(hypot(x, y) - diagonal, 0.0) / plane->radius_m;
+    return sqrt(1.0 + nearest * nearest);
+}
+
+/* By what share the radius of the conformal sphere may change on a way of theta radians. */
+static double most_change(const KernelPlane *plane, double theta) { return 1.01 * plane->oblateness * least(theta, 1.0); }
+
+/* The most that the conformal sphere's radius adds to the scale and how it changes, as a share of tanh(psi). */
+static double shrinks(const KernelPlane *plane) { return 3.02 * plane->oblateness; }
+
+/* At least the highest conformal latitude of a shortest way whose ends have this scale, radians. */
+static double highest_on_way(const KernelPlane *plane, double distance_m, double scale) {
+    return least(acos(1.0 / most(scale, 1.0)) + 0.505 * distance_m / plane->radius_m, HALF_PI);
+}
+
+double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
+    if (plane->projection == KERNEL_GNOMONIC) return distance_m * scale;
+    /* On the sphere 2 asin(s) while s = cosh(psi) sin(theta / 2) < 1, and 2 hypot(pi / 2, acosh(s)) beyond; these
+     * bounds are convex in ln s. */
+    double theta = distance_m / plane->radius_m;
+    double s = scale * (1.0 + most_change(plane, theta)) * sin(least(0.5 * theta, HALF_PI));
+    if (s < 1.0) return plane->radius_m * (2.0 * s + (2.0 * HALF_PI - 2.0) * s * s * s);
+    return plane->radius_m * (2.0 * HALF_PI + (6.0 * HALF_PI - 4.0) * log(s));
+}
+
+double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed) {
+    if (plane->projection == KERNEL_GNOMONIC)
+        return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
+    double sine = sin(highest_on_way(plane, distance_m, scale));
+    return distance_m / plane->radius_m * (1.0 + shrinks(plane)) * sine * scale * speed;
+}
+
+double plane_slant(const KernelPlane *plane, double distance_m, double scale) {
+    if (plane->projection == KERNEL_GNOMONIC) return atan(0.5 * (scale - 1.0) / sqrt(scale));
+    double tangent = tan(least(highest_on_way(plane, distance_m, scale), HALF_PI - 1e-9));
+    return distance_m / plane->radius_m * (1.0 + shrinks(plane)) * tangent;
+}
+
+double plane_distance_error_m(const KernelPlane *plane, double distance_m) {
+    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_error_m(plane, distance_m);
+    return 2.0 * GNOMONIC_ROUNDING_M + 1e-12 * distance_m;
+}
+
+double plane_short_m(const KernelPlane *plane) {
+    /* In a plane that does not keep angles they never are: only what touches is no nearer for that. */
+    return plane->projection == KERNEL_MERCATOR ? SHORT_M : KERNEL_TOUCH_M;
+}
+
+static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {
+    double x = point.x + origin.x, y = point.y + origin.y;
+    if (plane->projection == KERNEL_MERCATOR) return mercator_scale(plane, y);
+    return 1.0 + (x * x + y * y) / (plane->radius_m * plane->radius_m);
+}
+
+double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin) {
+    Vector from, to;
+    Gap gap = polygon_distance(a, b, &from, &to);
+    double metres = 2.0 * gap.gap / (scale_at(plane, from, origin) + scale_at(plane, to, origin));
+    if (!(metres > plane_short_m(plane))) return metres;
+    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_m(plane, a, b, origin, gap.gap);
+    metres = gnomonic_distance_m(plane, a, b, origin) - GNOMONIC_ROUNDING_M;
+    return metres < 0.0 ? 0.0 : metres;
+}

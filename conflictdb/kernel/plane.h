@@ -1,0 +1,52 @@
+/* The planes: how many plane metres a metre on the earth is, and distances on the earth (conflictdb.motion.contract).
+ *
+ * The scale is that at the ends of a way at most: it is convex along straight lines in both planes.
+ */
+#ifndef CONFLICTDB_PLANE_H
+#define CONFLICTDB_PLANE_H
+
+#include "earth.h"
+#include "polygon.h"
+
+/* What bounds the vertices of some polygons, plane metres from the plane's own origin. */
+typedef struct {
+    double west, east, south, north, furthest2; /* the last: squared distance from the plane's origin */
+} Extent;
+
+Extent extent_none(void);
+
+/* Extend by a polygon counted from an origin. A vertex that is no number makes the extent none. */
+void extent_add(Extent *extent, const Polygon *polygon, Vector origin);
+
+/* The most plane metres per metre, any way, and the fewest (>= 1), in the hull of all that was added. */
+double plane_largest_scale(const KernelPlane *plane, const Extent *extent);
+double plane_smallest_scale(const KernelPlane *plane, const Extent *extent);
+
+/* How many plane metres a distance on the earth may take up where the scale at its ends is at most this. */
+double plane_span_m(const KernelPlane *plane, double distance_m, double scale);
+
+/* At what rate, plane m/s, distances on the earth may change for points that keep their plane distance. */
+double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed);
+
+/* The largest angle between the line between two places and where distances grow fastest, radians. */
+double plane_slant(const KernelPlane *plane, double distance_m, double scale);
+
+/* By how much plane_distance_m may understate a distance, metres. */
+double plane_distance_error_m(const KernelPlane *plane, double distance_m);
+
+/* Up to how many metres the nearest points in the plane are those on the earth, to rounding. */
+double plane_short_m(const KernelPlane *plane);
+
+/* The signed separation in metres on the earth: the length of the shortest way between polygons that are apart; of
+ * those that overlap their depth. Never overstated; understated by plane_distance_error_m at most. */
+double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
+
+/* Each plane: the least distance of polygons that are apart; nearest: that in the plane. */
+double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest);
+double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
+double mercator_distance_error_m(const KernelPlane *plane, double distance_m);
+
+/* Mercator: plane metres per metre at an ordinate. */
+double mercator_scale(const KernelPlane *plane, double y);
+
+#endif

@@ -1,0 +1,211 @@
+/* Havens that ride on rhumb lines, in the Mercator plane: conflictdb.motion.rhumb, where the formulas are derived.
+ *
+ * A vertex is found from the reference point by two rhumb steps, f forward and s to starboard of the heading (e, n):
+ * with S1 and S2 the divided differences of psi over their latitudes, it is off by a (f S1 (e, n) + s S2 (n, -e)).
+ */
+#include "motion.h"
+
+/* Bounds on curvature are written for the sphere; on WGS84 the derivatives of chi are at most 3 % more. */
+static const double ELLIPSOID_SLACK = 1.05;
+/* How large a haven may be over its distance to the pole for 6 terms of the series and for 12, and for the slice with
+ * the haven about its middle: what is left out is below 1e-10 m. Beyond: the closed form. */
+static const double REACH_OF_6 = 0.005, REACH_OF_12 = 0.06;
+/* A corner counts as one in the plane if it turns by so many times what its sides bend. */
+static const double CORNER_SLACK = 4.0;
+static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
+static const double HALF_PI = 0x1.921fb54442d18p0;
+
+typedef struct {
+    double up, down, step;
+} Extents;
+
+static Extents extents_of(const double *shape, const Body *body, double unit_m) {
+    Extents found = {0.0, 0.0, 0.0};
+    double east = body->leg.rhumb.east, north = body->leg.rhumb.north;
+    for (int64_t i = body->first; i < body->first + body->count; i++) {
+        double starboard = shape[2 * i] / unit_m, forward = shape[2 * i + 1] / unit_m;
+        double first = forward * north, second = first - starboard * east;
+        found.up = most(found.up, most(first, second));
+        found.down = least(found.down, least(first, second));
+        found.step = most(found.step, fabs(forward * east) + fabs(starboard * north));
+    }
+    return found;
+}
+
+/* Whether a corner might turn inwards in the plane. On the way along a side of length d the plane's axes turn against
+ * the haven's, and its scale changes, by at most d tan(latitude). */
+static bool may_dent(const KernelPieces *pieces, const Body *body, double unit_m, double tangent) {
+    if (body->count <= 3) return false;
+    for (int64_t i = 0; i < body->count; i++) {
+        Corner corner = corner_of(pieces, body, i, unit_m);
+        double side = most(norm(corner.side), norm(corner.last_side));
+        double next = most(norm(corner.next), norm(corner.last_next));
+        double turn = corner.changes ? corner_least_turn(&corner) : fabs(cross(corner.side, corner.next));
+        double allowed = CORNER_SLACK * (side + next) * tangent + CORNER_SLACK * 1e-9;
+        if (!(turn > allowed * side * next)) return true;
+    }
+    return false;
+}
+
+static int64_t order_of(double size, double half_slice, double to_pole) {
+    if (half_slice + size > REACH_OF_12 * to_pole) return 0;
+    if (size <= REACH_OF_6 * to_pole) return 6;
+    return size <= REACH_OF_12 * to_pole ? 12 : 0;
+}
+
+/* The rates of a haven that changes, and what they bound. */
+static void prepare_change(const Scene *scene, const KernelPieces *pieces, Body *body, Extents at_start) {
+    RhumbLeg *leg = &body->leg.rhumb;
+    double unit_m = scene->plane.rectifying_m, own = leg->delta_mu / leg->leg_s;
+    Extents at_end = extents_of(pieces->shape_to, body, unit_m);
+    leg->up_rate = (at_end.up - at_start.up) / leg->leg_s;
+    leg->down_rate = (at_end.down - at_start.down) / leg->leg_s;
+    leg->step_rate = (at_end.step - at_start.step) / leg->leg_s;
+    double *forward_rate = scene->columns + FORWARD_RATE * scene->vertex_count;
+    double *starboard_rate = scene->columns + STARBOARD_RATE * scene->vertex_count;
+    for (int64_t i = body->first; i < body->first + body->count; i++) {
+        starboard_rate[i] = (pieces->shape_to[2 * i] / unit_m - pieces->shape[2 * i] / unit_m) / leg->leg_s;
+        forward_rate[i] = (pieces->shape_to[2 * i + 1] / unit_m - pieces->shape[2 * i + 1] / unit_m) / leg->leg_s;
+        double first = forward_rate[i] * leg->north, second = first - starboard_rate[i] * leg->east;
+        leg->fastest = most(leg->fastest, most(fabs(own + first), fabs(own + second)));
+        leg->climb = most(leg->climb, fabs(second));
+        leg->widen = most(leg->widen, fabs(forward_rate[i] * leg->east) + fabs(starboard_rate[i] * leg->north));
+    }
+}
+
+bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body) {
+    const KernelPlane *earth = &scene->plane;
+    RhumbLeg *leg = &body->leg.rhumb;
+    double unit_m = earth->rectifying_m, size = 0.0;
+    double lon0 = RADIANS * pieces->leg_start_deg[2 * piece], lon1 = RADIANS * pieces->leg_end_deg[2 * piece];
+    double end_mu = earth_rectifying(earth, RADIANS * pieces->leg_end_deg[2 * piece + 1]);
+    body->motion = ON_RHUMB_LINE;
+    leg->leg_s = (double)(pieces->leg_end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
+    leg->start_mu = earth_rectifying(earth, RADIANS * pieces->leg_start_deg[2 * piece + 1]);
+    leg->delta_mu = end_mu - leg->start_mu;
+    leg->rate_x = earth->radius_m * (lon1 - lon0) / earth_stretch(earth, leg->start_mu, end_mu);
+    earth_direction(pieces->bearing_deg[piece], &leg->east, &leg->north);
+    leg->start.x = earth->radius_m * (lon0 + 4.0 * HALF_PI * pieces->turn[piece]);
+    leg->start.y = earth->radius_m * earth_isometric(earth, leg->start_mu);
+    leg->fastest = fabs(leg->delta_mu) / leg->leg_s;
+    body->origin = leg->start;
+    double *forward = scene->columns + FORWARD * scene->vertex_count;
+    double *starboard = scene->columns + STARBOARD * scene->vertex_count;
+    for (int64_t i = body->first; i < body->first + body->count; i++) {
+        starboard[i] = pieces->shape[2 * i] / unit_m, forward[i] = pieces->shape[2 * i + 1] / unit_m;
+        size = most(size, hypot(starboard[i], forward[i]));
+        if (body->changes) size = most(size, hypot(pieces->shape_to[2 * i], pieces->shape_to[2 * i + 1]) / unit_m);
+    }
+    Extents at_start = extents_of(pieces->shape, body, unit_m);
+    leg->up = at_start.up, leg->down = at_start.down, leg->step = at_start.step;
+    if (body->changes) prepare_change(scene, pieces, body, at_start);
+
+    double highest = most(fabs(leg->start_mu), fabs(end_mu)), to_pole = HALF_PI - highest;
+    double slice_us = (double)(pieces->end_us[piece] - pieces->start_us[piece]);
+    double half_slice = 0.5 * fabs(leg->delta_mu) * slice_us / (1e6 * leg->leg_s);
+    body->is_convex = !may_dent(pieces, body, unit_m, tan(least(highest + size, 1.57)));
+    leg->order = order_of(size, half_slice, to_pole);
+    if (leg->order > 0) {
+        double start_s = (double)(pieces->start_us[piece] - pieces->leg_start_us[piece]) / 1e6;
+        double end_s = (double)(pieces->end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
+        leg->middle_s = 0.5 * (start_s + end_s);
+        double gone = leg->middle_s / leg->leg_s, mu = leg->start_mu + gone * leg->delta_mu;
+        double way = gone * earth_stretch(earth, leg->start_mu, mu);
+        leg->middle.x = leg->start.x + leg->rate_x * way;
+        leg->middle.y = leg->start.y + earth->radius_m * leg->delta_mu * way;
+        earth_series(earth, mu, leg->series);
+    }
+    /* No vertex or step may reach a pole, at either end of the leg. */
+    double reach = most(most(leg->up, leg->up + leg->up_rate * leg->leg_s),
+                        -least(leg->down, leg->down + leg->down_rate * leg->leg_s));
+    return leg->leg_s > 0.0 && highest + reach < HALF_PI && isfinite(leg->rate_x) && isfinite(leg->east + leg->north);
+}
+
+/* The divided difference over d of a power series, and its first coefficients about d: Horner's rule, again and again
+ * on its own steps (Shaw, Traub, J. ACM 21 (1974), doi:10.1145/321812.321828). */
+static double shifted(const double series[EARTH_TERMS], double d, int64_t order, double found[EARTH_TERMS]) {
+    found[EARTH_TERMS - 1] = series[EARTH_TERMS - 1];
+    for (int k = EARTH_TERMS - 2; k >= 0; k--) found[k] = series[k] + found[k + 1] * d;
+    double difference = found[0];
+    for (int64_t lowest = 0; lowest < order; lowest++)
+        for (int k = EARTH_TERMS - 2; k >= lowest; k--) found[k] += found[k + 1] * d;
+    return difference;
+}
+
+void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
+    const KernelPlane *earth = &mover->scene->plane;
+    const Body *body = mover->body;
+    const RhumbLeg *leg = &body->leg.rhumb;
+    const double *forward = body_column(mover->scene, body, FORWARD);
+    const double *starboard = body_column(mover->scene, body, STARBOARD);
+    const double *forward_rate = body_column(mover->scene, body, FORWARD_RATE);
+    const double *starboard_rate = body_column(mover->scene, body, STARBOARD_RATE);
+    double series[EARTH_TERMS], into = mover->into_s + t, mu = leg->start_mu + into / leg->leg_s * leg->delta_mu, way;
+    Vector from;
+    if (leg->order > 0) {
+        double gone = (t - (leg->middle_s - mover->into_s)) / leg->leg_s;
+        way = gone * shifted(leg->series, gone * leg->delta_mu, leg->order, series);
+        from = leg->middle;
+    } else {
+        way = into / leg->leg_s * earth_stretch(earth, leg->start_mu, mu);
+        from = leg->start;
+    }
+    double x = leg->rate_x * way + (from.x - mover->origin.x);
+    double y = earth->radius_m * leg->delta_mu * way + (from.y - mover->origin.y);
+    for (int64_t i = 0; i < body->count; i++) {
+        double ahead = forward[i], aside = starboard[i], first, second;
+        if (body->changes) ahead += forward_rate[i] * into, aside += starboard_rate[i] * into;
+        double d1 = ahead * leg->north, d2 = d1 - aside * leg->east;
+        if (leg->order > 0) {
+            /* The series at 0 and d1, and with the steps of that the divided difference at 0, d1 and d2. */
+            first = second = series[leg->order - 1];
+            for (int64_t k = leg->order - 2; k >= 0; k--) {
+                first = first * d1 + series[k];
+                second = second * d2 + first;
+            }
+        } else {
+            first = earth_stretch(earth, mu, mu + d1), second = earth_stretch(earth, mu + d1, mu + d2);
+        }
+        first *= earth->radius_m * ahead, second *= earth->radius_m * aside;
+        polygon->x[i] = x + (first * leg->east + second * leg->north);
+        polygon->y[i] = y + (first * leg->north - second * leg->east);
+    }
+}
+
+Vector rhumb_velocity(const Mover *mover, double t) {
+    const KernelPlane *earth = &mover->scene->plane;
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double mu = leg->start_mu + (mover->into_s + t) / leg->leg_s * leg->delta_mu;
+    double rate = earth_slope(earth, mu) / leg->leg_s;
+    return (Vector){rate * leg->rate_x, rate * earth->radius_m * leg->delta_mu};
+}
+
+/* All latitudes are linear in time, and the bounds increase with them: those of the highest one that is reached.
+ * Acceleration: y = a psi(mu) has y'' = a mu'^2 sec tan, the reference point x'' = rate_x mu' sec tan / leg_s, and a
+ * step f goes x = a f D with (f D)'' = 2 f' D' + f D'', |D'| <= w sec tan, |D''| <= w^2 sec (1 + 2 tan^2).
+ * Spread: the offset of a vertex changes by at most a w step sec tan in x and a w max(up, -down) sec tan in y, and by
+ * a sec times what its steps and latitude grow; the velocity in the middle by half of the acceleration's time. */
+Bounds rhumb_bounds(const Mover *mover, double t0, double t1) {
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double radius_m = mover->scene->plane.radius_m, first = mover->into_s + t0, last = mover->into_s + t1;
+    double mu0 = leg->start_mu + first / leg->leg_s * leg->delta_mu;
+    double mu1 = leg->start_mu + last / leg->leg_s * leg->delta_mu;
+    double north = most(mu0, mu1) + leg->up, south = least(mu0, mu1) + leg->down;
+    double up = leg->up, down = leg->down, step = leg->step;
+    if (mover->body->changes) {
+        north = most(mu0 + (up + leg->up_rate * first), mu1 + (up + leg->up_rate * last));
+        south = least(mu0 + (down + leg->down_rate * first), mu1 + (down + leg->down_rate * last));
+        up += most(leg->up_rate * first, leg->up_rate * last);
+        down += least(leg->down_rate * first, leg->down_rate * last);
+        step += most(leg->step_rate * first, leg->step_rate * last);
+    }
+    double tangent = tan(most(north, -south)), secant = sqrt(1.0 + tangent * tangent);
+    double own = fabs(leg->delta_mu) / leg->leg_s, w = leg->fastest;
+    double y = radius_m * w * w * secant * tangent;
+    double x = fabs(leg->rate_x) * own / leg->leg_s * secant * tangent;
+    x += radius_m * (w * w * step * secant * (1.0 + 2.0 * tangent * tangent) + 2.0 * leg->widen * w * secant * tangent);
+    double acceleration = ELLIPSOID_SLACK * sqrt(x * x + y * y);
+    x = w * step * tangent + leg->widen, y = own * most(up, -down) * tangent + leg->climb;
+    double spread = ELLIPSOID_SLACK * radius_m * secant * sqrt(x * x + y * y);
+    return (Bounds){acceleration, spread + 0.5 * acceleration * (t1 - t0)};
+}

@@ -1,0 +1,82 @@
+/* Regula falsi (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), and
+ * bisection where that hardly narrows the bracket, as where the measure only just falls below zero. */
+#include "roots.h"
+
+#include <math.h>
+
+/* Steps of one search. Bisection takes 60 to the last digit, and every fourth step is one at worst: with fewer,
+ * brackets stay wide and pairs are undecided. */
+enum { MAX_STEPS = 300 };
+/* Steps that may fail to halve a bracket before it is bisected. */
+enum { SLOW_STEPS = 3 };
+/* An end is beyond doubt where the measure is between one and so many times what rounding is worth. */
+static const double MOST_TOUCHES = 3.0;
+/* Instants nearer to each other than so many spacings of float64 are not told apart. */
+static const double RESOLVED_SPACINGS = 4.0;
+
+/* Instants between which a measure falls, and its values there. */
+typedef struct {
+    double outside, gap, inside, depth;
+} Bracket;
+
+/* What is left of a bracket; an instant with the value that was looked for, else the inner end. is_wide: the steps were
+ * used up; if it is neither, the bracket is as narrow as instants can be. */
+typedef struct {
+    Bracket left;
+    double at, value;
+    bool is_found, is_wide;
+} Narrowed;
+
+/* Whether there are instants between two. */
+static bool resolved(double a, double b) {
+    double larger = fabs(a) > fabs(b) ? fabs(a) : fabs(b);
+    return fabs(b - a) > RESOLVED_SPACINGS * (nextafter(larger, INFINITY) - larger);
+}
+
+/* Narrow a bracket until the measure is between `low` and `high` at an instant. guess: where to look first, or NaN. */
+static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low, double high, double guess) {
+    double a = bracket.outside, fa = bracket.gap, b = bracket.inside, fb = bracket.depth, aim = 0.5 * (low + high);
+    if (fa < high) return (Narrowed){bracket, a, fa, true, false};
+    if (fb > low) return (Narrowed){bracket, b, fb, true, false};
+    /* What counts at the ends; of an end that stays twice only half, so that the other comes over. */
+    double ga = fa - aim, gb = fb - aim;
+    int side = 0, slow = 0;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        if (!resolved(a, b)) return (Narrowed){{a, fa, b, fb}, b, fb, false, false};
+        double width = fabs(b - a), x = a + (b - a) * (ga / (ga - gb));
+        if (step == 0 && isfinite(guess)) x = guess;
+        if (!((x - a) * (x - b) < 0.0) || slow >= SLOW_STEPS) x = 0.5 * (a + b);
+        double f = measure(of, x);
+        if (f > low && f < high) return (Narrowed){{a, fa, b, fb}, x, f, true, false};
+        if (f >= high) {
+            if (side == 1) gb *= 0.5;
+            a = x, fa = f, ga = f - aim, side = 1;
+        } else {
+            if (side == -1) ga *= 0.5;
+            b = x, fb = f, gb = f - aim, side = -1;
+        }
+        slow = fabs(b - a) <= 0.5 * width ? 0 : slow + 1;
+    }
+    return (Narrowed){{a, fa, b, fb}, b, fb, false, resolved(a, b)};
+}
+
+Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch) {
+    Bracket whole = {outside, gap, inside, depth};
+    Narrowed zero = narrowed(measure, of, whole, -touch, touch, NAN);
+    double before = (zero.left.outside - zero.at) / (zero.left.gap - zero.value);
+    double after = (zero.at - zero.left.inside) / (zero.value - zero.left.depth);
+    /* Seconds that one metre takes there, by the nearer end of the bracket. */
+    double pace = fabs(zero.left.outside - zero.at) < fabs(zero.at - zero.left.inside) ? before : after;
+    double way = 0.5 * (1.0 + MOST_TOUCHES) * touch * pace;
+    Bracket outer_half = {zero.left.outside, zero.left.gap, zero.at, zero.value};
+    Bracket inner_half = {zero.at, zero.value, zero.left.inside, zero.left.depth};
+    Narrowed outer = narrowed(measure, of, outer_half, touch, MOST_TOUCHES * touch, zero.at + way);
+    Narrowed inner = narrowed(measure, of, inner_half, -MOST_TOUCHES * touch, -touch, zero.at - way);
+    /* Where instants are too few to reach that, the bracket itself is left. */
+    double above = outer.is_found ? outer.value : outer.left.gap, below = inner.is_found ? inner.value : inner.left.depth;
+    return (Root){
+        .outer = outer.is_found ? outer.at : outer.left.outside,
+        .inner = inner.is_found ? inner.at : inner.left.inside,
+        .is_found = !outer.is_wide && !inner.is_wide && above > touch && below < -touch,
+    };
+}

@@ -1,0 +1,134 @@
+/* Throws hostile arrays at the kernel; built with sanitizers, which end the program at the first fault.
+ *
+ *     hostile_kernel ROUNDS SEED
+ *
+ * Every array is a block of its own, so that one step beyond its end is seen. Prints how calls ended, and how pairs did.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "kernel.h"
+
+static uint64_t state;
+
+static uint64_t draw(void) { /* xorshift64* */
+    state ^= state >> 12, state ^= state << 25, state ^= state >> 27;
+    return state * UINT64_C(2685821657736338717);
+}
+
+static int64_t below(int64_t n) { return (int64_t)(draw() % (uint64_t)n); }
+static double uniform(double low, double high) { return low + (high - low) * ((double)(draw() >> 11) * 0x1p-53); }
+
+/* A number that is mostly between low and high, and now and then one that nobody expects. */
+static double number(double low, double high, int64_t odd) {
+    static const double ODD[] = {0.0, -0.0, NAN, INFINITY, -INFINITY, 1e308, -1e308, 5e-324, 90.0, -90.0, 180.0, 1e9};
+    if (below(odd) > 0) return uniform(low, high);
+    return below(4) ? ODD[below((int64_t)(sizeof ODD / sizeof *ODD))] : ldexp(uniform(-1.0, 1.0), (int)below(2000) - 1000);
+}
+
+static int64_t instant(int64_t low, int64_t high, int64_t odd) {
+    static const int64_t ODD[] = {0, INT64_MIN, INT64_MAX, INT64_MIN + 1, INT64_C(1) << 62, -(INT64_C(1) << 62), -1};
+    return below(odd) > 0 ? low + below(high - low) : ODD[below((int64_t)(sizeof ODD / sizeof *ODD))];
+}
+
+static void *block(int64_t count, size_t size) {
+    void *made = malloc((size_t)count * size);
+    if (!made && count > 0) exit(3);
+    return made;
+}
+
+static KernelPlane some_plane(int64_t odd) {
+    KernelPlane plane = {.projection = (int32_t)below(2), .radius_m = 6371008.771415, .rectifying_m = 6371008.771415};
+    plane.conformal_radius[0] = plane.radius_m;
+    plane.centre_lon_deg = uniform(-180.0, 180.0), plane.centre_lat_deg = uniform(-90.0, 90.0);
+    if (plane.projection == KERNEL_MERCATOR && below(2)) { /* roughly WGS84 */
+        plane.radius_m = 6378137.0, plane.rectifying_m = 6367449.1458, plane.eccentricity = 0.0818191908426;
+        plane.oblateness = 0.00335, plane.harmonics = 6;
+        plane.to_rectifying[0] = 8.377e-4, plane.to_conformal[0] = -8.377e-4;
+        plane.conformal_radius[0] = plane.radius_m, plane.conformal_radius[1] = -21350.0;
+    }
+    if (below(odd) == 0) plane.projection = (int32_t)draw();
+    if (below(odd) == 0) plane.harmonics = (int32_t)draw();
+    if (below(odd) == 0) plane.radius_m = number(-1.0, 1.0, 2);
+    if (below(odd) == 0) plane.conformal_radius[below(7)] = number(-1e7, 1e7, 2);
+    if (below(odd) == 0) plane.centre_lat_deg = number(-90.0, 90.0, 2);
+    return plane;
+}
+
+/* Vertices about in the order of an ellipse; sizes from a millimetre to half the earth. */
+static void shape(double *xy, int64_t count, double middle_x, double middle_y, double size, int64_t odd) {
+    for (int64_t i = 0; i < count; i++) {
+        double angle = 6.283185307179586 * (double)i / (double)count;
+        xy[2 * i] = middle_x + size * cos(angle), xy[2 * i + 1] = middle_y + 0.7 * size * sin(angle);
+        if (below(odd) == 0) xy[2 * i + below(2)] = number(-1e7, 1e7, 2);
+        if (below(odd) == 0 && i > 0) xy[2 * i] = xy[0], xy[2 * i + 1] = xy[1];
+    }
+}
+
+static void play(int64_t calls[16], int64_t outcomes[4]) {
+    static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
+    const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
+    KernelPlane plane = some_plane(20 * odd);
+    int64_t *offset = block(n + 1, 8), most = below(50) ? 9 : 200;
+    offset[0] = 0;
+    for (int64_t i = 0; i < n; i++) offset[i + 1] = offset[i] + (below(odd) ? 1 + below(most) : 0);
+    KernelPieces pieces = {.count = n, .vertex_count = offset[n], .shape_offset = offset};
+    double *xy = block(2 * offset[n], 8), *to = block(2 * offset[n], 8);
+    int8_t *moves = block(n, 1);
+    int16_t *turn = block(n, 2);
+    int64_t *start = block(n, 8), *end = block(n, 8), *leg_start = block(n, 8), *leg_end = block(n, 8);
+    double *from_deg = block(2 * n, 8), *to_deg = block(2 * n, 8), *bearing = block(n, 8);
+    double lon = plane.centre_lon_deg, lat = plane.projection ? plane.centre_lat_deg : uniform(-89.9, 89.9);
+    double size = pow(10.0, uniform(-3.0, 6.5)), reach = size / 1e5;
+    for (int64_t i = 0; i < n; i++) {
+        moves[i] = (int8_t)(below(3) > 0), turn[i] = (int16_t)(below(odd) ? 0 : draw());
+        leg_start[i] = instant(0, hour, odd), leg_end[i] = leg_start[i] > hour ? leg_start[i] : leg_start[i] + below(2 * hour);
+        start[i] = below(odd) ? leg_start[i] : instant(0, hour, 2), end[i] = below(odd) ? leg_end[i] : instant(0, hour, 2);
+        from_deg[2 * i] = lon + number(-reach, reach, odd), to_deg[2 * i] = lon + number(-reach, reach, odd);
+        from_deg[2 * i + 1] = lat + number(-reach, reach, odd), to_deg[2 * i + 1] = lat + number(-reach, reach, odd);
+        bearing[i] = number(-360.0, 360.0, odd);
+        double x = moves[i] ? 0.0 : 111e3 * lon, y = moves[i] ? 0.0 : 111e3 * lat;
+        shape(xy + 2 * offset[i], offset[i + 1] - offset[i], x, y, size, 20 * odd);
+        shape(to + 2 * offset[i], offset[i + 1] - offset[i], x, y, size * uniform(0.5, 2.0), 20 * odd);
+    }
+    pieces.moves = moves, pieces.turn = turn, pieces.start_us = start, pieces.end_us = end;
+    pieces.leg_start_us = leg_start, pieces.leg_end_us = leg_end, pieces.leg_start_deg = from_deg;
+    pieces.leg_end_deg = to_deg, pieces.bearing_deg = bearing, pieces.shape = xy, pieces.shape_to = below(2) ? to : NULL;
+    if (below(odd) == 0) offset[below(n + 1)] = instant(-2, 20, 2);
+    if (below(20 * odd) == 0) pieces.count = -1;
+    if (below(20 * odd) == 0) pieces.vertex_count = instant(-5, 0, 2) < 0 ? -1 : INT64_MAX;
+    if (below(20 * odd) == 0) pieces.bearing_deg = NULL;
+    KernelScene *scene = NULL;
+    KernelStatus status = kernel_scene_make(&plane, &pieces, &scene);
+    calls[status]++;
+
+    int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
+    double *low = block(m, 8), *high = block(m, 8), *begin = block(m, 8), *stop = block(m, 8), *error = block(m, 8);
+    int8_t *outcome = block(m, 1);
+    for (int64_t i = 0; i < m; i++) {
+        a[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2), b[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
+        zero[i] = instant(0, hour, odd), low[i] = number(0.0, 1800.0, odd), high[i] = low[i] + number(0.0, 5400.0, odd);
+    }
+    KernelPairs pairs = {m, a, b, zero, low, high};
+    KernelWork work;
+    double separation = below(2) ? 0.0 : number(0.0, 10.0 * size, odd), margin = below(2) ? KERNEL_TOUCH_M : number(0.0, size, odd);
+    status = kernel_contacts(scene, &pairs, separation, margin, outcome, begin, stop, error, &work);
+    calls[status]++;
+    for (int64_t i = 0; status == KERNEL_OK && i < m; i++) outcomes[outcome[i]]++;
+    calls[kernel_depths(scene, &pairs, margin, outcome)]++;
+    kernel_scene_free(scene);
+    void *blocks[] = {offset, xy, to, moves, turn, start, end, leg_start, leg_end, from_deg, to_deg, bearing,
+                      a, b, zero, low, high, begin, stop, error, outcome};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
+}
+
+int main(int count, char **arguments) {
+    int64_t calls[16] = {0}, outcomes[4] = {0}, rounds = count > 1 ? atoll(arguments[1]) : 1000;
+    state = 88172645463325252u + (count > 2 ? (uint64_t)atoll(arguments[2]) : 0u);
+    for (int64_t i = 0; i < rounds; i++) play(calls, outcomes);
+    printf("status");
+    for (int i = 0; i < 8; i++) printf(" %lld", (long long)calls[i]);
+    printf("\noutcome %lld %lld %lld\n", (long long)outcomes[0], (long long)outcomes[1], (long long)outcomes[2]);
+    return 0;
+}

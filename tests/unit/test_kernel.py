@@ -1,0 +1,209 @@
+"""The kernel's border: what it refuses, what it leaves undecided, that threads change nothing, and hostile arrays."""
+
+import ctypes
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
+
+from conflictdb import kernel
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.errors import KernelMissing
+from conflictdb.kernel import Outcome, Plane, Scene, Solution, Work, build
+from conflictdb.model import EarthModel
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
+from conflictdb.stage3_projection import shared_span
+
+Columns = tuple[np.ndarray, ...]
+COLUMNS = ("outcome", "start_s", "end_s", "error_s")
+
+
+def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[Plane, Pieces, Columns]:
+    """A plane, pieces, and the pairs of them that might meet: a, b, zero_us, low_s, high_s."""
+    scene, areas, tracks = throw(workload, seeds, count, count, EarthModel.WGS84, 0.0)
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
+    pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
+    start, end = shared_span(pieces, pairs)
+    return plane.kernel_plane, pieces, (pairs.a, pairs.b, start, np.zeros(len(pairs)), (end - start) / 1e6)
+
+
+def assert_same(one: Solution, other: Solution) -> None:
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize("workload", [HIGH_LATITUDE, GROWING, OCEAN, GROWING_CIRCLES], ids=lambda w: w.name)
+@pytest.mark.parametrize("separation_m", [0.0, 2000.0])
+def test_any_number_of_threads_and_any_order_give_the_same_bits(workload: Workload, separation_m: float) -> None:
+    plane, pieces, pairs = batch(workload)
+    many = tuple(np.tile(column, 1 + 5000 // len(column)) for column in pairs)
+    order = np.random.default_rng(0).permutation(len(many[0]))
+    scene, works = Scene(plane, pieces), [Work(), Work(), Work()]
+    one, two = (scene.contacts(*many, separation_m, 1.0, works[n - 1], threads=n) for n in (1, 2))
+    assert_same(one, two)
+    mixed = scene.contacts(*(column[order] for column in many), separation_m, 1.0, works[2], threads=3)
+    assert_same(Solution(*(getattr(one, name)[order] for name in COLUMNS)), mixed)
+    assert works[0] == works[1] == works[2]
+    assert one.ended(Outcome.CONTACT).any()
+    assert one.ended(Outcome.SEPARATED).any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("column", ["shape_xy", "leg_start_deg", "leg_end_deg", "bearing_deg"])
+def test_a_piece_that_is_no_number_leaves_its_own_pairs_undecided(bad: float, column: str) -> None:
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    expected = Scene(plane, pieces).contacts(*pairs, 0.0, 1.0, Work())
+    spoilt = int(pairs[0][pieces.kind[pairs[0]] == 1][0])
+    values = getattr(pieces, column).copy()
+    values[pieces.shape_offset[spoilt] if column == "shape_xy" else spoilt] = bad
+    columns: dict[str, Any] = {column: values}
+    if column == "shape_xy":
+        columns["shape_to_xy"] = values
+    found = Scene(plane, replace(pieces, **columns)).contacts(*pairs, 0.0, 1.0, Work())
+    its_own = (pairs[0] == spoilt) | (pairs[1] == spoilt)
+    assert its_own.any()
+    assert found.ended(Outcome.UNDECIDED)[its_own].all()
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(found, name)[~its_own], getattr(expected, name)[~its_own])
+
+
+def test_a_piece_without_vertices_leaves_its_pairs_undecided() -> None:
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    piece = int(pairs[0][0])
+    count = np.diff(pieces.shape_offset)
+    keep = np.repeat(np.arange(len(pieces)) != piece, count)
+    count[piece] = 0
+    offset, shape = np.concatenate([[0], np.cumsum(count)]), pieces.shape_xy[keep]
+    without = replace(pieces, shape_offset=offset, shape_xy=shape, shape_to_xy=shape)
+    found = Scene(plane, without).contacts(*pairs, 0.0, 1.0, Work())
+    assert found.ended(Outcome.UNDECIDED)[(pairs[0] == piece) | (pairs[1] == piece)].all()
+
+
+@pytest.mark.parametrize(
+    ("offset", "told"), [([1, 8], "offsets"), ([0, 3], "offsets"), ([0, 9], "offsets"), ([0, -1], "offsets")]
+)
+def test_offsets_that_do_not_fit_are_refused(offset: list[int], told: str) -> None:
+    plane, pieces, _ = batch(HIGH_LATITUDE)
+    one = pieces.take(np.array([0]))
+    one = replace(one, shape_offset=np.array(offset), shape_xy=np.zeros((8, 2)), shape_to_xy=np.zeros((8, 2)))
+    with pytest.raises(ValueError, match=told):
+        Scene(plane, one)
+
+
+@pytest.mark.parametrize("row", [-1, 10**6, -(2**63), 2**63 - 1])
+def test_pairs_of_pieces_that_there_are_not_are_refused(row: int) -> None:
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    a = pairs[0].copy()
+    a[-1] = row
+    with pytest.raises(ValueError, match="none of the pieces"):
+        Scene(plane, pieces).contacts(a, *pairs[1:], 0.0, 1.0, Work())
+
+
+@pytest.mark.parametrize(("separation_m", "margin_m"), [(-1.0, 1.0), (np.nan, 1.0), (0.0, np.nan), (np.inf, 1.0)])
+def test_distances_that_are_none_are_refused(separation_m: float, margin_m: float) -> None:
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    with pytest.raises(ValueError, match="separation or margin"):
+        Scene(plane, pieces).contacts(*pairs, separation_m, margin_m, Work())
+
+
+@pytest.mark.parametrize(("low_s", "high_s"), [(np.nan, 1.0), (0.0, np.inf), (2.0, 1.0), (-np.inf, np.inf)])
+def test_times_that_are_none_are_undecided(low_s: float, high_s: float) -> None:
+    plane, pieces, (a, b, zero, _, _) = batch(HIGH_LATITUDE)
+    low, high = np.full(len(a), low_s), np.full(len(a), high_s)
+    found = Scene(plane, pieces).contacts(a, b, zero, low, high, 0.0, 1.0, Work())
+    assert found.ended(Outcome.UNDECIDED).all()
+
+
+def test_columns_of_other_lengths_are_refused() -> None:
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    with pytest.raises(ValueError, match="one length"):
+        Scene(plane, pieces).contacts(*pairs[:-1], pairs[-1][:-1], 0.0, 1.0, Work())
+
+
+@pytest.mark.parametrize("turns", [1, 7], ids=["convex", "wound"])
+def test_thousands_of_vertices_are_taken(turns: int) -> None:
+    """In order, and seven times round, where the hull is meant: the same answer."""
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    row = int(np.flatnonzero(pieces.kind[pairs[0]] == 1)[0])
+    both = pieces.take(np.array([pairs[0][row], pairs[1][row]]))
+    angle = 2.0 * np.pi * np.arange(3000) / 3000
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * 1e5
+    shape = np.concatenate([ring[np.arange(3000) * turns % 3000], both.shape_xy[both.shape_offset[1] :]])
+    offset = np.concatenate([[0], both.shape_offset[1:] - both.shape_offset[1] + 3000])
+    large = replace(both, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
+    one = np.zeros(1, np.int64)
+    found = Scene(plane, large).contacts(one, one + 1, pairs[2][[row]], np.zeros(1), pairs[4][[row]], 0.0, 1.0, Work())
+    assert not found.ended(Outcome.UNDECIDED).any()
+
+
+def test_a_library_of_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build, "fingerprint", lambda: "another")
+    with pytest.raises(KernelMissing, match=r"\./run builds it"):
+        kernel._library.__wrapped__()
+
+
+def test_a_library_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(build, "library", lambda: tmp_path / "libkernel.so")
+    with pytest.raises(KernelMissing, match=r"\./run builds it"):
+        kernel._library.__wrapped__()
+
+
+def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path) -> None:
+    """What the compiler or the installer says comes first, what to do last."""
+    for path in build.HERE.iterdir():
+        if path.suffix in (".c", ".h", ".py", ".txt"):
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    nothing = {"PATH": str(tmp_path), "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "HOME": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, tmp_path / "build.py"],
+        env=nothing,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "install a C compiler" in done.stderr.splitlines()[-1]
+    assert not list(tmp_path.glob(".build-*"))
+
+
+def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
+    """Every array a block of its own, every step beyond one and every undefined operation the end of the program."""
+    sanitize = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{build.HERE}")
+    driver = Path(__file__).parents[1] / "support" / "hostile_kernel.c"
+    program = tmp_path / "hostile_kernel"
+    files = [driver, *(path for path in build.sources() if path.suffix == ".c")]
+    flags = [flag for flag in build.FLAGS if not flag.startswith("-O")]
+    compiled = subprocess.run(
+        ["cc", *flags, *sanitize, "-o", program, *files, "-lm"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    if compiled.returncode:
+        assert "asan" in compiled.stderr or "ubsan" in compiled.stderr, compiled.stderr
+        pytest.skip("the compiler here has no sanitizers")
+    done = subprocess.run([program, "5000", "1"], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    counts = [[int(number) for number in line.split()[1:]] for line in done.stdout.splitlines()]
+    assert min(counts[1]) > 100  # every outcome
+    assert min(counts[0][:1] + counts[0][2:]) > 0  # every status but the lack of memory
+
+
+def test_structures_have_the_size_that_the_library_has() -> None:
+    """On a platform where all numbers have their natural alignment."""
+    assert ctypes.sizeof(Plane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
+    assert ctypes.sizeof(kernel._Pieces) == 8 * 15
+    assert ctypes.sizeof(kernel._Pairs) == 8 * 6
