@@ -193,7 +193,7 @@ def published_answer(scenes: Scenes) -> tuple[Answer, float]:
     started = time.process_time()
     first, last = published_windows(earth_of(scenes.scene.earth), pieces, pairs, mended=False)
     seconds = time.process_time() - started
-    zero = np.maximum(pieces.start_us[pairs.a], pieces.start_us[pairs.b])
+    zero, _ = pieces.shared_span(pairs.a, pairs.b)
     answer: Answer = {}
     for k in np.flatnonzero(first <= last).tolist():
         a, b = pairs.a[k], pairs.b[k]

@@ -94,8 +94,7 @@ def published_windows(earth: Earth, pieces: Pieces, pairs: Pairs, *, mended: boo
 
     Both members' windows are intersected for two tracks. first > last where the formulas find no time.
     """
-    start = np.maximum(pieces.start_us[pairs.a], pieces.start_us[pairs.b])
-    end = np.minimum(pieces.end_us[pairs.a], pieces.end_us[pairs.b])
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     first, last = np.zeros(len(pairs)), (end - start) / 1e6
     region = np.repeat(np.arange(len(pairs)), np.diff(pairs.region_offset))
     for member in (pairs.a, pairs.b):

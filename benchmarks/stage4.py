@@ -33,7 +33,6 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import contacts
 from conflictdb.stage4.encounters import Encounters
@@ -102,7 +101,7 @@ def load(workload: Workload, scenes: int, areas: int, tracks: int, *, equatorial
     pieces = Pieces.concatenate(parts)
     a, b = np.concatenate(firsts), np.concatenate(seconds)
     pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     return Load(scene, pieces, pairs, start, (end - start) / 1e6)
 
 

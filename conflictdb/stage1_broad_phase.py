@@ -20,7 +20,7 @@ def candidates(pieces: Pieces) -> tuple[PieceRows, PieceRows]:
     keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
     keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
     a, b = a[keep], b[keep]
-    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
+    start, end = pieces.shared_span(PieceRows(a), PieceRows(b))
     last = np.ones(len(a), np.bool_)
     for member in (a, b):
         last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]

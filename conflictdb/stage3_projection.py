@@ -30,19 +30,13 @@ _OUTWARD_S: Final = 1e-6
 _LEAST_WAY_M: Final = 1e-3
 
 
-def shared_span(pieces: Pieces, pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (start_us, end_us) of the time that each pair shares, (n,) each; unbounded where both pieces are."""
-    start = np.maximum(pieces.start_us[pairs.a], pieces.start_us[pairs.b])
-    return start, np.minimum(pieces.end_us[pairs.a], pieces.end_us[pairs.b])
-
-
 def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
 
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
     window is the whole shared span.
     """
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0

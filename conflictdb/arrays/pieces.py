@@ -70,6 +70,10 @@ class Pieces:
         """Whether any haven has another outline at the end of its leg than at the start."""
         return self.shape_to_xy is not self.shape_xy
 
+    def shared_span(self, a: PieceRows, b: PieceRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (start_us, end_us) of the time that pieces a and b share, (n,) each; unbounded where both are."""
+        return np.maximum(self.start_us[a], self.start_us[b]), np.minimum(self.end_us[a], self.end_us[b])
+
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the pieces of some rows."""
         columns: dict[str, Any] = {}

@@ -15,9 +15,8 @@ from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
-from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.closest_approach import Approaches, approaches
-from conflictdb.stage4.contacts import CONFLICT, UNRESOLVED, meeting_points
+from conflictdb.stage4.contacts import meeting_points
 
 
 def with_closest_approaches(
@@ -26,7 +25,11 @@ def with_closest_approaches(
     """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
     pairs = pairs.take(PairRows(np.flatnonzero(~is_covered(pieces, pairs))))
     # Objects that meet are closest when they first do.
-    meets = (conflicts.verdict == CONFLICT) if scene.separation_m == 0.0 else np.zeros(len(conflicts), np.bool_)
+    meets = (
+        (conflicts.verdict == Verdict.CONFLICT.code)
+        if scene.separation_m == 0.0
+        else np.zeros(len(conflicts), np.bool_)
+    )
     a, b, swapped = ordered_members(pieces, pairs)
     if scene.nearest_m == 0.0:
         # At most the pairs of conflicts are asked for.
@@ -79,7 +82,7 @@ def with_closest_approaches(
     lost = np.isnan(nearest.distance_m[more])
     pair = PairRows(rows[np.unique(group, return_index=True)[1][more]])
     member_a, member_b = a[pair], b[pair]
-    start, end = shared_span(pieces, candidates)
+    start, end = pieces.shared_span(candidates.a, candidates.b)
     first_us, last_us = np.full(len(asked), FOR_EVER_US), np.full(len(asked), SINCE_EVER_US)
     np.minimum.at(first_us, group, start)
     np.maximum.at(last_us, group, end)
@@ -92,7 +95,7 @@ def with_closest_approaches(
         b_version=pieces.version[member_b],
         period_us=np.stack([first_us[more], last_us[more]], axis=1)[lost],
         period_offset=np.concatenate([np.zeros(1, np.int64), np.cumsum(lost)]),
-        verdict=np.where(lost, UNRESOLVED, Verdict.NEAR.code).astype(np.int8),
+        verdict=np.where(lost, Verdict.UNRESOLVED.code, Verdict.NEAR.code).astype(np.int8),
         first_contact_deg=np.full((len(more), 2), np.nan),
         time_error_s=np.zeros(len(more)),
         closest_us=nearest.at_us[more],

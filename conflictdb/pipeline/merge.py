@@ -14,8 +14,8 @@ from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
-from conflictdb.stage3_projection import shared_span
-from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, meeting_points
+from conflictdb.results import Verdict
+from conflictdb.stage4.contacts import meeting_points
 
 
 def merged_by_object(
@@ -27,14 +27,14 @@ def merged_by_object(
     """
     a, b, _ = ordered_members(pieces, pairs)
     a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
-    shared_start, shared_end = shared_span(pieces, pairs)
+    shared_start, shared_end = pieces.shared_span(pairs.a, pairs.b)
     start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
     objects, group = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)
     n = objects.shape[1]
     # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
     meet = np.zeros(n, np.bool_)
     meet[group[contacts.touches]] = True
-    told = np.flatnonzero(contacts.touches | ~meet[group] | (contacts.verdict == UNRESOLVED))
+    told = np.flatnonzero(contacts.touches | ~meet[group] | (contacts.verdict == Verdict.UNRESOLVED.code))
     order = told[np.lexsort((end[told], start[told], group[told]))]
     group = group[order]
     bounds = np.searchsorted(group, np.arange(n + 1))
@@ -42,8 +42,8 @@ def merged_by_object(
     period_us, period_offset, time_error_s = _periods(group, start[order], end[order], contacts.error_s[order], n)
 
     has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    has_conflict[group[contacts.verdict[order] == CONFLICT]] = True
-    has_open[group[contacts.verdict[order] == UNRESOLVED]] = True
+    has_conflict[group[contacts.verdict[order] == Verdict.CONFLICT.code]] = True
+    has_open[group[contacts.verdict[order] == Verdict.UNRESOLVED.code]] = True
     shallow = np.flatnonzero(~has_conflict & ~has_open)
     contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow.tolist()]
     contacts_of = [rows[contacts.touches[rows]] for rows in contacts_of]
@@ -68,7 +68,9 @@ def merged_by_object(
         b_version=pieces.version[member_b],
         period_us=period_us,
         period_offset=period_offset,
-        verdict=np.select([has_conflict, has_open], [CONFLICT, UNRESOLVED], GRAZING).astype(np.int8),
+        verdict=np.select(
+            [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
+        ).astype(np.int8),
         first_contact_deg=_first_contacts(scene, plane, pieces, pairs, contacts, earliest),
         time_error_s=time_error_s,
         closest_us=np.full(n, SINCE_EVER_US),

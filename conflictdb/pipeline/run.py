@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -22,9 +22,9 @@ from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.pipeline.parallel import contacts_by_jobs
 from conflictdb.pipeline.source import PairSource
 from conflictdb.pipeline.whole_areas import Footprints
-from conflictdb.results import Kind
-from conflictdb.stage3_projection import shared_span, windows
-from conflictdb.stage4.contacts import UNRESOLVED, static_verdicts
+from conflictdb.results import Kind, Verdict
+from conflictdb.stage3_projection import windows
+from conflictdb.stage4.contacts import static_verdicts
 
 __all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
 
@@ -116,7 +116,7 @@ def run_stages(
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
         funnel.window_pairs += len(moving)
         if method.last_stage < 4:
-            verdict, touches = np.full(len(moving), UNRESOLVED, np.int8), np.ones(len(moving), np.bool_)
+            verdict, touches = np.full(len(moving), Verdict.UNRESOLVED.code, np.int8), np.ones(len(moving), np.bool_)
             parts.append(Contacts(moving, first, last, last - first, verdict, touches))
         else:
             funnel.solved_pairs = len(moving)
@@ -158,7 +158,7 @@ def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: F
 
 
 def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     return np.zeros(len(pairs)), (end - start) / 1e6
 
 
@@ -171,14 +171,14 @@ def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, r
 
 def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return pairs of which nothing is decided, with the time that they share."""
-    return _whole_spans(pieces, pairs, rows, np.full(len(rows), UNRESOLVED, np.int8))
+    return _whole_spans(pieces, pairs, rows, np.full(len(rows), Verdict.UNRESOLVED.code, np.int8))
 
 
 def _whole_spans(pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8]) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
-    start, end = shared_span(pieces, pairs.take(rows))
+    start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
     unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Of areas it is where that is not known: if they meet, they do so while both are there.
-    error = np.where((verdict == UNRESOLVED) & np.isfinite(width), width, 0.0)
+    error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)
     return Contacts(rows, np.zeros(len(rows)), width, error, verdict, np.ones(len(rows), np.bool_))

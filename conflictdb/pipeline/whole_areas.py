@@ -42,13 +42,16 @@ def deep_in_whole_areas(
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
     pair = PairRows(contacts.pair[rows])
-    members, classes = (pairs.a[pair], pairs.b[pair]), shape_classes(plane, pieces, pairs)[:, pair]
+    members, classes = (
+        (PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair])),
+        shape_classes(plane, pieces, pairs)[:, pair],
+    )
     every = np.concatenate(members)
     numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
     wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
     cores = np.array([_core(scene, plane, whole) for whole in wholes], dtype=object)
     shapely.prepare(cores)
-    zero = np.maximum(*(pieces.start_us[member] for member in members))
+    zero, _ = pieces.shared_span(*members)
     moves = np.isfinite(contacts.end_s[rows])
     first, last = (np.where(moves, ends[rows], 0.0) for ends in (contacts.start_s, contacts.end_s))
     is_deep = np.zeros(len(contacts_of), np.bool_)

@@ -53,7 +53,7 @@ def brute_force(objects: Objects) -> tuple[Pieces, list[str], np.ndarray, np.nda
     differ = (pieces.kind[a] != pieces.kind[b]) | (pieces.object_id[a] != pieces.object_id[b])
     differ &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
     differ &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    start, end = np.maximum(pieces.start_us[a], pieces.start_us[b]), np.minimum(pieces.end_us[a], pieces.end_us[b])
+    start, end = pieces.shared_span(a, b)
     box = shapely.bounds(hulls_of(pieces)) if len(pieces) else np.empty((0, 4))
     gap = np.maximum(box[a, :2] - box[b, 2:], box[b, :2] - box[a, 2:]).max(axis=1, initial=-np.inf)
     # An instant that both have is a span where both hold it, which is another test's.

@@ -21,7 +21,6 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import shared_span
 
 Columns = tuple[np.ndarray, ...]
 COLUMNS = ("outcome", "start_s", "end_s", "error_s")
@@ -34,7 +33,7 @@ def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[Plane, P
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     return plane.kernel_plane, pieces, (pairs.a, pairs.b, start, np.zeros(len(pairs)), (end - start) / 1e6)
 
 

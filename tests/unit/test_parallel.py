@@ -16,7 +16,6 @@ from conflictdb.pipeline import parallel
 from conflictdb.pipeline.parallel import contacts_by_jobs
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.contacts import contacts
 
 
@@ -29,7 +28,7 @@ def test_every_pair_is_decided_once(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
 
     def windows() -> tuple[np.ndarray, np.ndarray]:
-        start, end = shared_span(pieces, pairs)
+        start, end = pieces.shared_span(pairs.a, pairs.b)
         return np.zeros(len(pairs)), (end - start) / 1e6
 
     # Only such as meet: none may be missing.

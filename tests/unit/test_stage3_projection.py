@@ -11,7 +11,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.stage3_projection import shared_span, windows
+from conflictdb.stage3_projection import windows
 
 
 def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, Pairs]:
@@ -36,7 +36,7 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, P
 
 def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -> tuple[float, float]:
     """From when to when, seconds after T0, the windows of all pairs reach."""
-    start = (shared_span(pieces, pairs)[0] - scenes.T0_US) / 1e6
+    start = (pieces.shared_span(pairs.a, pairs.b)[0] - scenes.T0_US) / 1e6
     some = first <= last
     return float((start + first)[some].min()), float((start + last)[some].max())
 

@@ -15,7 +15,6 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4 import closest_approach
 from conflictdb.stage4.closest_approach import _bounds, _Search, _upward
 from conflictdb.stage4.distance import clearance_m
@@ -29,7 +28,7 @@ def encounters(scene: Scene, areas: list[Any], tracks: list[Track]) -> list[tupl
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     found = []
     for rows in group_by_shape(plane, pieces, pairs, np.flatnonzero(end > start)):
         found.append((Encounters.of(plane, 0.0, pieces, pairs, rows, start[rows]), (end - start)[rows] / 1e6))

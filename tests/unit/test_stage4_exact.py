@@ -19,7 +19,6 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import area_pieces
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import shared_span
 from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
 from conflictdb.stage4.distance import clearance_m
@@ -55,7 +54,7 @@ def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     seconds, prepared = (end - start) / 1e6, kernel.Scene(plane.kernel_plane, pieces)
     return [
         Group(scene, Meetings.of(plane, pieces, prepared, pairs, rows, np.zeros(len(rows)), seconds[rows]))
@@ -134,7 +133,7 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     assert work.windows == work.evaluations == 0
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     found, _ = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     seconds = (start[found.pair] - scenes.T0_US) / 1e6
     assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
@@ -149,7 +148,7 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     at_us = scenes.T0_US + int(0.55 * 3600e6)
     row = np.flatnonzero((start <= at_us) & (at_us <= end))[:1]
     at_s = (at_us - start[row]) / 1e6
@@ -180,7 +179,7 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = shared_span(pieces, pairs)
+    start, end = pieces.shared_span(pairs.a, pairs.b)
     found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
