@@ -1,6 +1,7 @@
 """The kernel's border: what it refuses, what it leaves undecided, that threads change nothing, and hostile arrays."""
 
 import ctypes
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,11 +12,12 @@ import numpy as np
 import pytest
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
-from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import Outcome, Plane, Scene, Solution, Work, build
+from conflictdb.kernel.library import TAKES, library
+from conflictdb.kernel.scene import HeldPairs, HeldPieces
 from conflictdb.model import EarthModel
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -149,13 +151,13 @@ def test_thousands_of_vertices_are_taken(turns: int) -> None:
 def test_a_library_of_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build, "fingerprint", lambda: "another")
     with pytest.raises(KernelMissing, match=r"\./run builds it"):
-        kernel._library.__wrapped__()
+        library.__wrapped__()
 
 
 def test_a_library_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(build, "library", lambda: tmp_path / "libkernel.so")
     with pytest.raises(KernelMissing, match=r"\./run builds it"):
-        kernel._library.__wrapped__()
+        library.__wrapped__()
 
 
 def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path) -> None:
@@ -201,8 +203,17 @@ def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     assert min(counts[0][:1] + counts[0][2:]) > 0  # every status but the lack of memory
 
 
+def test_every_function_of_the_header_is_declared() -> None:
+    """With as many arguments as it takes: a pointer passed as a plain number would lose its upper half."""
+    header = re.sub(r"/\*.*?\*/", "", (build.HERE / "kernel.h").read_text(), flags=re.DOTALL)
+    functions = re.findall(r"\b(kernel_\w+)\(([^)]*)\);", header)
+    assert {name: 0 if takes == "void" else takes.count(",") + 1 for name, takes in functions} == {
+        name: len(types) for name, types in TAKES.items()
+    }
+
+
 def test_structures_have_the_size_that_the_library_has() -> None:
     """On a platform where all numbers have their natural alignment."""
     assert ctypes.sizeof(Plane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
-    assert ctypes.sizeof(kernel._Pieces) == 8 * 15
-    assert ctypes.sizeof(kernel._Pairs) == 8 * 6
+    assert ctypes.sizeof(HeldPieces) == 8 * 15
+    assert ctypes.sizeof(HeldPairs) == 8 * 6

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from conflictdb import kernel
+from conflictdb.kernel.library import library
 
 MOST_TOUCHES = 3.0
 TOUCH = 1e-3
@@ -21,7 +21,7 @@ def root_between(measure: Callable[[float], float], outside: float, inside: floa
     """Where a measure changes its sign, by `root_between` of roots.h."""
     number = ctypes.c_double
     kind = ctypes.CFUNCTYPE(number, ctypes.c_void_p, number)
-    function = kernel._library().root_between
+    function = library().root_between
     function.argtypes, function.restype = [kind, ctypes.c_void_p, *[number] * 5], Root
     ends = outside, measure(outside), inside, measure(inside)
     return function(kind(lambda _, t: measure(t)), None, *ends, touch)

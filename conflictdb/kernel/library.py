@@ -1,0 +1,92 @@
+"""The compiled library: found, loaded and checked once, its errors told, and arrays held for it.
+
+`kernel.h` is its contract. Each part of it has a module here that calls it with arrays, over this one.
+"""
+
+import ctypes
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, ClassVar, Final, TypeVar
+
+import numpy as np
+
+from conflictdb.errors import KernelMissing
+from conflictdb.kernel import build
+
+# As kernel.h has them.
+ABI: Final = 1
+_STATUS: Final = {
+    1: "no memory is left",
+    2: "an array is missing",
+    3: "a count is negative, or too large",
+    4: "there is no such plane",
+    5: "the offsets of vertices do not begin at 0, decrease, or do not end with the vertices",
+    6: "the number of a pair's piece is none of the pieces'",
+    7: "a separation or margin is negative, or no number",
+}
+_POINTER, _NUMBER = ctypes.c_void_p, ctypes.c_double
+# What each function of kernel.h takes; it returns a status, unless _RETURNS says otherwise.
+TAKES: Final[dict[str, tuple[Any, ...]]] = {
+    "kernel_abi": (),
+    "kernel_fingerprint": (),
+    "kernel_scene_make": (_POINTER,) * 3,
+    "kernel_scene_free": (_POINTER,),
+    "kernel_contacts": (_POINTER, _POINTER, _NUMBER, _NUMBER, *[_POINTER] * 5),
+    "kernel_depths": (_POINTER, _POINTER, _NUMBER, _POINTER),
+}
+_RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
+# Rows that a thread takes at once: milliseconds of work.
+_SHARE: Final = 2048
+
+_T = TypeVar("_T")
+
+
+@cache
+def library() -> Any:
+    """Return the library, which is of these sources and of this interface."""
+    path = build.library()
+    try:
+        loaded = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise KernelMissing(f"the kernel cannot be loaded ({error})") from error
+    loaded.kernel_fingerprint.restype = ctypes.c_char_p
+    if loaded.kernel_abi() != ABI or loaded.kernel_fingerprint().decode() != build.fingerprint():
+        raise KernelMissing(f"the kernel is not that of the sources beside it: {path}")
+    for name, types in TAKES.items():
+        function = getattr(loaded, name)
+        function.argtypes, function.restype = types, _RETURNS.get(name, ctypes.c_int)
+    return loaded
+
+
+def check(status: int) -> None:
+    """Raise what a KernelStatus says: MemoryError, or ValueError for arrays that are refused."""
+    if status == 1:
+        raise MemoryError(f"kernel: {_STATUS[status]}")
+    if status:
+        raise ValueError(f"kernel: {_STATUS.get(status, status)}")
+
+
+class Held(ctypes.Structure):
+    """Counts and pointers to arrays, which it keeps alive.
+
+    types : what each array is of, in the order of its fields
+    """
+
+    types: ClassVar[dict[str, Any]] = {}
+
+    def hold(self, **arrays: Any) -> None:
+        """Point to arrays by name, copies where they are of another type or not contiguous; others stay NULL."""
+        self._arrays = []
+        for name, values in arrays.items():
+            array = np.ascontiguousarray(values, self.types[name])
+            self._arrays.append(array)
+            setattr(self, name, array.ctypes.data)
+
+
+def shared(solve: Callable[[slice], _T], n: int, threads: int) -> list[_T]:
+    """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them."""
+    if threads <= 1 or n <= _SHARE:
+        return [solve(slice(0, n))]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(solve, [slice(first, min(first + _SHARE, n)) for first in range(0, n, _SHARE)]))

@@ -1,0 +1,237 @@
+"""Scenes of the kernel: the pieces of a batch, prepared, and when pairs of them touch or are near."""
+
+import ctypes
+import weakref
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth, Floats
+from conflictdb.kernel.library import Held, check, library, shared
+
+_MERCATOR, _GNOMONIC = 0, 1
+
+_Ints = NDArray[np.int64]
+
+
+class Plane(ctypes.Structure):
+    """KernelPlane: what the kernel needs to know of a plane."""
+
+    _fields_ = (
+        ("projection", ctypes.c_int32),
+        ("harmonics", ctypes.c_int32),
+        ("radius_m", ctypes.c_double),
+        ("rectifying_m", ctypes.c_double),
+        ("eccentricity", ctypes.c_double),
+        ("oblateness", ctypes.c_double),
+        ("to_rectifying", ctypes.c_double * 6),
+        ("to_conformal", ctypes.c_double * 6),
+        ("conformal_radius", ctypes.c_double * 7),
+        ("centre_lon_deg", ctypes.c_double),
+        ("centre_lat_deg", ctypes.c_double),
+    )
+
+    @classmethod
+    def mercator(cls, earth: Earth) -> "Plane":
+        """Return the Mercator plane of a figure of the earth."""
+        plane = cls(_MERCATOR, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
+        plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
+        plane.oblateness = earth.oblateness
+        for name in ("to_rectifying", "to_conformal", "conformal_radius"):
+            series = getattr(earth, name)
+            getattr(plane, name)[: len(series)] = series
+        return plane
+
+    @classmethod
+    def gnomonic(cls, centre_lon_deg: float, centre_lat_deg: float) -> "Plane":
+        """Return the plane that touches the sphere at a centre."""
+        plane = cls(_GNOMONIC, 0, MEAN_RADIUS_M, MEAN_RADIUS_M)
+        plane.conformal_radius[0] = MEAN_RADIUS_M
+        plane.centre_lon_deg, plane.centre_lat_deg = centre_lon_deg, centre_lat_deg
+        return plane
+
+
+@dataclass(slots=True)
+class Work:
+    """What was done: pairs by closed form, windows of pairs, and evaluations of two polygons at an instant."""
+
+    closed_forms: int = 0
+    windows: int = 0
+    evaluations: int = 0
+
+
+class Outcome(IntEnum):
+    """What is proven of a pair (KernelOutcome)."""
+
+    UNDECIDED = 0  # nothing
+    SEPARATED = 1  # further apart than wanted by more than the margin, throughout
+    CONTACT = 2  # nearer than wanted, by more than the margin at some instant
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What is known of n pairs during the time they were asked about.
+
+    outcome : (n,) int8, `Outcome`
+    start_s, end_s : (n,) seconds; where the outcome is CONTACT the one contact lies between them, else they are 0
+    error_s : (n,) seconds by which the contact may begin later, or end earlier
+    """
+
+    outcome: NDArray[np.int8]
+    start_s: Floats
+    end_s: Floats
+    error_s: Floats
+
+    def ended(self, outcome: Outcome) -> NDArray[np.bool_]:
+        """Return (n,) where the kernel ended in this way."""
+        return self.outcome == outcome
+
+
+class Scene:
+    """The pieces of a batch as the kernel works on them.
+
+    handle : what the library calls it by, for the modules beside this one
+    """
+
+    def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
+        """Prepare the pieces that pairs a, b have, or all; what cannot be leaves its pairs undecided.
+
+        That is what has no vertices, no leg that takes time, or a number that is none.
+        """
+        wanted = np.full(len(pieces), a is None)
+        for rows in (a, b):
+            if rows is not None:
+                wanted[rows] = True
+        functions, held = library(), HeldPieces.of(pieces, wanted)
+        self.handle = ctypes.c_void_p()
+        check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
+        weakref.finalize(self, functions.kernel_scene_free, self.handle)
+
+    def contacts(
+        self,
+        a: _Ints,
+        b: _Ints,
+        zero_us: _Ints,
+        low_s: Floats,
+        high_s: Floats,
+        separation_m: float,
+        margin_m: float,
+        work: Work,
+        threads: int = 1,
+    ) -> Solution:
+        """Return when pairs of pieces a and b are nearer than a separation; where that is 0, when they touch.
+
+        a, b : (n,) numbers of pieces
+        zero_us : (n,) what each pair's seconds count from
+        low_s, high_s : (n,) each pair's time, within what both pieces have
+        margin_m : by how much a pair must be deeper than wanted to meet, or further than wanted to be apart, metres on
+            the earth; at least TOUCH_M
+        work : counts what is done
+        """
+        n = len(a)
+        found = Solution(np.empty(n, np.int8), np.empty(n), np.empty(n), np.empty(n))
+        pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
+
+        def solve(rows: slice) -> HeldWork:
+            done = HeldWork()
+            columns = [getattr(found, column.name)[rows].ctypes.data for column in fields(found)]
+            held = HeldPairs.of(pairs, rows)
+            status = library().kernel_contacts(
+                self.handle, ctypes.byref(held), separation_m, margin_m, *columns, ctypes.byref(done)
+            )
+            check(status)
+            return done
+
+        for done in shared(solve, n, threads):
+            work.closed_forms += done.closed_forms
+            work.windows += done.windows
+            work.evaluations += done.evaluations
+        return found
+
+    def depths(
+        self, a: _Ints, b: _Ints, zero_us: _Ints, low_s: Floats, high_s: Floats, margin_m: float
+    ) -> NDArray[np.int8]:
+        """Return (n,) whether pairs overlap by more than a margin: CONTACT at some instant, SEPARATED at none."""
+        outcome = np.empty(len(a), np.int8)
+        held = HeldPairs.of(HeldPairs.arrays(a, b, zero_us, low_s, high_s), slice(0, len(a)))
+        check(library().kernel_depths(self.handle, ctypes.byref(held), margin_m, outcome.ctypes.data))
+        return outcome
+
+
+class HeldPieces(Held):
+    """KernelPieces."""
+
+    types: ClassVar[dict[str, Any]] = {
+        "moves": np.int8,
+        "turn": np.int16,
+        **dict.fromkeys(("start_us", "end_us", "leg_start_us", "leg_end_us"), np.int64),
+        **dict.fromkeys(("leg_start_deg", "leg_end_deg", "bearing_deg"), np.float64),
+        "shape_offset": np.int64,
+        "shape": np.float64,
+        "shape_to": np.float64,
+        "wanted": np.int8,
+    }
+    _fields_ = (
+        ("count", ctypes.c_int64),
+        ("vertex_count", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in types),
+    )
+
+    @classmethod
+    def of(cls, pieces: Pieces, wanted: NDArray[np.bool_]) -> "HeldPieces":
+        """Hold pieces; wanted : (n,) those that a pair has."""
+        held = cls(len(pieces), len(pieces.shape_xy))
+        held.hold(
+            moves=pieces.kind,
+            turn=pieces.turn,
+            start_us=pieces.start_us,
+            end_us=pieces.end_us,
+            leg_start_us=pieces.leg_start_us,
+            leg_end_us=pieces.leg_end_us,
+            leg_start_deg=pieces.leg_start_deg,
+            leg_end_deg=pieces.leg_end_deg,
+            bearing_deg=pieces.bearing_deg,
+            shape_offset=pieces.shape_offset,
+            shape=pieces.shape_xy,
+            wanted=wanted,
+            **({"shape_to": pieces.shape_to_xy} if pieces.changes else {}),
+        )
+        return held
+
+
+class HeldPairs(Held):
+    """KernelPairs."""
+
+    types: ClassVar[dict[str, Any]] = {
+        **dict.fromkeys(("a", "b", "zero_us"), np.int64),
+        **dict.fromkeys(("low_s", "high_s"), np.float64),
+    }
+    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in types))
+
+    @classmethod
+    def arrays(cls, *columns: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Return the columns by name, as the kernel takes them; of equal length."""
+        n = len(columns[0])
+        if any(column.shape != (n,) for column in columns):
+            raise ValueError("kernel: the columns of pairs are not of one length")
+        return {
+            name: np.ascontiguousarray(values, dtype)
+            for (name, dtype), values in zip(cls.types.items(), columns, strict=True)
+        }
+
+    @classmethod
+    def of(cls, columns: dict[str, NDArray[Any]], rows: slice) -> "HeldPairs":
+        """Hold some rows of columns."""
+        held = cls(rows.stop - rows.start)
+        held.hold(**{name: values[rows] for name, values in columns.items()})
+        return held
+
+
+class HeldWork(ctypes.Structure):
+    """KernelWork."""
+
+    _fields_ = tuple((name, ctypes.c_int64) for name in ("closed_forms", "windows", "evaluations"))
