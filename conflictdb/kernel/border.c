@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "contact.h"
+#include "border.h"
 
 #ifndef KERNEL_FINGERPRINT
 #define KERNEL_FINGERPRINT ""
@@ -148,8 +148,7 @@ static void lay_out(Encounter *pair, double *memory, int64_t largest) {
     pair->b.frame = pair->a.frame + FRAME * largest;
 }
 
-/* Set an encounter up for a pair; false where it has no instant to count from or a piece that cannot be. */
-static bool meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
+bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
     const Body *a = scene->bodies + pairs->a[i], *b = scene->bodies + pairs->b[i];
     if (!a->is_sound || !b->is_sound) return false;
     if ((a->motion != STANDS_STILL || b->motion != STANDS_STILL) && !is_instant(pairs->zero_us[i])) return false;
@@ -159,14 +158,14 @@ static bool meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encoun
     return true;
 }
 
-/* Check what a call on pairs is given, and take memory for an encounter. */
-static KernelStatus begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {
+KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {
     int64_t largest;
     if (!scene || !pairs) return KERNEL_NULL;
     if (!(pair->separation_m >= 0.0) || !(pair->margin_m >= 0.0)) return KERNEL_BAD_DISTANCE;
     if (!isfinite(pair->separation_m) || !isfinite(pair->margin_m)) return KERNEL_BAD_DISTANCE;
     KernelStatus status = check_pairs(scene, pairs, &largest);
     if (status != KERNEL_OK) return status;
+    largest++; /* what polygons have in common may have two vertices more than both */
     *memory = malloc(NUMBERS * (size_t)largest * sizeof **memory);
     if (!*memory) return KERNEL_NO_MEMORY;
     pair->plane = &scene->plane;
@@ -180,11 +179,11 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
     Encounter pair = {.separation_m = separation_m, .margin_m = margin_m, .work = work};
     if (!work || (pairs && pairs->count > 0 && (!outcome || !start_s || !end_s || !error_s))) return KERNEL_NULL;
     *work = (KernelWork){0, 0, 0};
-    KernelStatus status = begin(scene, pairs, &pair, &memory);
+    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
     if (status != KERNEL_OK) return status;
     for (int64_t i = 0; i < pairs->count; i++) {
         Contact found = {KERNEL_UNDECIDED, 0.0, 0.0, 0.0};
-        if (meet(scene, pairs, i, &pair)) found = encounter_contact(&pair, pairs->low_s[i], pairs->high_s[i]);
+        if (border_meet(scene, pairs, i, &pair)) found = encounter_contact(&pair, pairs->low_s[i], pairs->high_s[i]);
         outcome[i] = (int8_t)found.outcome, start_s[i] = found.start, end_s[i] = found.end, error_s[i] = found.error;
     }
     free(memory);
@@ -196,10 +195,10 @@ KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, d
     KernelWork work = {0, 0, 0};
     Encounter pair = {.margin_m = margin_m, .work = &work};
     if (pairs && pairs->count > 0 && !outcome) return KERNEL_NULL;
-    KernelStatus status = begin(scene, pairs, &pair, &memory);
+    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
     if (status != KERNEL_OK) return status;
     for (int64_t i = 0; i < pairs->count; i++) {
-        bool is_there = meet(scene, pairs, i, &pair);
+        bool is_there = border_meet(scene, pairs, i, &pair);
         outcome[i] = (int8_t)(is_there ? encounter_depth(&pair, pairs->low_s[i], pairs->high_s[i]) : KERNEL_UNDECIDED);
     }
     free(memory);

@@ -53,8 +53,7 @@ static Bounds bounds_of(const Encounter *pair, double t0, double t1) {
     return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
 }
 
-/* Put both polygons where they are at an instant, convex. */
-static void place_now(Encounter *pair, double t) {
+void encounter_place(Encounter *pair, double t) {
     place(pair, t, &pair->a_now, &pair->b_now);
     if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
     if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
@@ -63,14 +62,14 @@ static void place_now(Encounter *pair, double t) {
 /* The gap between touching polygons at an instant, and its axis. */
 static Gap gap_at(Encounter *pair, double t) {
     pair->work->evaluations++;
-    place_now(pair, t);
+    encounter_place(pair, t);
     return polygon_separation(&pair->a_now, &pair->b_now);
 }
 
 static Gap plane_distance_at(Encounter *pair, double t) {
     Vector from, to;
     pair->work->evaluations++;
-    place_now(pair, t);
+    encounter_place(pair, t);
     return polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
 }
 
@@ -83,7 +82,7 @@ static double depth_at(Encounter *pair, double t, double smallest) {
 /* How much further apart than wanted the pair is, metres on the earth. */
 static double excess_at(Encounter *pair, double t) {
     pair->work->evaluations++;
-    place_now(pair, t);
+    encounter_place(pair, t);
     return plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin) - pair->separation_m;
 }
 
@@ -305,7 +304,7 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     pair->work->closed_forms++;
     double middle = 0.5 * (low + high), gap, rate;
     Extent extent = extent_none();
-    place_now(pair, middle);
+    encounter_place(pair, middle);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
     double largest = plane_largest_scale(pair->plane, &extent);
     double slack = departure + KERNEL_TOUCH_M * largest, apart = slack + pair->margin_m * largest;

@@ -20,6 +20,9 @@ typedef struct {
     double start, end, error;
 } Contact;
 
+/* Put both polygons where they are at an instant, convex, in a_now and b_now. */
+void encounter_place(Encounter *pair, double t);
+
 /* When they are nearer than separation_m, or touch where that is 0, during [low, high]. */
 Contact encounter_contact(Encounter *pair, double low, double high);
 

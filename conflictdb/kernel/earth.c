@@ -28,6 +28,17 @@ double earth_rectifying(const KernelPlane *earth, double latitude) {
     return mu;
 }
 
+/* Newton's method from the conformal to the geographic tangent: two steps reach the last digit for WGS84 (Karney
+ * 2011), and one is to spare. */
+double earth_latitude(const KernelPlane *earth, double psi) {
+    double target = sinh(psi), rest = 1.0 - earth->eccentricity * earth->eccentricity, tau = target / rest;
+    for (int step = 0; step < 3 && rest < 1.0; step++) {
+        double now = conformal_tangent(earth, tau);
+        tau += (target - now) / hypot(1.0, now) * (1.0 + rest * tau * tau) / (rest * hypot(1.0, tau));
+    }
+    return atan(tau);
+}
+
 double earth_conformal(const KernelPlane *earth, double mu) {
     if (earth->harmonics == 0) return mu;
     /* Clenshaw: one sine and one cosine serve the whole series. */

@@ -27,6 +27,9 @@ double earth_rectifying(const KernelPlane *earth, double latitude);
 /* chi of mu. */
 double earth_conformal(const KernelPlane *earth, double mu);
 
+/* The geographic latitude of an isometric one. */
+double earth_latitude(const KernelPlane *earth, double psi);
+
 /* psi of mu. */
 double earth_isometric(const KernelPlane *earth, double mu);
 

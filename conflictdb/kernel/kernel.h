@@ -17,7 +17,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 1
+#define KERNEL_ABI 2
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -128,5 +128,19 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
  * outcome : (count,) KERNEL_CONTACT: by more, at some instant; KERNEL_SEPARATED: by less, at every instant
  */
 KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, double margin_m, int8_t *outcome);
+
+/* Find where pairs meet at the instants low_s: where they overlap a point of both, else the middle between their nearest
+ * points in the plane.
+ *
+ * degrees : (count, 2) longitude in [-180, 180) and latitude; NaN where a piece cannot be
+ */
+KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs, double *degrees);
+
+/* Measure how far apart pairs are at the instants low_s: the length of the shortest way on the earth, minus the depth of
+ * those that overlap.
+ *
+ * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be
+ */
+KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
 
 #endif

@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 1
+ABI: Final = 2
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -34,6 +34,8 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_scene_free": (_POINTER,),
     "kernel_contacts": (_POINTER, _POINTER, _NUMBER, _NUMBER, *[_POINTER] * 5),
     "kernel_depths": (_POINTER, _POINTER, _NUMBER, _POINTER),
+    "kernel_meetings": (_POINTER,) * 3,
+    "kernel_distances": (_POINTER,) * 3,
 }
 _RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
 # Rows that a thread takes at once: milliseconds of work.

@@ -7,6 +7,7 @@ static const double SHORT_M = 1e-3;
 /* A distance is taken from gnomonic coordinates up to 1.1e7 m, rounded by 2e-9 m each. */
 static const double GNOMONIC_ROUNDING_M = 1e-8;
 static const double HALF_PI = 0x1.921fb54442d18p0;
+static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
 
 Extent extent_none(void) { return (Extent){INFINITY, -INFINITY, INFINITY, -INFINITY, 0.0}; }
 
@@ -84,6 +85,21 @@ double plane_distance_error_m(const KernelPlane *plane, double distance_m) {
 double plane_short_m(const KernelPlane *plane) {
     /* In a plane that does not keep angles they never are: only what touches is no nearer for that. */
     return plane->projection == KERNEL_MERCATOR ? SHORT_M : KERNEL_TOUCH_M;
+}
+
+void plane_degrees(const KernelPlane *plane, Vector place, double degrees[2]) {
+    double x = place.x / plane->radius_m, y = place.y / plane->radius_m, lon = x / RADIANS, lat;
+    if (plane->projection == KERNEL_MERCATOR) {
+        lat = earth_latitude(plane, y);
+    } else {
+        double sine, cosine;
+        earth_direction(plane->centre_lat_deg, &sine, &cosine);
+        double out = cosine - y * sine, axis = sine + y * cosine;
+        lon = plane->centre_lon_deg + atan2(x, out) / RADIANS, lat = atan2(axis, hypot(x, out));
+    }
+    double east = fmod(lon + 180.0, 360.0);
+    degrees[0] = (east < 0.0 ? east + 360.0 : east) - 180.0, degrees[1] = lat / RADIANS;
+    if (degrees[0] >= 180.0) degrees[0] = -180.0;
 }
 
 static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {

@@ -34,6 +34,9 @@ double plane_slant(const KernelPlane *plane, double distance_m, double scale);
 /* By how much plane_distance_m may understate a distance, metres. */
 double plane_distance_error_m(const KernelPlane *plane, double distance_m);
 
+/* The longitude, in [-180, 180), and the latitude of a place, degrees. */
+void plane_degrees(const KernelPlane *plane, Vector place, double degrees[2]);
+
 /* Up to how many metres the nearest points in the plane are those on the earth, to rounding. */
 double plane_short_m(const KernelPlane *plane);
 

@@ -2,6 +2,10 @@
 
 #include <math.h>
 
+/* A polygon is hardly wider than a line if it covers less than this of the square of its length: with less, rounding
+ * decides where the centre of its area is. */
+static const double SLIVER = 1e-8;
+
 /* Take the gaps along the normals of one polygon's edges where they are wider. sign: 1 where `mine` is the first. */
 static void widen_by_edges(Gap *widest, const Polygon *mine, const Polygon *other, double sign) {
     for (int64_t k = 0; k < mine->count; k++) {
@@ -76,6 +80,13 @@ static void points_of(const Polygon *vertices, const Polygon *sides, Nearest nea
     *on = (Vector){start.x + along * side.x, start.y + along * side.y};
 }
 
+double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {
+    Nearest of_a = nearest_of(a, b), of_b = nearest_of(b, a);
+    if (of_a.square <= of_b.square) points_of(a, b, of_a, from, to);
+    else points_of(b, a, of_b, to, from);
+    return sqrt(of_a.square <= of_b.square ? of_a.square : of_b.square);
+}
+
 Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {
     *from = middle_of(a), *to = middle_of(b);
     double x = to->x - from->x, y = to->y - from->y, length = sqrt(x * x + y * y);
@@ -88,16 +99,78 @@ Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *t
         widen_by_directions(&widest, b, a, b);
     }
     if (!(widest.gap > 0.0)) return widest;
-    Nearest of_a = nearest_of(a, b), of_b = nearest_of(b, a);
-    if (of_a.square <= of_b.square) points_of(a, b, of_a, from, to);
-    else points_of(b, a, of_b, to, from);
-    double distance = sqrt(of_a.square <= of_b.square ? of_a.square : of_b.square);
+    double distance = polygon_nearest(a, b, from, to);
     if (!(distance > 0.0)) return widest;
     /* The way between points that are close has hardly a direction: then that of an edge separates better. */
     Vector way = {(to->x - from->x) / distance, (to->y - from->y) / distance};
     if (gap_along(way, a, b) > widest.gap) widest.axis = way;
     widest.gap = distance;
     return widest;
+}
+
+/* Which part of a polygon lies left of the line from `start` along `way`, in the order of its vertices; false where there
+ * is no room for it, as that of a convex polygon has one vertex more at most. */
+static bool clip(const Polygon *polygon, Vector start, Vector way, Polygon *kept, int64_t room) {
+    kept->count = 0;
+    for (int64_t i = 0; i < polygon->count; i++) {
+        if (kept->count + 2 > room) return false;
+        int64_t j = edge_end(polygon, i);
+        double here = way.x * (polygon->y[i] - start.y) - way.y * (polygon->x[i] - start.x);
+        double there = way.x * (polygon->y[j] - start.y) - way.y * (polygon->x[j] - start.x);
+        if (here >= 0.0) kept->x[kept->count] = polygon->x[i], kept->y[kept->count++] = polygon->y[i];
+        if ((here < 0.0 && there > 0.0) || (here > 0.0 && there < 0.0)) {
+            double share = here / (here - there);
+            kept->x[kept->count] = polygon->x[i] + share * (polygon->x[j] - polygon->x[i]);
+            kept->y[kept->count++] = polygon->y[i] + share * (polygon->y[j] - polygon->y[i]);
+        }
+    }
+    return true;
+}
+
+/* The centre of area; of what is hardly wider than a line, the middle of its box. Areas count from the first vertex, so
+ * that digits are kept. */
+static Vector centroid(const Polygon *polygon) {
+    double x0 = polygon->x[0], y0 = polygon->y[0], west = 0.0, east = 0.0, south = 0.0, north = 0.0;
+    double area = 0.0, sum_x = 0.0, sum_y = 0.0;
+    for (int64_t i = 1; i < polygon->count; i++) {
+        double x = polygon->x[i] - x0, y = polygon->y[i] - y0;
+        double before_x = polygon->x[i - 1] - x0, before_y = polygon->y[i - 1] - y0, twice = before_x * y - before_y * x;
+        area += twice, sum_x += twice * (before_x + x), sum_y += twice * (before_y + y);
+        west = fmin(west, x), east = fmax(east, x), south = fmin(south, y), north = fmax(north, y);
+    }
+    double width = east - west, height = north - south;
+    if (area > SLIVER * (width * width + height * height)) return (Vector){x0 + sum_x / (3.0 * area), y0 + sum_y / (3.0 * area)};
+    return (Vector){x0 + 0.5 * (west + east), y0 + 0.5 * (south + north)};
+}
+
+/* Where two lines cross, or are nearest to each other. */
+static Vector crossing_of(const Polygon *a, const Polygon *b) {
+    Vector of_a = side_of(a, 0), of_b = side_of(b, 0), from, to;
+    double turn = of_a.x * of_b.y - of_a.y * of_b.x;
+    double part = ((b->x[0] - a->x[0]) * of_b.y - (b->y[0] - a->y[0]) * of_b.x) / turn;
+    if (part >= 0.0 && part <= 1.0) return (Vector){a->x[0] + part * of_a.x, a->y[0] + part * of_a.y};
+    polygon_nearest(a, b, &from, &to);
+    return (Vector){0.5 * (from.x + to.x), 0.5 * (from.y + to.y)};
+}
+
+/* I. E. Sutherland, G. W. Hodgman, "Reentrant polygon clipping", Commun. ACM 17 (1974), doi:10.1145/360767.360802. */
+Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare) {
+    if (a->count < 3 && b->count < 3) return crossing_of(a, b);
+    const Polygon *whole = b->count < 3 ? b : a, *edges = b->count < 3 ? a : b;
+    Polygon *kept = room, *next = spare;
+    int64_t most = a->count + b->count + 2;
+    kept->count = whole->count;
+    for (int64_t i = 0; i < whole->count; i++) kept->x[i] = whole->x[i], kept->y[i] = whole->y[i];
+    for (int64_t k = 0; k < edges->count && kept->count > 0; k++) {
+        Polygon *before = kept;
+        if (!clip(kept, (Vector){edges->x[k], edges->y[k]}, side_of(edges, k), next, most)) break;
+        kept = next, next = before;
+    }
+    if (kept->count > 0) return centroid(kept);
+    /* They touch, to rounding. */
+    Vector from, to;
+    polygon_nearest(a, b, &from, &to);
+    return (Vector){0.5 * (from.x + to.x), 0.5 * (from.y + to.y)};
 }
 
 static bool is_before(const Polygon *polygon, int64_t i, int64_t j) {

@@ -63,6 +63,13 @@ Gap polygon_separation(const Polygon *a, const Polygon *b);
  * from, to: nearest points of a and b where they are apart, else the middles of their vertices. */
 Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *to);
 
+/* The nearest points of the outlines of a and b, which do not cross; their distance. */
+double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector *to);
+
+/* A point of both of two polygons that overlap or touch: the middle of what they have in common. room, spare: for two
+ * vertices more than both have together. */
+Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare);
+
 /* The squared distance of a point from an edge; way: to the point from where the edge starts. */
 static inline double squared_distance(Vector way, Vector edge) {
     double along = way.x * edge.x + way.y * edge.y, square = edge.x * edge.x + edge.y * edge.y;

@@ -16,7 +16,7 @@ from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
 from conflictdb.stage4.closest_approach import Approaches, approaches
-from conflictdb.stage4.contacts import meeting_points
+from conflictdb.stage4.meeting import meeting_points
 
 
 def with_closest_approaches(
@@ -50,7 +50,7 @@ def with_closest_approaches(
     nearest = _approaches(plane, pieces, candidates, group, wanted[asked])
     of_b = swapped[rows[nearest.pair]]
     touch = np.flatnonzero(nearest.distance_m == 0.0)
-    where = meeting_points(scene, plane, pieces, candidates.take(PairRows(nearest.pair[touch])), nearest.at_s[touch])
+    where = meeting_points(plane, pieces, candidates.take(PairRows(nearest.pair[touch])), nearest.at_s[touch])
     nearest.a_deg[touch] = nearest.b_deg[touch] = where
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)

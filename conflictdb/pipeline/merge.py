@@ -15,7 +15,7 @@ from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
 from conflictdb.results import Verdict
-from conflictdb.stage4.contacts import meeting_points
+from conflictdb.stage4.meeting import meeting_points
 
 
 def merged_by_object(
@@ -90,7 +90,7 @@ def _first_contacts(
         pair = PairRows(contacts.pair[earliest])
         at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
         seen = np.flatnonzero(~is_covered(pieces, pairs.take(pair)))
-        points[seen] = meeting_points(scene, plane, pieces, pairs.take(PairRows(pair[seen])), at[seen])
+        points[seen] = meeting_points(plane, pieces, pairs.take(PairRows(pair[seen])), at[seen])
     return points
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
@@ -17,16 +16,16 @@ from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.meeting import distances
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.stage4.constants import PAIRS_AT_ONCE, TOUCH_M
-from conflictdb.stage4.distance import clearance_m, nearest_at
-from conflictdb.stage4.encounters import Encounters, group_by_shape
+from conflictdb.stage4.encounters import group_by_shape, short_m
 from conflictdb.stage4.exact import Meetings, certain_contacts
 from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
 
-__all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "meeting_points", "static_verdicts"]
+__all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "static_verdicts"]
 
 Progress = Callable[[int], None]
 
@@ -116,64 +115,19 @@ def _searched(scene: Scene, solver: Solver, meetings: Meetings, effort: Effort) 
 
 def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
-    verdict = np.full(len(pairs), -1, np.int8)
-
-    def judge(rows: NDArray[np.int64]) -> NDArray[np.int8]:
-        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, np.zeros(len(rows), np.int64))
-        clearance = clearance_m(encounters, np.arange(len(rows)), np.zeros(len(rows)))
-        margin = max(scene.tolerance_m, TOUCH_M)
-        # The true distance is at most this much more than the one found.
-        error_m = encounters.distance_error_m(scene.separation_m + margin) if scene.separation_m > 0.0 else 0.0
-        certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
-        close = clearance + error_m <= margin
-        verdicts = np.select(
-            [clearance > margin, clearance < -max(margin, certainty_margin_m), close & (clearance >= -margin)],
-            [-1, CONFLICT, GRAZING],
-            UNRESOLVED,
-        )
-        return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8)
-
-    def leave(rows: NDArray[np.int64]) -> NDArray[np.int8]:
-        return np.full(len(rows), UNRESOLVED, np.int8)
-
-    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
-        for rows, found in isolated(group, judge, leave, "pair of parts of areas"):
-            verdict[rows] = found
-    return verdict
-
-
-def meeting_points(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, at_s: Floats) -> Floats:
-    """Return (n, 2) longitude and latitude, degrees, of where each pair meets at an instant of its shared span.
-
-    Where the polygons touch it is the point of touch, where they overlap a point of both.
-    """
-    places = np.full((len(pairs), 2), np.nan)
-
-    def meet(rows: NDArray[np.int64]) -> Floats:
-        zero = np.maximum(pieces.start_us[pairs.a[rows]], pieces.start_us[pairs.b[rows]])
-        encounters = Encounters.of(plane, scene.separation_m, pieces, pairs, rows, zero)
-        found = nearest_at(encounters, np.arange(len(rows)), at_s[rows])
-        point = 0.5 * (found.point_a + found.point_b)
-        overlap = np.flatnonzero(found.gap <= 0.0)
-        if overlap.size:
-            inside = encounters.take(overlap)
-            a, b = (_hulls(shapes.positions(at_s[rows][overlap])) for shapes in (inside.a, inside.b))
-            common = shapely.intersection(a, b)
-            held = ~shapely.is_empty(common)
-            middle = shapely.get_coordinates(shapely.centroid(common[held]))
-            point[overlap[held]] = middle + inside.origin[:, held].T
-        lon, lat = plane.from_plane(point[:, 0], point[:, 1])
-        return np.stack([np.mod(lon + 180.0, 360.0) - 180.0, lat], axis=1)
-
-    def nowhere(rows: NDArray[np.int64]) -> Floats:
-        return np.full((len(rows), 2), np.nan)
-
-    for group in group_by_shape(plane, pieces, pairs, np.arange(len(pairs))):
-        for rows, place in isolated(group, meet, nowhere, "pair of pieces"):
-            places[rows] = place
-    return places
-
-
-def _hulls(polygons: Floats) -> NDArray[np.object_]:
-    """Return the convex hulls (n,) of vertices (2, v, n)."""
-    return np.asarray(shapely.convex_hull(shapely.multipoints(np.moveaxis(polygons, 0, 2).swapaxes(0, 1))))
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    never = np.zeros(len(pairs), np.int64)
+    clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - scene.separation_m
+    margin = max(scene.tolerance_m, TOUCH_M)
+    furthest_m = scene.separation_m + margin
+    # The true distance is at most this much more than the one found.
+    has_error = scene.separation_m > 0.0 and furthest_m > short_m(plane)
+    error_m = float(plane.distance_error_m(furthest_m)) if has_error else 0.0
+    certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
+    close = clearance + error_m <= margin
+    verdicts = np.select(
+        [clearance > margin, clearance < -max(margin, certainty_margin_m), close & (clearance >= -margin)],
+        [-1, CONFLICT, GRAZING],
+        UNRESOLVED,
+    )
+    return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8)

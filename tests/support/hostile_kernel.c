@@ -117,6 +117,10 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[status]++;
     for (int64_t i = 0; status == KERNEL_OK && i < m; i++) outcomes[outcome[i]]++;
     calls[kernel_depths(scene, &pairs, margin, outcome)]++;
+    double *degrees = block(2 * m, 8);
+    calls[kernel_meetings(scene, &pairs, degrees)]++;
+    calls[kernel_distances(scene, &pairs, begin)]++;
+    free(degrees);
     kernel_scene_free(scene);
     void *blocks[] = {offset, xy, to, moves, turn, start, end, leg_start, leg_end, from_deg, to_deg, bearing,
                       a, b, zero, low, high, begin, stop, error, outcome};

@@ -1,0 +1,45 @@
+"""How pairs of pieces lie to each other at an instant: where they meet, and how far apart they are."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.scene import HeldPairs, Scene
+
+_Ints = NDArray[np.int64]
+
+
+def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
+    """Return (n, 2) longitude in [-180, 180) and latitude, degrees, of where pieces a and b meet at instants.
+
+    Where they overlap it is a point of both, else the middle between their nearest points in the plane; NaN where a
+    piece cannot be.
+
+    at_s : (n,) seconds after zero_us (n,)
+    """
+    return _measured(scene, library().kernel_meetings, np.empty((len(a), 2)), (a, b, zero_us, at_s, at_s), threads)
+
+
+def distances(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
+    """Return (n,) how far apart pieces a and b are at instants, metres on the earth; minus the depth of overlaps.
+
+    Never too large, and too small by less than the plane's `distance_error_m`; NaN where a piece cannot be.
+
+    at_s : (n,) seconds after zero_us (n,)
+    """
+    return _measured(scene, library().kernel_distances, np.empty(len(a)), (a, b, zero_us, at_s, at_s), threads)
+
+
+def _measured(scene: Scene, measure: Any, found: Floats, columns: tuple[NDArray[Any], ...], threads: int) -> Floats:
+    pairs = HeldPairs.arrays(*columns)
+
+    def solve(rows: slice) -> None:
+        held = HeldPairs.of(pairs, rows)
+        check(measure(scene.handle, ctypes.byref(held), found[rows].ctypes.data))
+
+    shared(solve, len(found), threads)
+    return found
