@@ -17,7 +17,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 2
+#define KERNEL_ABI 3
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -99,6 +99,29 @@ typedef struct {
     int64_t closed_forms, windows, evaluations;
 } KernelWork;
 
+/* Pieces as functions of time: numbers, the instant that each counts its seconds from, and the plane point that it counts
+ * its coordinates from, (2, count): all x before all y. */
+typedef struct {
+    int64_t count;
+    const int64_t *piece;
+    const int64_t *zero_us;
+    const double *origin;
+} KernelRows;
+
+/* What is promised of rows during times [t0, t1], (count,) each; plane metres and seconds. */
+typedef struct {
+    double *velocity;     /* (2, count) one velocity for the whole polygon, in the middle of the time */
+    double *acceleration; /* no vertex has a larger second derivative */
+    double *spread;       /* no vertex has a velocity further from that */
+} KernelBounds;
+
+/* What a piece of a scene is. */
+typedef enum {
+    KERNEL_CANNOT_BE = 0, /* or is not wanted */
+    KERNEL_MAY_DENT = 1,  /* the hull of its vertices is meant */
+    KERNEL_CONVEX = 2     /* its vertices stay in convex position */
+} KernelState;
+
 typedef struct KernelScene KernelScene;
 
 /* Return KERNEL_ABI, as the library was built with. */
@@ -142,5 +165,18 @@ KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs,
  * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be
  */
 KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
+/* Tell what each piece of a scene is: (its count,) KernelState. */
+KernelStatus kernel_states(const KernelScene *scene, int8_t *state);
+
+/* Put the vertices of rows where they are at t (count,), to 1e-8 m on the earth.
+ *
+ * slots : at least as many as any of these pieces has vertices; xy : (2, slots, count) plane metres from the rows'
+ *     origins. Pieces of fewer vertices repeat their last one; those that cannot be are no numbers.
+ */
+KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, const double *t, int64_t slots, double *xy);
+
+/* Bound how rows move during [t0, t1], (count,) both, within their slices. */
+KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
+                           const KernelBounds *bounds);
 
 #endif

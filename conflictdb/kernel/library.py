@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 2
+ABI: Final = 3
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -25,7 +25,7 @@ _STATUS: Final = {
     6: "the number of a pair's piece is none of the pieces'",
     7: "a separation or margin is negative, or no number",
 }
-_POINTER, _NUMBER = ctypes.c_void_p, ctypes.c_double
+_POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
 # What each function of kernel.h takes; it returns a status, unless _RETURNS says otherwise.
 TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_abi": (),
@@ -36,6 +36,9 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_depths": (_POINTER, _POINTER, _NUMBER, _POINTER),
     "kernel_meetings": (_POINTER,) * 3,
     "kernel_distances": (_POINTER,) * 3,
+    "kernel_states": (_POINTER, _POINTER),
+    "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
+    "kernel_bounds": (_POINTER,) * 5,
 }
 _RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
 # Rows that a thread takes at once: milliseconds of work.

@@ -115,10 +115,11 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
         leg->middle.y = leg->start.y + earth->radius_m * leg->delta_mu * way;
         earth_series(earth, mu, leg->series);
     }
-    /* No vertex or step may reach a pole, at either end of the leg. */
-    double reach = most(most(leg->up, leg->up + leg->up_rate * leg->leg_s),
-                        -least(leg->down, leg->down + leg->down_rate * leg->leg_s));
-    return leg->leg_s > 0.0 && highest + reach < HALF_PI && isfinite(leg->rate_x) && isfinite(leg->east + leg->north);
+    /* No vertex or step may reach a pole: latitudes are linear in time, so at neither end of the leg. */
+    double north = most(leg->start_mu + leg->up, end_mu + leg->up + leg->up_rate * leg->leg_s);
+    double south = least(leg->start_mu + leg->down, end_mu + leg->down + leg->down_rate * leg->leg_s);
+    bool is_off_poles = north < HALF_PI && south > -HALF_PI;
+    return leg->leg_s > 0.0 && is_off_poles && isfinite(leg->rate_x) && isfinite(leg->east + leg->north);
 }
 
 /* The divided difference over d of a power series, and its first coefficients about d: Horner's rule, again and again

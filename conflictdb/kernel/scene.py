@@ -72,6 +72,14 @@ class Outcome(IntEnum):
     CONTACT = 2  # nearer than wanted, by more than the margin at some instant
 
 
+class State(IntEnum):
+    """What a piece of a scene is (KernelState)."""
+
+    CANNOT_BE = 0  # or is not wanted
+    MAY_DENT = 1  # the hull of its vertices is meant
+    CONVEX = 2  # its vertices stay in convex position
+
+
 @dataclass(frozen=True, slots=True)
 class Solution:
     """What is known of n pairs during the time they were asked about.
@@ -95,6 +103,7 @@ class Scene:
     """The pieces of a batch as the kernel works on them.
 
     handle : what the library calls it by, for the modules beside this one
+    count : pieces
     """
 
     def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
@@ -107,9 +116,15 @@ class Scene:
             if rows is not None:
                 wanted[rows] = True
         functions, held = library(), HeldPieces.of(pieces, wanted)
-        self.handle = ctypes.c_void_p()
+        self.handle, self.count = ctypes.c_void_p(), len(pieces)
         check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
         weakref.finalize(self, functions.kernel_scene_free, self.handle)
+
+    def states(self) -> NDArray[np.int8]:
+        """Return what each piece is, `State`."""
+        found = np.empty(self.count, np.int8)
+        check(library().kernel_states(self.handle, found.ctypes.data))
+        return found
 
     def contacts(
         self,

@@ -19,9 +19,12 @@ from hypothesis import strategies as st
 from pyproj import Geod
 from scenes import FLATTENING, RADIUS_M, T0_US
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput
+from conflictdb.kernel.movement import Bounds, Movement
+from conflictdb.kernel.scene import State
 from conflictdb.model import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.motion.contract import Havens, Plane
 from conflictdb.motion.registry import plane_of
@@ -352,7 +355,8 @@ def within_limits(row: MotionRow, sized: Callable[[float], Track], *, to_the_lim
 class Moving:
     """A haven on (a slice of) the one leg of a track, and a part of the slice that its bounds are asked about.
 
-    shapes : of one row
+    movement : of one row, by the kernel
+    shapes : the same in numpy
     into_leg_s : seconds of the leg that are gone at t = 0
     t0, t1 : within the slice
     """
@@ -371,6 +375,27 @@ class Moving:
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
         # Hypothesis would print all arrays.
         printer.text(repr(self))
+
+    @cached_property
+    def movement(self) -> Movement:
+        rows = np.array([self.piece])
+        slots = int(np.diff(self.pieces.shape_offset)[self.piece])
+        return Movement(self.prepared, rows, self.pieces.start_us[rows], self.origin, slots)
+
+    @cached_property
+    def prepared(self) -> kernel.Scene:
+        return kernel.Scene(self.row.plane.kernel_plane, self.pieces)
+
+    @property
+    def is_convex(self) -> bool:
+        state = self.prepared.states()[self.piece]
+        assert state in (State.CONVEX, State.MAY_DENT), "what is accepted can be"
+        return bool(state == State.CONVEX)
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """What the kernel promises of [t0, t1]."""
+        return self.movement.bounds(np.array([self.t0]), np.array([self.t1]))
 
     @cached_property
     def shapes(self) -> Havens:
@@ -401,12 +426,22 @@ class Moving:
 
     @cached_property
     def positions(self) -> Floats:
-        """Vertices (2, v, SAMPLES) in the plane at `seconds`."""
-        return self.samples.positions(self.seconds) + self.origin[:, :, None]
+        """Vertices (2, v, SAMPLES) in the plane at `seconds`, by the kernel."""
+        return self.from_origin + self.origin[:, :, None]
+
+    @cached_property
+    def from_origin(self) -> Floats:
+        return self.movement.take(np.zeros(SAMPLES, np.int64)).positions(self.seconds)
+
+    @property
+    def step_s(self) -> float:
+        """From one of `seconds` to the next."""
+        return float(self.seconds[1] - self.seconds[0])
 
     @cached_property
     def velocities(self) -> Floats:
-        return self.samples.velocities(self.seconds)
+        """Mean velocities (2, v, SAMPLES - 1) of the vertices from one of `seconds` to the next."""
+        return np.asarray(np.diff(self.from_origin, axis=2) / self.step_s)
 
     @cached_property
     def scale(self) -> float:
@@ -414,7 +449,7 @@ class Moving:
         return float(self.row.plane.largest_scale(self.positions).max())
 
     def bound(self, name: str) -> float:
-        """A bound on [t0, t1]."""
+        """A bound on [t0, t1], in numpy."""
         return float(getattr(self.shapes, name)(np.array([self.t0]), np.array([self.t1]))[0])
 
 

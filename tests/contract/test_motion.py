@@ -1,18 +1,19 @@
-"""What every moving polygon keeps (`motion.contract`): it is where the oracle has it, and no bound is ever passed.
+"""What every moving polygon of the kernel keeps: it is where the oracle has it, and no bound is ever passed.
 
 Anywhere that is accepted, of any size from nothing to thousands of kilometres, rigid or changing, on legs of a
 microsecond to 9,998 years. Bounds are held against dense samples: what lies between samples is bounded by the same
-means, for a mean of accelerations (a difference of velocities) is as large as one of them. That they are of use as well
-is `test_bounds_are_near_what_they_bound`; unit tests of the motions hold them to tighter factors.
+means, for a mean of velocities (a difference of positions) is as large as one of them. That they are of use as well is
+`test_bounds_are_near_what_they_bound`; unit tests of the motions hold them to tighter factors.
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import shapely
 from implementations import MotionRow, Moving, every_motion, extremes, for_every_motion, moving
 
-from conflictdb.motion.contract import shape_class
+from conflictdb.kernel.movement import Movement
 
 # A vertex is a sum of about ten terms that are rounded to 1e-16 of a turn (4e7 m) each, or of the several turns that a
 # haven may go around a pole; and so is the oracle's.
@@ -65,7 +66,12 @@ def test_vertices_are_where_the_oracle_has_them(row: MotionRow, haven: Moving) -
     homes = [found - np.array([[[turn * turn_m]], [[0.0]]]) for turn in {np.floor(turns), np.ceil(turns)}]
     off = min(far_from(home, expected) for home in homes)
     at_most(off, rounding_m(haven) + haven.scale * row.oracle.rounding_m(haven.track))
-    assert haven.shapes.vertex_count == found.shape[1]
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_numpy_has_vertices_where_the_kernel_has_them(row: MotionRow, haven: Moving) -> None:
+    in_numpy = haven.samples.positions(haven.seconds)
+    at_most(np.hypot(*(in_numpy[:, : haven.from_origin.shape[1]] - haven.from_origin)).max(), rounding_m(haven))
 
 
 @for_every_motion(moving, fixed=extremes)
@@ -78,34 +84,33 @@ def test_the_reference_runs_straight_and_time_fraction_says_when_it_is_where(row
 
 
 @for_every_motion(moving, fixed=extremes)
-def test_velocities_are_how_positions_change(row: MotionRow, haven: Moving) -> None:
+def test_no_vertex_accelerates_more_than_bounded(row: MotionRow, haven: Moving) -> None:
+    """What mean velocities change by from one step to the next is a mean of accelerations times a step."""
+    change = np.hypot(*np.diff(haven.velocities, axis=2)).max()
+    at_most(change, haven.bounds.acceleration[0] * haven.step_s + 4.0 * rounding_m(haven) / haven.step_s)
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_no_velocity_is_further_from_that_of_the_whole_than_bounded(row: MotionRow, haven: Moving) -> None:
+    spread = np.hypot(*(haven.velocities - haven.bounds.velocity[:, None])).max()
+    at_most(spread, haven.bounds.spread[0] + 2.0 * rounding_m(haven) / haven.step_s)
+
+
+@for_every_motion(moving, fixed=extremes)
+def test_velocities_in_numpy_are_how_positions_change(row: MotionRow, haven: Moving) -> None:
     """What they add up to between two samples is the way from one to the other."""
-    h = haven.seconds[1] - haven.seconds[0]
+    h = haven.step_s
     gone = []
     for nodes, weights in RULES:
         at = (haven.seconds[:-1, None] + 0.5 * h * (1.0 + nodes)).ravel()
         velocities = haven.shapes.take(np.zeros(len(at), np.int64)).velocities(at)
         gone.append(0.5 * h * (velocities.reshape(*velocities.shape[:2], -1, len(nodes)) @ weights))
-    way = np.diff(haven.positions, axis=2)
+    way = np.diff(haven.samples.positions(haven.seconds), axis=2)
     # Where both rules do not agree, close to the limits of the planes, velocities change too much for them.
     rough = np.abs(gone[0] - gone[1]).max(axis=(0, 1))
     off = np.abs(gone[0] - way).max(axis=(0, 1)) - 2.0 * rough
     at_most(off.max(), 4 * rounding_m(haven) + SPEED_ROUNDING * fastest(haven) * h)
     assert np.median(rough) <= 1e-3 * fastest(haven) * h + rounding_m(haven)
-
-
-@for_every_motion(moving, fixed=extremes)
-def test_no_vertex_accelerates_more_than_bounded(row: MotionRow, haven: Moving) -> None:
-    h = haven.seconds[1] - haven.seconds[0]
-    change = np.hypot(*np.diff(haven.velocities, axis=2)).max()
-    at_most(change, haven.bound("max_acceleration") * h + SPEED_ROUNDING * fastest(haven))
-
-
-@for_every_motion(moving, fixed=extremes)
-def test_no_velocity_is_further_from_that_of_the_whole_than_bounded(row: MotionRow, haven: Moving) -> None:
-    whole = haven.shapes.velocity(np.array([0.5 * (haven.t0 + haven.t1)]))
-    spread = np.hypot(*(haven.velocities - whole[:, :, None])).max()
-    at_most(spread, haven.bound("velocity_spread") + SPEED_ROUNDING * fastest(haven))
 
 
 @for_every_motion(moving, fixed=extremes)
@@ -124,7 +129,7 @@ def test_no_vertex_is_seen_at_a_larger_scale_than_bounded(row: MotionRow, haven:
 @for_every_motion(moving, fixed=extremes)
 def test_polygons_that_are_said_to_be_convex_are(row: MotionRow, haven: Moving) -> None:
     """At all times all vertices lie to the left of every side."""
-    if not haven.shapes.is_convex:
+    if not haven.is_convex:
         return
     at = haven.positions
     side = np.roll(at, -1, axis=1) - at
@@ -141,24 +146,26 @@ def test_what_is_accepted_stays_in_the_plane(row: MotionRow, haven: Moving) -> N
 
 
 @for_every_motion(moving, fixed=extremes)
-def test_a_shape_does_not_depend_on_its_company(row: MotionRow, haven: Moving) -> None:
-    """To the bit: alone, or taken from others that can share its arrays, more than once and in another order."""
-    sort = shape_class(row.plane, haven.pieces)
-    rows = np.flatnonzero(sort == sort[haven.piece])[::-1]
-    rows = np.concatenate([rows, rows[:1]])
+def test_a_piece_does_not_depend_on_its_company(row: MotionRow, haven: Moving) -> None:
+    """To the bit: in a scene of its own, or among others, more than once and in another order."""
+    t0, t1 = np.array([haven.t0]), np.array([haven.t1])
+    own = haven.pieces.take(np.array([haven.piece]))
+    alone = replace(haven, pieces=own, piece=0)
+    rows = np.append(np.arange(len(haven.pieces))[::-1], haven.piece)
+    slots = int(np.diff(haven.pieces.shape_offset).max())
     zero_us = np.full(len(rows), haven.pieces.start_us[haven.piece])
-    shapes = row.plane.shapes(haven.pieces, rows, zero_us, np.repeat(haven.origin, len(rows), axis=1))
-    mine = int(np.flatnonzero(rows == haven.piece)[0])
-    one, t0, t1 = haven.shapes, np.array([haven.t0]), np.array([haven.t1])
-    for other in (shapes.take(np.array([mine])), shapes.take(slice(mine, mine + 1))):
-        for name in ("positions", "velocities", "reference", "velocity"):
-            np.testing.assert_array_equal(getattr(other, name)(t1), getattr(one, name)(t1))
-        for name in ("max_acceleration", "velocity_spread", "chord_deviation", "largest_scale"):
-            np.testing.assert_array_equal(getattr(other, name)(t0, t1), getattr(one, name)(t0, t1))
+    among = Movement(haven.prepared, rows, zero_us, np.repeat(haven.origin, len(rows), axis=1), slots)
+    mine = np.flatnonzero(rows == haven.piece)
+    at = among.positions(np.repeat(t1, len(rows)))[:, : alone.movement.slots, mine]
+    np.testing.assert_array_equal(at, np.repeat(alone.movement.positions(t1), len(mine), axis=2))
+    found = among.bounds(np.repeat(t0, len(rows)), np.repeat(t1, len(rows)))
+    for name in ("velocity", "acceleration", "spread"):
+        expected = getattr(alone.bounds, name)
+        np.testing.assert_array_equal(getattr(found, name)[..., mine], np.repeat(expected, len(mine), axis=-1))
 
 
 # How many times what it bounds a bound may be on whole ordinary legs: what it is there, and a third.
-USEFUL: Final = {"max_acceleration": 6.0, "velocity_spread": 6.0, "largest_scale": 1.001, "chord_deviation": 7.0}
+USEFUL: Final = {"acceleration": 6.0, "spread": 6.0, "largest_scale": 1.001, "chord_deviation": 7.0}
 
 
 @every_motion
@@ -166,14 +173,11 @@ def test_bounds_are_near_what_they_bound(row: MotionRow) -> None:
     """A bound that grows costs time and widens what is reported, and nothing else tells."""
     rigid, growing, _, aside, *_ = (haven for (haven,) in extremes(row))
     for haven in (rigid, growing):
-        whole = haven.shapes.velocity(np.array([0.5 * (haven.t0 + haven.t1)]))
-        reached = {
-            "max_acceleration": np.hypot(*np.diff(haven.velocities, axis=2)).max() / haven.seconds[1],
-            "velocity_spread": np.hypot(*(haven.velocities - whole[:, :, None])).max(),
-            "largest_scale": haven.scale,
-        }
-        for name, value in reached.items():
-            at_most(haven.bound(name), USEFUL[name] * value)
-        assert haven.shapes.is_convex
+        reached = np.hypot(*np.diff(haven.velocities, axis=2)).max() / haven.step_s
+        at_most(haven.bounds.acceleration[0], USEFUL["acceleration"] * reached)
+        reached = np.hypot(*(haven.velocities - haven.bounds.velocity[:, None])).max()
+        at_most(haven.bounds.spread[0], USEFUL["spread"] * reached)
+        at_most(haven.bound("largest_scale"), USEFUL["largest_scale"] * haven.scale)
+        assert haven.is_convex
     # Of a vertex far off the leg: those of polygons about it seldom leave the hull at all.
     at_most(aside.bound("chord_deviation"), USEFUL["chord_deviation"] * left(aside.positions))
