@@ -320,8 +320,8 @@ class Database:
         full : bool
             Compute everything again, also what did not change.
         jobs : int, optional
-            Processes to solve in; None is one per processor. More than one begin by importing the main module of the
-            program, which must not detect while it is imported: put that under ``if __name__ == "__main__":``.
+            Threads to solve in; None is one per processor. The answer does not depend on it. Method ``nlp`` solves in
+            one.
         progress : callable, optional
             Called now and then with what is done and how much there is.
         lock_timeout_s : float, optional

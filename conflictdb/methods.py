@@ -43,7 +43,6 @@ class MethodSpec:
     solver : of stage 4; None without it, when neither places nor closest approaches are known
     tried : by `advise`
     says, promises, costs : as users read it (the command line, docs/explanation/accuracy.md, the catalog)
-    pairs_per_job : pairs that a process of stage 4 gets at a time: some seconds of work, many times its start
     """
 
     last_stage: int
@@ -53,7 +52,6 @@ class MethodSpec:
     says: str
     promises: str
     costs: str
-    pairs_per_job: int = 1
 
 
 METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
@@ -85,7 +83,6 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             promises="no conflict is missed and none is false, up to `tolerance_m`; every period is proven to be "
             "contact throughout, and holds the true one, which is shorter by at most `time_error_s` at either end",
             costs="some ten microseconds a pair in full batches",
-            pairs_per_job=200_000,
         ),
         Method.NLP: MethodSpec(
             4,
@@ -95,7 +92,6 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             says="certified times, found by the published program",
             promises="the same as `exact`",
             costs="50 to 250 times `exact`",
-            pairs_per_job=2_000,
         ),
     }
 )

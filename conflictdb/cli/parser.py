@@ -117,7 +117,7 @@ def _detect(commands: Any) -> None:
         metavar="D",
         help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
     )
-    parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
     _add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
     parser.add_argument(
@@ -212,7 +212,7 @@ def _worker(commands: Any) -> None:
         metavar="DURATION",
         help="look for changes at least this often: 30s, 5m, 1h (default 60s)",
     )
-    parser.add_argument("--jobs", type=count, metavar="N", help="processes to solve in (default: one per processor)")
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
     _add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
 
 

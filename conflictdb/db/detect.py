@@ -85,7 +85,6 @@ def detect(
     progress: Progress | None = None,
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
-    pairs_per_job: int | None = None,
 ) -> Run:
     """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
@@ -93,12 +92,11 @@ def detect(
     ----------
     conn : psycopg connection without an open transaction
     full : compute everything again, also what did not change
-    jobs : processes that stage 4 may use; None is one per processor
+    jobs : threads that stage 4 may use; None is one per processor
     progress : told now and then how many pairs stage 4 has decided, and of how many
     lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
         for as long as it takes
     say : told after 5 s of waiting for another detection who that is
-    pairs_per_job : pairs of pieces that a process gets at a time; None is the method's own
 
     Raises
     ------
@@ -109,7 +107,7 @@ def detect(
     StoreError
         The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
-    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, pairs_per_job))
+    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say))
 
 
 def detect_pending(conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None) -> Run | None:
@@ -131,7 +129,6 @@ class _Way:
     progress: Progress | None
     lock_timeout_s: float | None
     say: store.Say
-    pairs_per_job: int | None = None
     only_pending: bool = False
 
 
@@ -217,7 +214,6 @@ def _refresh_conflicts(
         _SceneSource(conn, scene_id),
         jobs=way.jobs,
         progress=way.progress,
-        pairs_per_job=way.pairs_per_job,
     )
     funnel.pieces_s = record.counted["pieces_s"]
     counted = funnel.counted()

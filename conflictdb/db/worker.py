@@ -49,7 +49,7 @@ class Worker:
     connect : opens a connection of its own
     report : told the outcome of each detection: the scene, and the run or the error
     every_s : looks for changes at least this often, seconds; a scene that failed is left alone this long
-    jobs : processes to solve in, None for one per processor
+    jobs : threads to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
     say : told who keeps a scene from being detected, and if nobody tells of changes
     """

@@ -42,7 +42,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
 }
 _RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
 # Rows that a thread takes at once: milliseconds of work.
-_SHARE: Final = 2048
+SHARE: Final = 2048
 
 _T = TypeVar("_T")
 
@@ -91,7 +91,8 @@ class Held(ctypes.Structure):
 
 def shared(solve: Callable[[slice], _T], n: int, threads: int) -> list[_T]:
     """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them."""
-    if threads <= 1 or n <= _SHARE:
-        return [solve(slice(0, n))]
+    slices = [slice(first, min(first + SHARE, n)) for first in range(0, n, SHARE)]
+    if threads <= 1 or len(slices) <= 1:
+        return [solve(rows) for rows in slices]
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(solve, [slice(first, min(first + _SHARE, n)) for first in range(0, n, _SHARE)]))
+        return list(pool.map(solve, slices))

@@ -1,6 +1,7 @@
 """A scene taken through the four stages, by its method: stages 1 and 2 at their source, stages 3 and 4 here."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,12 +20,11 @@ from conflictdb.pipeline.closest_approaches import with_closest_approaches
 from conflictdb.pipeline.funnel import Funnel, Progress
 from conflictdb.pipeline.merge import merged_by_object
 from conflictdb.pipeline.object_pairs import company_of
-from conflictdb.pipeline.parallel import contacts_by_jobs
 from conflictdb.pipeline.source import PairSource
 from conflictdb.pipeline.whole_areas import Footprints
 from conflictdb.results import Kind, Verdict
 from conflictdb.stage3_projection import windows
-from conflictdb.stage4.contacts import static_verdicts
+from conflictdb.stage4.contacts import contacts, static_verdicts
 
 __all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
 
@@ -36,12 +36,11 @@ def run_scene(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-    pairs_per_job: int | None = None,
 ) -> tuple[Conflicts, Funnel]:
     """Return the conflicts among the pieces of a source, and what was counted on the way.
 
     plane : of the scene, which the pieces were made in
-    jobs, progress, pairs_per_job : see `run_stages`
+    jobs, progress : see `run_stages`
     """
     funnel = Funnel()
     began = time.perf_counter()
@@ -60,7 +59,6 @@ def run_scene(
             source.footprints,
             jobs=jobs,
             progress=_after(funnel.solved_pairs, progress),
-            pairs_per_job=pairs_per_job,
         )
         conflicts.append(of_chunk)
         funnel.add(counted)
@@ -84,15 +82,13 @@ def run_stages(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-    pairs_per_job: int | None = None,
 ) -> tuple[Conflicts, Funnel]:
     """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
 
     plane : of the scene, which the pieces were made in
     footprints : asked for whole areas where contacts are shallow in all parts of one
-    jobs : processes that stage 4 may use; the answer does not depend on it
+    jobs : threads of the kernel; the answer does not depend on it
     progress : told how many pairs are decided, and of how many
-    pairs_per_job : that a process gets at a time; None is the method's own
     """
     funnel = Funnel()
     started = time.perf_counter()
@@ -120,25 +116,31 @@ def run_stages(
             parts.append(Contacts(moving, first, last, last - first, verdict, touches))
         else:
             funnel.solved_pairs = len(moving)
-            contacts, funnel.effort = contacts_by_jobs(
-                scene,
-                plane,
-                pieces,
-                pairs.take(moving),
-                first,
-                last,
-                jobs=jobs,
-                pairs_per_job=pairs_per_job or method.pairs_per_job,
-                progress=progress,
-            )
-            parts.append(contacts.of_pairs(moving))
-    contacts = Contacts.concatenate(parts)
-    funnel.met_pairs = len(np.unique(contacts.pair))
-    conflicts = merged_by_object(scene, plane, pieces, pairs, contacts, footprints)
+            tell = _counting(len(moving), progress)
+            solved, funnel.effort = contacts(scene, plane, pieces, pairs.take(moving), first, last, tell, threads=jobs)
+            parts.append(solved.of_pairs(moving))
+    found = Contacts.concatenate(parts)
+    funnel.met_pairs = len(np.unique(found.pair))
+    conflicts = merged_by_object(scene, plane, pieces, pairs, found, footprints)
     if method.solver is not None:
         conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
     return conflicts, funnel
+
+
+def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | None:
+    """Return what is told of some more pairs that are decided, and tells of all of them; it begins with none."""
+    if progress is None:
+        return None
+    decided = 0
+
+    def advance(count: int) -> None:
+        nonlocal decided
+        decided += count
+        progress(decided, of)
+
+    advance(0)
+    return advance
 
 
 def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:

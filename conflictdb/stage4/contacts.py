@@ -58,12 +58,15 @@ def contacts(
     first_s: Floats,
     last_s: Floats,
     progress: Progress | None = None,
+    *,
+    threads: int = 1,
 ) -> tuple[Contacts, Effort]:
     """Return when the pairs interfere within their windows, and what it took.
 
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
         a pair must not be unbounded in time together (pairs of areas are `static_verdicts`).
     progress : called with the number of pairs solved since the last call
+    threads : of the kernel; the answer does not depend on it
     """
     solver = METHODS[scene.method].solver
     if solver is None:
@@ -73,7 +76,7 @@ def contacts(
     found = [nothing()]
 
     def solve(rows: NDArray[np.int64]) -> Contacts:
-        meetings = Meetings.of(plane, pieces, prepared, pairs, rows, first_s[rows], last_s[rows])
+        meetings = Meetings.of(plane, pieces, prepared, pairs, rows, first_s[rows], last_s[rows], threads)
         return _solved(scene, solver, meetings, effort)
 
     def leave(rows: NDArray[np.int64]) -> Contacts:

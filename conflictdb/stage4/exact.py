@@ -33,6 +33,7 @@ class Meetings:
     pair : (n,) their rows in `pairs`
     low_s, high_s : (n,) when they may interfere
     beyond_s : (n,) the first instant that is no longer in the span; infinite where the last one is
+    threads : of the kernel
     """
 
     plane: Plane
@@ -44,10 +45,19 @@ class Meetings:
     low_s: Floats
     high_s: Floats
     beyond_s: Floats
+    threads: int
 
     @classmethod
     def of(
-        cls, plane: Plane, pieces: Pieces, scene: kernel.Scene, pairs: Pairs, rows: _Rows, low_s: Floats, high_s: Floats
+        cls,
+        plane: Plane,
+        pieces: Pieces,
+        scene: kernel.Scene,
+        pairs: Pairs,
+        rows: _Rows,
+        low_s: Floats,
+        high_s: Floats,
+        threads: int = 1,
     ) -> Self:
         """Return some rows of pairs, with what of their windows (n,) lies in the shared spans."""
         a, b = pairs.a[rows], pairs.b[rows]
@@ -58,7 +68,7 @@ class Meetings:
         for member in (a, b):
             belongs &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
         low_s, high_s = np.clip(low_s, 0.0, span), np.clip(high_s, 0.0, span)
-        return cls(plane, pieces, scene, pairs, rows, zero, low_s, high_s, np.where(belongs, np.inf, span))
+        return cls(plane, pieces, scene, pairs, rows, zero, low_s, high_s, np.where(belongs, np.inf, span), threads)
 
     def __len__(self) -> int:
         return len(self.pair)
@@ -86,7 +96,8 @@ class Meetings:
     def contacts(self, separation_m: float, margin_m: float, work: Work) -> Solution:
         """Return what is certain of them; margin_m >= TOUCH_M on the earth."""
         a, b = self.pairs.a[self.pair], self.pairs.b[self.pair]
-        return self.scene.contacts(a, b, self.zero_us, self.low_s, self.high_s, separation_m, margin_m, work)
+        times = self.zero_us, self.low_s, self.high_s
+        return self.scene.contacts(a, b, *times, separation_m, margin_m, work, self.threads)
 
     def during(self, found: Solution) -> Self:
         """Return them during the contacts that were found."""

@@ -116,13 +116,13 @@ def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
         assert answer(conn, scene) == fresh_answer(conn, scene, areas, tracks)
 
 
-def test_number_of_processes_does_not_matter(conn: psycopg.Connection[Any]) -> None:
+def test_number_of_threads_does_not_matter(conn: psycopg.Connection[Any]) -> None:
     scene, areas, tracks = throw(EQUATOR, 2, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     alone = answer(conn, scene)
     told: list[tuple[int, int]] = []
-    detect(conn, scene.name, jobs=2, full=True, progress=lambda *counts: told.append(counts), pairs_per_job=7)
+    detect(conn, scene.name, jobs=2, full=True, progress=lambda *counts: told.append(counts))
     assert answer(conn, scene) == alone
     assert told, "progress is told"
     assert told[-1][0] == told[-1][1]

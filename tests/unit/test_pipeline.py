@@ -12,6 +12,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.kernel.library import SHARE
 from conflictdb.methods import Method
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -80,8 +81,12 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
 
 
 def test_who_solves_the_pairs_does_not_matter() -> None:
-    """As many at a time as the method's own number, or a few by each of two processes."""
-    alone, funnel = run_scene(SCENE, plane_of(SCENE), source(1))
-    assert funnel.solved_pairs > 8
-    shared, _ = run_scene(SCENE, plane_of(SCENE), source(1), jobs=2, pairs_per_job=4)
+    """One thread, or three that share them."""
+    scene, areas, tracks = throw(PAPER, 3, 140, 140)
+    batch = AreaBatch.of(areas)
+    pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
+    alone, funnel = run_scene(scene, plane_of(scene), pieces)
+    assert funnel.solved_pairs > 2 * SHARE
+    shared, effort = run_scene(scene, plane_of(scene), pieces, jobs=3)
     assert rows(shared) == rows(alone)
+    assert counts(effort) == counts(funnel)
