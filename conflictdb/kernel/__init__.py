@@ -8,5 +8,6 @@ on that pair alone: not on its company, nor on how many threads there are.
 """
 
 from conflictdb.kernel.scene import Outcome, Plane, Scene, Solution, Work
+from conflictdb.kernel.slices import Hulls, hulls
 
-__all__ = ["Outcome", "Plane", "Scene", "Solution", "Work"]
+__all__ = ["Hulls", "Outcome", "Plane", "Scene", "Solution", "Work", "hulls"]

@@ -17,7 +17,7 @@ const char *kernel_fingerprint(void) { return KERNEL_FINGERPRINT; }
 
 static bool is_instant(int64_t us) { return us >= -KERNEL_LATEST_US && us <= KERNEL_LATEST_US; }
 
-static KernelStatus check_plane(const KernelPlane *plane) {
+KernelStatus border_check_plane(const KernelPlane *plane) {
     if (plane->projection != KERNEL_MERCATOR && plane->projection != KERNEL_GNOMONIC) return KERNEL_BAD_PLANE;
     if (plane->harmonics < 0 || plane->harmonics > KERNEL_HARMONICS) return KERNEL_BAD_PLANE;
     bool is_sized = plane->radius_m > 0.0 && plane->radius_m < INFINITY;
@@ -29,7 +29,7 @@ static KernelStatus check_plane(const KernelPlane *plane) {
     return is_sized && isfinite(sum) ? KERNEL_OK : KERNEL_BAD_PLANE;
 }
 
-static KernelStatus check_pieces(const KernelPieces *pieces) {
+KernelStatus border_check_pieces(const KernelPieces *pieces) {
     if (pieces->count < 0 || pieces->vertex_count < 0) return KERNEL_BAD_COUNT;
     /* What is counted fits into memory, and its size into numbers. */
     if (pieces->count > INT64_MAX / (int64_t)sizeof(Body) / 2) return KERNEL_BAD_COUNT;
@@ -76,7 +76,7 @@ static bool is_leg_sound(const KernelPieces *pieces, int64_t i) {
     return is_timed && is_placed && fabs(pieces->bearing_deg[i]) <= 1e6 && pieces->leg_end_us[i] > pieces->leg_start_us[i];
 }
 
-static void prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece) {
+void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece) {
     Body *body = scene->bodies + piece;
     *body = (Body){.first = pieces->shape_offset[piece], .leg_start_us = pieces->leg_start_us[piece]};
     body->count = pieces->shape_offset[piece + 1] - body->first;
@@ -95,8 +95,8 @@ static void prepare(const Scene *scene, const KernelPieces *pieces, int64_t piec
 KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pieces, KernelScene **scene) {
     if (!plane || !pieces || !scene) return KERNEL_NULL;
     *scene = NULL;
-    KernelStatus status = check_plane(plane);
-    if (status == KERNEL_OK) status = check_pieces(pieces);
+    KernelStatus status = border_check_plane(plane);
+    if (status == KERNEL_OK) status = border_check_pieces(pieces);
     if (status != KERNEL_OK) return status;
     Scene *made = calloc(1, sizeof *made);
     if (!made) return KERNEL_NO_MEMORY;
@@ -108,7 +108,7 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
         kernel_scene_free(made);
         return KERNEL_NO_MEMORY;
     }
-    for (int64_t i = 0; i < pieces->count; i++) prepare(made, pieces, i);
+    for (int64_t i = 0; i < pieces->count; i++) border_prepare(made, pieces, i);
     *scene = made;
     return KERNEL_OK;
 }

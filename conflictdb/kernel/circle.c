@@ -234,23 +234,43 @@ static Vector vertex_velocity(const Mover *mover, int64_t i, double t) {
     return projected(mover->scene->plane.radius_m, v, w);
 }
 
+/* How far C.V may sag below its chord on a way that turns V by these angles: C the centre, sine the largest |sin s|.
+ * (C.V)'' = -a^2 cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, a the rate of theta + f and d the way along the leg, of
+ * which only what is positive counts; C.e is not negative within MAX_CHANGING_REACH. */
+static double sag(double turn, double across, double sine) {
+    return (2.0 * fabs(turn * across) * sine + across * across) / 8.0;
+}
+
+/* What vertex i of a haven reaches during a time: the largest |f|, |s| and cos(s), and the least of C.V, which is a
+ * cosine where the haven does not change, least at one of the ends. */
+typedef struct {
+    double ahead, across, cosine, up;
+} Reach;
+
+static Reach vertex_reach(const Mover *mover, int64_t i, double t0, double t1) {
+    double theta0 = theta_at(mover, t0), theta1 = theta_at(mover, t1);
+    Vector reach0 = ahead_across(mover, i, t0), reach1 = ahead_across(mover, i, t1);
+    double nearest = reach0.y * reach1.y <= 0.0 ? 0.0 : least(fabs(reach0.y), fabs(reach1.y));
+    Reach reach = {most(fabs(reach0.x), fabs(reach1.x)), most(fabs(reach0.y), fabs(reach1.y)), cos(nearest), 0.0};
+    reach.up = least(vertex_at(mover, i, t0, cos(theta0), sin(theta0)).up, vertex_at(mover, i, t1, cos(theta1), sin(theta1)).up);
+    if (mover->body->changes) {
+        double turn = (mover->leg.rate + body_column(mover->scene, mover->body, FORWARD_RATE)[i]) * (t1 - t0);
+        double across = body_column(mover->scene, mover->body, STARBOARD_RATE)[i] * (t1 - t0);
+        reach.up = most(reach.up - sag(turn, across, sin(reach.across)), LEAST_UP);
+    }
+    return reach;
+}
+
 /* A bound on the second derivative of vertex i. With c the largest angle from the centre and a the rate of theta + f:
  * R sec(c)^2 (a^2 |sin s| cos s + 2 |a s' sin s| + 2 (a^2 cos(s)^2 + s'^2) tan c), which increases with c. */
 static double vertex_acceleration(const Mover *mover, int64_t i, double t0, double t1) {
-    double theta0 = theta_at(mover, t0), theta1 = theta_at(mover, t1), rate = mover->leg.rate;
-    double up = least(vertex_at(mover, i, t0, cos(theta0), sin(theta0)).up, vertex_at(mover, i, t1, cos(theta1), sin(theta1)).up);
-    Vector reach0 = ahead_across(mover, i, t0), reach1 = ahead_across(mover, i, t1);
-    double furthest = most(fabs(reach0.y), fabs(reach1.y)), across_rate = 0.0;
-    double nearest = reach0.y * reach1.y <= 0.0 ? 0.0 : least(fabs(reach0.y), fabs(reach1.y));
-    double s = sin(furthest), c = cos(nearest);
+    Reach reach = vertex_reach(mover, i, t0, t1);
+    double rate = mover->leg.rate, across_rate = 0.0, s = sin(reach.across), c = reach.cosine;
     if (mover->body->changes) {
-        /* C.V may sag below its chord: see `least_up` of conflictdb.motion.great_circles. */
         rate = fabs(rate + body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
         across_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
-        double turn = rate * (t1 - t0), across = across_rate * (t1 - t0);
-        up = most(up - (2.0 * turn * across * s + across * across) / 8.0, LEAST_UP);
     }
-    double secant = 1.0 / up, tangent = sqrt(most(secant * secant - 1.0, 0.0));
+    double secant = 1.0 / reach.up, tangent = sqrt(most(secant * secant - 1.0, 0.0));
     double bound = rate * rate * s * c + 2.0 * rate * across_rate * s;
     bound += 2.0 * (rate * rate * c * c + across_rate * across_rate) * tangent;
     return mover->scene->plane.radius_m * secant * secant * bound;
@@ -265,4 +285,77 @@ Bounds circle_bounds(const Mover *mover, double t0, double t1) {
         acceleration = most(acceleration, vertex_acceleration(mover, i, t0, t1));
     }
     return (Bounds){acceleration, away + 0.5 * (t1 - t0) * acceleration};
+}
+
+Vector circle_reference(const Mover *mover, double t) {
+    Vector3 v = on_leg(&mover->leg, theta_at(mover, t));
+    double radius_m = mover->scene->plane.radius_m;
+    return (Vector){radius_m * v.x / v.up, radius_m * v.y / v.up};
+}
+
+/* The way of the reference point during a time. phi: its angles at the ends from the leg's point nearest to the centre,
+ * within a quarter turn, since cos(phi) = cos(C) / cos(K) with C its angle from the centre, below 60 degrees, and K that
+ * of the nearest point; centre: cos(K). */
+typedef struct {
+    double t0, t1, phi0, phi1, centre;
+} Way;
+
+static Way way_of(const Mover *mover, double t0, double t1) {
+    const CircleLeg *leg = &mover->leg;
+    double at_nearest = atan2(leg->heading.up, leg->start.up);
+    return (Way){t0, t1, theta_at(mover, t0) - at_nearest, theta_at(mover, t1) - at_nearest,
+                 hypot(leg->start.up, leg->heading.up)};
+}
+
+/* A bound on x_uu of a vertex, in radii. The reference point is linear in u = tan(phi); with K = cos of the nearest
+ * point's angle from the centre and sigma = C.S, a vertex f ahead and s across has
+ * x_uu = cos(phi)^4 (sin s J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi). */
+static double vertex_bend(const Mover *mover, const Reach *reach, const Way *way) {
+    double nearest = way->phi0 * way->phi1 <= 0.0 ? 0.0 : least(fabs(way->phi0), fabs(way->phi1)), c = cos(nearest);
+    double sine = sin(most(fabs(way->phi0), fabs(way->phi1))), s = sin(reach->across);
+    double turning = way->centre * sin(reach->ahead) + fabs(mover->leg.starboard.up) * s * sine;
+    return (s * c * c * c * c + 2.0 * turning * c * c * c / reach->up) * reach->cosine / (reach->up * reach->up);
+}
+
+/* A bound on the second derivative, in radii, of the offset of vertex i of a haven that changes. With subscripts the
+ * partial derivatives of x(phi, f, s), of which x_f = x_phi, phi' = w and u' = w sec(phi)^2, and X the reference point,
+ * linear in u, o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s'
+ * + x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in
+ * `vertex_acceleration`, over R sec(c)^2, |x_ff| and |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. */
+static double changing_bend(const Mover *mover, int64_t i, const Reach *reach, const Way *way) {
+    double rate = mover->leg.rate, furthest = most(fabs(way->phi0), fabs(way->phi1)), s = sin(reach->across);
+    double secant = 1.0 / cos(furthest), tangent = tan(furthest);
+    double f_rate = fabs(body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
+    double s_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
+    double reference_up = least(on_leg(&mover->leg, theta_at(mover, way->t0)).up, on_leg(&mover->leg, theta_at(mover, way->t1)).up);
+    /* On the way from the reference point to the vertex, as in `vertex_reach`. */
+    double up = least(reach->up, reference_up) - sag(reach->ahead, reach->across, s), scale = 1.0 / (up * up);
+    double outward = 2.0 * sqrt(most(scale - 1.0, 0.0)), mixed = scale * (s + outward);
+    double bend = vertex_bend(mover, reach, way) * (rate * secant * secant) * (rate * secant * secant);
+    bend += 2.0 * rate * rate * tangent * (reach->ahead + reach->across) * mixed;
+    bend += (2.0 * rate * (f_rate + s_rate) + f_rate * f_rate + 2.0 * f_rate * s_rate) * mixed;
+    return bend + s_rate * s_rate * scale * outward;
+}
+
+/* By how much the reference point's share of its way may differ from the share of the time: u = tan(phi) leaves its
+ * chord by at most max |u_tt| h^2 / 8, u_tt = 2 w^2 sec(phi)^2 tan(phi). */
+static double share_deviation(const Mover *mover, const Way *way) {
+    double furthest = most(fabs(way->phi0), fabs(way->phi1)), u = fabs(tan(way->phi1) - tan(way->phi0));
+    double turn = mover->leg.rate * (way->t1 - way->t0) / cos(furthest);
+    return u > 0.0 ? least(2.0 * turn * turn * tan(furthest) / u / 8.0, 1.0) : 0.0;
+}
+
+Sweep circle_sweep(const Mover *mover, double t0, double t1, double change) {
+    Way way = way_of(mover, t0, t1);
+    double bend = 0.0, up = 1.0, h = t1 - t0;
+    double u = sin(way.phi1 - way.phi0) / (cos(way.phi0) * cos(way.phi1));
+    for (int64_t i = 0; i < mover->body->count; i++) {
+        Reach reach = vertex_reach(mover, i, t0, t1);
+        double own = mover->body->changes ? changing_bend(mover, i, &reach, &way) * h * h
+                                          : vertex_bend(mover, &reach, &way) * u * u;
+        bend = most(bend, own), up = least(up, reach.up);
+    }
+    double deviation = mover->scene->plane.radius_m * bend / 8.0;
+    if (mover->body->changes) deviation += share_deviation(mover, &way) * change;
+    return (Sweep){deviation, 1.0 / (up * up)};
 }

@@ -22,10 +22,20 @@ static double conformal_tangent(const KernelPlane *earth, double tau) {
     return hypot(1.0, sigma) * tau - sigma * secant;
 }
 
+/* The sum of c_j sin(2 j x), by Clenshaw's rule: one sine and one cosine serve the whole series. */
+static double sine_series(const double *coefficients, int32_t count, double x) {
+    if (count == 0) return 0.0;
+    double cosine = 2.0 * cos(2.0 * x), ahead = 0.0, now = 0.0;
+    for (int32_t k = count - 1; k >= 0; k--) {
+        double next = coefficients[k] + cosine * now - ahead;
+        ahead = now, now = next;
+    }
+    return sin(2.0 * x) * now;
+}
+
 double earth_rectifying(const KernelPlane *earth, double latitude) {
-    double chi = atan(conformal_tangent(earth, tan(latitude))), mu = chi;
-    for (int j = 1; j <= earth->harmonics; j++) mu += earth->to_rectifying[j - 1] * sin(2 * j * chi);
-    return mu;
+    double chi = atan(conformal_tangent(earth, tan(latitude)));
+    return chi + sine_series(earth->to_rectifying, earth->harmonics, chi);
 }
 
 /* Newton's method from the conformal to the geographic tangent: two steps reach the last digit for WGS84 (Karney
@@ -40,14 +50,7 @@ double earth_latitude(const KernelPlane *earth, double psi) {
 }
 
 double earth_conformal(const KernelPlane *earth, double mu) {
-    if (earth->harmonics == 0) return mu;
-    /* Clenshaw: one sine and one cosine serve the whole series. */
-    double cosine = 2.0 * cos(2.0 * mu), ahead = 0.0, now = 0.0;
-    for (int k = earth->harmonics - 1; k >= 0; k--) {
-        double next = earth->to_conformal[k] + cosine * now - ahead;
-        ahead = now, now = next;
-    }
-    return mu + sin(2.0 * mu) * now;
+    return mu + sine_series(earth->to_conformal, earth->harmonics, mu);
 }
 
 double earth_isometric(const KernelPlane *earth, double mu) { return asinh(tan(earth_conformal(earth, mu))); }
@@ -89,58 +92,33 @@ double earth_stretch(const KernelPlane *earth, double mu1, double mu2) {
     return ratio * (z == 0.0 ? 1.0 : atanh(z) / z) * sinc(half) * secant;
 }
 
-/* The sphere's series: g_k = psi^(k) / k! with psi' = sec, and (sec P(tan))' = sec (tan P + (1 + tan^2) P'). P is
- * evaluated with its coefficients, integers below 2^53. */
-static void sphere_series(double chi, double series[EARTH_TERMS]) {
-    double polynomial[EARTH_TERMS + 1] = {1.0}, factorial = 1.0, tangent = tan(chi);
-    double secant = sqrt(1.0 + tangent * tangent), square = tangent * tangent;
-    for (int k = 1; k <= EARTH_TERMS; k++) {
-        factorial *= k;
-        /* Only every second power is there: those of the parity of k - 1, up to it. */
-        double value = polynomial[k - 1];
-        for (int power = k - 3; power >= 0; power -= 2) value = value * square + polynomial[power];
-        series[k - 1] = value / factorial * secant * (k % 2 ? 1.0 : tangent);
-        double next[EARTH_TERMS + 1] = {0.0};
-        for (int power = 0; power < k; power++) {
-            next[power + 1] += (power + 1) * polynomial[power];
-            if (power > 0) next[power - 1] += power * polynomial[power];
-        }
-        for (int power = 0; power <= k; power++) polynomial[power] = next[power];
-    }
-}
-
-/* c_1 to c_12 with chi(mu + d) = chi(mu) + sum of c_k d^k. */
-static void conformal_series(const KernelPlane *earth, double mu, double series[EARTH_TERMS]) {
+/* chi'(mu + d) = sum of r_k d^k, k < EARTH_TERMS. */
+static void conformal_rate(const KernelPlane *earth, double mu, double rate[EARTH_TERMS]) {
     double cosine1 = cos(2.0 * mu), sine1 = sin(2.0 * mu), cosine = cosine1, sine = sine1;
-    for (int k = 0; k < EARTH_TERMS; k++) series[k] = k == 0;
+    for (int k = 0; k < EARTH_TERMS; k++) rate[k] = k == 0;
     for (int j = 1; j <= earth->harmonics; j++) {
-        double factor = earth->to_conformal[j - 1], turned[4] = {cosine, -sine, -cosine, sine};
+        double factor = 2.0 * j * earth->to_conformal[j - 1], turned[4] = {cosine, -sine, -cosine, sine};
         for (int k = 0; k < EARTH_TERMS; k++) {
+            rate[k] += factor * turned[k % 4];
             factor *= 2.0 * j / (k + 1);
-            series[k] += factor * turned[k % 4];
         }
         double next = cosine * cosine1 - sine * sine1;
         sine = sine * cosine1 + cosine * sine1, cosine = next;
     }
 }
 
+/* psi' = sec(chi) chi', (sec chi)' = tan(chi) psi' and (tan chi)' = sec(chi) psi': each coefficient of the three power
+ * series follows from those before it. */
 void earth_series(const KernelPlane *earth, double mu, double series[EARTH_TERMS]) {
-    double sphere[EARTH_TERMS], inner[EARTH_TERMS];
-    sphere_series(earth_conformal(earth, mu), sphere);
-    if (earth->harmonics == 0) {
-        for (int k = 0; k < EARTH_TERMS; k++) series[k] = sphere[k];
-        return;
+    double rate[EARTH_TERMS], slope[EARTH_TERMS], secant[EARTH_TERMS + 1], tangent[EARTH_TERMS + 1];
+    tangent[0] = tan(earth_conformal(earth, mu)), secant[0] = sqrt(1.0 + tangent[0] * tangent[0]);
+    conformal_rate(earth, mu, rate);
+    for (int k = 0; k < EARTH_TERMS; k++) {
+        slope[k] = 0.0;
+        for (int i = 0; i <= k; i++) slope[k] += secant[i] * rate[k - i];
+        double to_secant = 0.0, to_tangent = 0.0;
+        for (int i = 0; i <= k; i++) to_secant += slope[i] * tangent[k - i], to_tangent += slope[i] * secant[k - i];
+        series[k] = slope[k] / (k + 1);
+        secant[k + 1] = to_secant / (k + 1), tangent[k + 1] = to_tangent / (k + 1);
     }
-    /* Horner's rule on truncated power series: found = (found + g_m) inner, from the highest power down. */
-    conformal_series(earth, mu, inner);
-    double found[EARTH_TERMS] = {0.0};
-    for (int m = EARTH_TERMS - 1; m >= 0; m--) {
-        int keep = EARTH_TERMS - m;
-        double product[EARTH_TERMS];
-        for (int k = 0; k < keep; k++) product[k] = sphere[m] * inner[k];
-        for (int i = 0; i < keep - 1; i++)
-            for (int k = 0; k < keep - 1 - i; k++) product[i + 1 + k] += found[i] * inner[k];
-        for (int k = 0; k < keep; k++) found[k] = product[k];
-    }
-    for (int k = 0; k < EARTH_TERMS; k++) series[k] = found[k];
 }

@@ -17,11 +17,19 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 3
+#define KERNEL_ABI 4
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
 #define KERNEL_TOUCH_M 5e-8
+
+/* Hulls are padded by this beyond all else, metres: plane coordinates reach 4e7 m, where doubles are 7.5e-9 m apart, and
+ * a vertex is a sum of about ten of them. Larger: more pairs. Smaller: rounding may take a touch away. */
+#define KERNEL_ROUNDING_M 1e-6
+
+/* A padded hull of a piece of n vertices has at most HULL_PER_VERTEX n + HULL_MORE, its first again at its end. */
+#define KERNEL_HULL_PER_VERTEX 6
+#define KERNEL_HULL_MORE 5
 
 /* Coefficients of the longest series of a figure of the earth. */
 #define KERNEL_HARMONICS 6
@@ -39,7 +47,8 @@ typedef enum {
     KERNEL_BAD_PLANE = 4,   /* no such plane, or an earth of no size */
     KERNEL_BAD_OFFSET = 5,  /* the offsets of vertices do not begin at 0, decrease, or end beyond the vertices */
     KERNEL_BAD_PIECE = 6,   /* the number of a pair's piece is none of the scene's */
-    KERNEL_BAD_DISTANCE = 7 /* a separation or margin that is negative or no number */
+    KERNEL_BAD_DISTANCE = 7, /* a separation or margin that is negative or no number */
+    KERNEL_BAD_RANGE = 8     /* a range of pieces that is not within them */
 } KernelStatus;
 
 /* What is known of a pair during its time. */
@@ -178,5 +187,21 @@ KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, 
 /* Bound how rows move during [t0, t1], (count,) both, within their slices. */
 KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
                            const KernelBounds *bounds);
+
+/* Make the convex hulls that hold pieces [first, end) during all of their time, and what comes within half of reach_m of
+ * them: the hulls of two pieces meet wherever the pieces come within reach_m of each other.
+ *
+ * That of a haven is of its places at the start and the end of its slice, and as much larger as vertices may leave it
+ * between; it is grown by squares of half of what reach_m takes up in the plane at the largest scale that the piece
+ * reaches. Where two grown edges meet within 2.5 times that, along either axis, their corner takes the squares' place.
+ *
+ * hull : (HULL_PER_VERTEX v + HULL_MORE (end - first), 2) plane metres, v the vertices of these pieces: rings one after
+ *     the other, counter-clockwise, each with its first vertex again at its end
+ * hull_offset : (end - first + 1,) ring i: [offset[i], offset[i + 1]); empty where the piece cannot be
+ * deviation : (end - first,) how far a vertex may leave the hull of its slice's ends, plane metres
+ * reach : (end - first,) how far a vertex is from the reference point at the ends of the slice, plane metres; 0 of areas
+ */
+KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,
+                          double *hull, int64_t *hull_offset, double *deviation, double *reach);
 
 #endif

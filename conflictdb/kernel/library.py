@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 3
+ABI: Final = 4
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -24,6 +24,7 @@ _STATUS: Final = {
     5: "the offsets of vertices do not begin at 0, decrease, or do not end with the vertices",
     6: "the number of a pair's piece is none of the pieces'",
     7: "a separation or margin is negative, or no number",
+    8: "a range of pieces is not within them",
 }
 _POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
 # What each function of kernel.h takes; it returns a status, unless _RETURNS says otherwise.
@@ -39,6 +40,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_states": (_POINTER, _POINTER),
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_bounds": (_POINTER,) * 5,
+    "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
 }
 _RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
 # Rows that a thread takes at once: milliseconds of work.

@@ -43,6 +43,24 @@ Bounds mover_bounds(const Mover *mover, double t0, double t1) {
     return (Bounds){0.0, 0.0};
 }
 
+Vector mover_reference(const Mover *mover, double t) {
+    switch (mover->body->motion) {
+        case STANDS_STILL: break;
+        case ON_RHUMB_LINE: return rhumb_reference(mover, t);
+        case ON_GREAT_CIRCLE: return circle_reference(mover, t);
+    }
+    return (Vector){0.0, 0.0};
+}
+
+Sweep mover_sweep(const Mover *mover, double t0, double t1, double change) {
+    switch (mover->body->motion) {
+        case STANDS_STILL: break;
+        case ON_RHUMB_LINE: return rhumb_sweep(mover, t0, t1, change);
+        case ON_GREAT_CIRCLE: return circle_sweep(mover, t0, t1, change);
+    }
+    return (Sweep){0.0, 1.0};
+}
+
 static Vector outline_side(const double *shape, int64_t from, int64_t to, double unit_m) {
     return (Vector){shape[2 * to] / unit_m - shape[2 * from] / unit_m,
                     shape[2 * to + 1] / unit_m - shape[2 * from + 1] / unit_m};

@@ -87,6 +87,12 @@ typedef struct {
     double acceleration, spread;
 } Bounds;
 
+/* Bounds on where a mover's vertices are during a time: how far any is outside of the hull of its ends, plane metres,
+ * and the largest scale (plane.h) that one has. */
+typedef struct {
+    double deviation, scale;
+} Sweep;
+
 /* Put a body into a pair. frame: room for 9 numbers a vertex. */
 Mover mover_make(const Scene *scene, const Body *body, int64_t zero_us, Vector origin, double *frame);
 
@@ -98,6 +104,13 @@ Vector mover_velocity(const Mover *mover, double t);
 
 Bounds mover_bounds(const Mover *mover, double t0, double t1);
 
+/* Where the reference point of a haven is at t, plane metres. */
+Vector mover_reference(const Mover *mover, double t);
+
+/* change: the most that any vertex's offset from the reference point differs at t0 and t1, plane metres. What stands
+ * still has none of this. */
+Sweep mover_sweep(const Mover *mover, double t0, double t1, double change);
+
 static inline const double *body_column(const Scene *scene, const Body *body, int column) {
     return scene->columns + column * scene->vertex_count + body->first;
 }
@@ -107,12 +120,16 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
 void rhumb_place(const Mover *mover, double t, Polygon *polygon);
 Vector rhumb_velocity(const Mover *mover, double t);
 Bounds rhumb_bounds(const Mover *mover, double t0, double t1);
+Vector rhumb_reference(const Mover *mover, double t);
+Sweep rhumb_sweep(const Mover *mover, double t0, double t1, double change);
 
 bool circle_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body);
 void circle_count_from(Mover *mover);
 void circle_place(const Mover *mover, double t, Polygon *polygon);
 Vector circle_velocity(const Mover *mover, double t);
 Bounds circle_bounds(const Mover *mover, double t0, double t1);
+Vector circle_reference(const Mover *mover, double t);
+Sweep circle_sweep(const Mover *mover, double t0, double t1, double change);
 
 /* For corners i of an outline: the sides that meet at the next vertex, at both ends of the leg. */
 typedef struct {

@@ -4,6 +4,7 @@
  * with S1 and S2 the divided differences of psi over their latitudes, it is off by a (f S1 (e, n) + s S2 (n, -e)).
  */
 #include "motion.h"
+#include "plane.h"
 
 /* Bounds on curvature are written for the sphere; on WGS84 the derivatives of chi are at most 3 % more. */
 static const double ELLIPSOID_SLACK = 1.05;
@@ -133,6 +134,29 @@ static double shifted(const double series[EARTH_TERMS], double d, int64_t order,
     return difference;
 }
 
+/* Where the reference point is at t, and the power series of psi there, where the leg has one. */
+static Vector place_reference(const Mover *mover, double t, double series[EARTH_TERMS]) {
+    const KernelPlane *earth = &mover->scene->plane;
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double into = mover->into_s + t, way;
+    Vector from = leg->start;
+    if (leg->order > 0) {
+        double gone = (t - (leg->middle_s - mover->into_s)) / leg->leg_s;
+        way = gone * shifted(leg->series, gone * leg->delta_mu, leg->order, series);
+        from = leg->middle;
+    } else {
+        double mu = leg->start_mu + into / leg->leg_s * leg->delta_mu;
+        way = into / leg->leg_s * earth_stretch(earth, leg->start_mu, mu);
+    }
+    return (Vector){leg->rate_x * way + (from.x - mover->origin.x),
+                    earth->radius_m * leg->delta_mu * way + (from.y - mover->origin.y)};
+}
+
+Vector rhumb_reference(const Mover *mover, double t) {
+    double series[EARTH_TERMS];
+    return place_reference(mover, t, series);
+}
+
 void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
     const KernelPlane *earth = &mover->scene->plane;
     const Body *body = mover->body;
@@ -141,18 +165,8 @@ void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
     const double *starboard = body_column(mover->scene, body, STARBOARD);
     const double *forward_rate = body_column(mover->scene, body, FORWARD_RATE);
     const double *starboard_rate = body_column(mover->scene, body, STARBOARD_RATE);
-    double series[EARTH_TERMS], into = mover->into_s + t, mu = leg->start_mu + into / leg->leg_s * leg->delta_mu, way;
-    Vector from;
-    if (leg->order > 0) {
-        double gone = (t - (leg->middle_s - mover->into_s)) / leg->leg_s;
-        way = gone * shifted(leg->series, gone * leg->delta_mu, leg->order, series);
-        from = leg->middle;
-    } else {
-        way = into / leg->leg_s * earth_stretch(earth, leg->start_mu, mu);
-        from = leg->start;
-    }
-    double x = leg->rate_x * way + (from.x - mover->origin.x);
-    double y = earth->radius_m * leg->delta_mu * way + (from.y - mover->origin.y);
+    double series[EARTH_TERMS], into = mover->into_s + t, mu = leg->start_mu + into / leg->leg_s * leg->delta_mu;
+    Vector reference = place_reference(mover, t, series);
     for (int64_t i = 0; i < body->count; i++) {
         double ahead = forward[i], aside = starboard[i], first, second;
         if (body->changes) ahead += forward_rate[i] * into, aside += starboard_rate[i] * into;
@@ -168,8 +182,8 @@ void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
             first = earth_stretch(earth, mu, mu + d1), second = earth_stretch(earth, mu + d1, mu + d2);
         }
         first *= earth->radius_m * ahead, second *= earth->radius_m * aside;
-        polygon->x[i] = x + (first * leg->east + second * leg->north);
-        polygon->y[i] = y + (first * leg->north - second * leg->east);
+        polygon->x[i] = reference.x + (first * leg->east + second * leg->north);
+        polygon->y[i] = reference.y + (first * leg->north - second * leg->east);
     }
 }
 
@@ -181,6 +195,36 @@ Vector rhumb_velocity(const Mover *mover, double t) {
     return (Vector){rate * leg->rate_x, rate * earth->radius_m * leg->delta_mu};
 }
 
+/* What a haven reaches during a time: latitudes of the reference point at both ends, up, down and step (RhumbLeg) over
+ * all of it, and the highest latitude, either way, of any vertex or step. All latitudes are linear in time. */
+typedef struct {
+    double mu0, mu1, up, down, step, highest;
+} Reach;
+
+static Reach reach_of(const Mover *mover, double t0, double t1) {
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double first = mover->into_s + t0, last = mover->into_s + t1;
+    Reach reach = {leg->start_mu + first / leg->leg_s * leg->delta_mu, leg->start_mu + last / leg->leg_s * leg->delta_mu,
+                   leg->up, leg->down, leg->step, 0.0};
+    double north = most(reach.mu0, reach.mu1) + leg->up, south = least(reach.mu0, reach.mu1) + leg->down;
+    if (mover->body->changes) {
+        north = most(reach.mu0 + (leg->up + leg->up_rate * first), reach.mu1 + (leg->up + leg->up_rate * last));
+        south = least(reach.mu0 + (leg->down + leg->down_rate * first), reach.mu1 + (leg->down + leg->down_rate * last));
+        reach.up += most(leg->up_rate * first, leg->up_rate * last);
+        reach.down += least(leg->down_rate * first, leg->down_rate * last);
+        reach.step += most(leg->step_rate * first, leg->step_rate * last);
+    }
+    reach.highest = most(north, -south);
+    return reach;
+}
+
+/* A bound on the second derivative of what steps go to the east or west, plane m/s^2. */
+static double step_acceleration(const Mover *mover, const Reach *reach, double secant, double tangent) {
+    double w = mover->body->leg.rhumb.fastest, widen = mover->body->leg.rhumb.widen;
+    return mover->scene->plane.radius_m *
+           (w * w * reach->step * secant * (1.0 + 2.0 * tangent * tangent) + 2.0 * widen * w * secant * tangent);
+}
+
 /* All latitudes are linear in time, and the bounds increase with them: those of the highest one that is reached.
  * Acceleration: y = a psi(mu) has y'' = a mu'^2 sec tan, the reference point x'' = rate_x mu' sec tan / leg_s, and a
  * step f goes x = a f D with (f D)'' = 2 f' D' + f D'', |D'| <= w sec tan, |D''| <= w^2 sec (1 + 2 tan^2).
@@ -188,25 +232,56 @@ Vector rhumb_velocity(const Mover *mover, double t) {
  * a sec times what its steps and latitude grow; the velocity in the middle by half of the acceleration's time. */
 Bounds rhumb_bounds(const Mover *mover, double t0, double t1) {
     const RhumbLeg *leg = &mover->body->leg.rhumb;
-    double radius_m = mover->scene->plane.radius_m, first = mover->into_s + t0, last = mover->into_s + t1;
-    double mu0 = leg->start_mu + first / leg->leg_s * leg->delta_mu;
-    double mu1 = leg->start_mu + last / leg->leg_s * leg->delta_mu;
-    double north = most(mu0, mu1) + leg->up, south = least(mu0, mu1) + leg->down;
-    double up = leg->up, down = leg->down, step = leg->step;
-    if (mover->body->changes) {
-        north = most(mu0 + (up + leg->up_rate * first), mu1 + (up + leg->up_rate * last));
-        south = least(mu0 + (down + leg->down_rate * first), mu1 + (down + leg->down_rate * last));
-        up += most(leg->up_rate * first, leg->up_rate * last);
-        down += least(leg->down_rate * first, leg->down_rate * last);
-        step += most(leg->step_rate * first, leg->step_rate * last);
-    }
-    double tangent = tan(most(north, -south)), secant = sqrt(1.0 + tangent * tangent);
+    double radius_m = mover->scene->plane.radius_m;
+    Reach reach = reach_of(mover, t0, t1);
+    double tangent = tan(reach.highest), secant = sqrt(1.0 + tangent * tangent);
     double own = fabs(leg->delta_mu) / leg->leg_s, w = leg->fastest;
     double y = radius_m * w * w * secant * tangent;
     double x = fabs(leg->rate_x) * own / leg->leg_s * secant * tangent;
-    x += radius_m * (w * w * step * secant * (1.0 + 2.0 * tangent * tangent) + 2.0 * leg->widen * w * secant * tangent);
+    x += step_acceleration(mover, &reach, secant, tangent);
     double acceleration = ELLIPSOID_SLACK * sqrt(x * x + y * y);
-    x = w * step * tangent + leg->widen, y = own * most(up, -down) * tangent + leg->climb;
+    x = w * reach.step * tangent + leg->widen, y = own * most(reach.up, -reach.down) * tangent + leg->climb;
     double spread = ELLIPSOID_SLACK * radius_m * secant * sqrt(x * x + y * y);
     return (Bounds){acceleration, spread + 0.5 * acceleration * (t1 - t0)};
+}
+
+/* How far the vertices of a haven that does not change leave the hull of its ends. The reference point runs straight.
+ * With p its psi, a vertex's offset o(p) leaves its chord by at most max |o''(p)| (p1 - p0)^2 / 8: d/dp is cos(mu) d/dmu,
+ * and with c the largest cos(mu) and M the highest latitude of a vertex, the offset in x, a step sec, has
+ * |o''| <= a step (c^2 sec M (1 + 2 tan(M)^2) + c sec M tan M), that in y, a (psi(mu + d) - psi(mu)),
+ * |o''| <= a c sin d sec(M)^2. */
+static double bent_m(const Mover *mover, const Reach *reach, double secant, double tangent) {
+    const KernelPlane *earth = &mover->scene->plane;
+    double way = (reach->mu1 - reach->mu0) * earth_stretch(earth, reach->mu0, reach->mu1);
+    double lowest = reach->mu0 * reach->mu1 <= 0.0 ? 0.0 : least(fabs(reach->mu0), fabs(reach->mu1)), c = cos(lowest);
+    double x = reach->step * (c * c * secant * (1.0 + 2.0 * tangent * tangent) + c * secant * tangent);
+    double y = c * sin(most(reach->up, -reach->down)) * secant * secant;
+    return earth->radius_m * hypot(x, y) * way * way / 8.0;
+}
+
+/* The same of one that changes, in time: an offset leaves its chord by at most |o''| h^2 / 8. Its y is
+ * a (psi(mu2) - psi(mu)), |y''| <= a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude
+ * against mu. The share of its way that the reference point has gone differs from that of the time by at most
+ * (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord by as much of how far the offset changes. */
+static double bent_on_the_way_m(const Mover *mover, const Reach *reach, double h, double secant, double tangent,
+                                double change) {
+    const KernelPlane *earth = &mover->scene->plane;
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double own = leg->delta_mu / leg->leg_s, d = most(reach->up, -reach->down);
+    double y = 2.0 * leg->climb * leg->fastest * tangent + own * own * d * (1.0 + 2.0 * tangent * tangent);
+    double bent = hypot(step_acceleration(mover, reach, secant, tangent), earth->radius_m * secant * y) * h * h / 8.0;
+    double furthest = most(fabs(reach->mu0), fabs(reach->mu1)), way = fabs(reach->mu1 - reach->mu0);
+    double ahead = way * tan(furthest) / cos(furthest) / earth_stretch(earth, reach->mu0, reach->mu1) / 8.0;
+    return bent + least(ahead, 1.0) * change;
+}
+
+Sweep rhumb_sweep(const Mover *mover, double t0, double t1, double change) {
+    const KernelPlane *earth = &mover->scene->plane;
+    Reach reach = reach_of(mover, t0, t1);
+    double tangent = tan(reach.highest), secant = sqrt(1.0 + tangent * tangent);
+    double bent = mover->body->changes ? bent_on_the_way_m(mover, &reach, t1 - t0, secant, tangent, change)
+                                       : bent_m(mover, &reach, secant, tangent);
+    /* No two offsets of a vertex differ by more: of what bends a lot on a leg that is too short to be cut. */
+    double whole = 2.0 * earth->radius_m * secant * hypot(reach.step, most(reach.up, -reach.down));
+    return (Sweep){ELLIPSOID_SLACK * least(bent, whole), mercator_scale(earth, earth->radius_m * earth_isometric(earth, reach.highest))};
 }

@@ -6,7 +6,7 @@ all of its time, padded so that the hulls of two pieces meet wherever the pieces
 works on the true motion.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,13 +14,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.arrays.ragged import offsets, ragged_rows, stacked
 from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Havens, Plane, padding_m, shape_class
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.pieces.convex import convex_parts, is_thread
 from conflictdb.results import Kind
 
@@ -90,17 +91,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
     owner, rings = convex_parts(planar(plane, areas.footprint))
     n = len(rings)
-    offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings], dtype=np.int64)]).astype(np.int64)
-    xy = np.concatenate([np.empty((0, 2)), *rings])
-    of_vertex = np.repeat(np.arange(n), np.diff(offset))
-    scale = np.zeros(n)
-    np.maximum.at(scale, of_vertex, plane.largest_scale(xy.T[:, None, :]))
-    pad = padding_m(plane, scale, scene.reach_m)
-    hull_xy, hull_offset = _padded_hulls(xy, of_vertex, n, pad)
-    # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
-    shift = -plane.turn_m * _turns_from_home(plane, hull_xy, hull_offset)
-    xy[:, 0] += shift[of_vertex]
-    hull_xy[:, 0] += np.repeat(shift, np.diff(hull_offset))
+    offset, xy = offsets([len(ring) for ring in rings]), stacked(rings)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
@@ -114,8 +105,8 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         end_inclusive=np.zeros(n, np.bool_),
         floor_m=areas.floor_m[owner],
         ceiling_m=areas.ceiling_m[owner],
-        hull_xy=hull_xy,
-        hull_offset=hull_offset,
+        hull_xy=np.empty((0, 2)),
+        hull_offset=np.zeros(n + 1, np.int64),
         shape_xy=xy,
         shape_to_xy=xy,
         shape_offset=offset,
@@ -125,7 +116,12 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
     )
-    return _with_seam_copies(plane, pieces)
+    hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
+    # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
+    shift = -plane.turn_m * _turns_from_home(plane, hulls)
+    xy[:, 0] += np.repeat(shift, np.diff(offset))
+    hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
+    return _with_seam_copies(plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset))
 
 
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
@@ -137,25 +133,24 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
             raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
         pieces, leg = _slices(tracks, legs, count)
-        deviation, reach = _swept_deviation(plane, pieces)
+        hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
         # Near the poles the vertices of a wide haven leave their chords by much: shorter slices, until the padding is
         # tight.
         loose = np.zeros(len(count), np.bool_)
-        loose[leg[deviation > MAX_DEVIATION_SHARE * reach]] = True
+        loose[leg[hulls.deviation_m > MAX_DEVIATION_SHARE * hulls.reach_m]] = True
         loose &= 2 * count <= legs.end_us - legs.start_us
         added = np.bincount(legs.track, np.where(loose, 2 * count, count)) - straight
         loose &= added[legs.track] <= MAX_SLICES_FOR_DEVIATION
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)
-    hull_xy, hull_offset = _swept_hulls(scene, plane, pieces, deviation)
-    turns = _turns_from_home(plane, hull_xy, hull_offset)
-    hull_xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hull_offset))
+    turns = _turns_from_home(plane, hulls)
+    hulls.xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hulls.offset))
     away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
     pieces = replace(
         pieces,
-        hull_xy=hull_xy,
-        hull_offset=hull_offset,
+        hull_xy=hulls.xy,
+        hull_offset=hulls.offset,
         leg_start_deg=pieces.leg_start_deg - away,
         leg_end_deg=pieces.leg_end_deg - away,
     )
@@ -311,66 +306,18 @@ def _counter_clockwise(
     return offset, turned, turned if end is start else end[order]
 
 
-def _swept_deviation(plane: Plane, pieces: Pieces) -> tuple[Floats, Floats]:
-    """Return (n,) how far a vertex may leave the hull of its slice's two ends, and how far it is from the reference.
-
-    Proven, not assumed; plane metres both.
-    """
-    deviation, reach = np.zeros(len(pieces)), np.zeros(len(pieces))
-    for rows, shapes, duration in _havens_by_shape(plane, pieces):
-        nought = np.zeros(len(rows))
-        deviation[rows] = shapes.chord_deviation(nought, duration)
-        for t in (nought, duration):
-            offset = shapes.positions(t) - shapes.reference(t)[:, None, :]
-            reach[rows] = np.maximum(reach[rows], np.hypot(offset[0], offset[1]).max(axis=0))
-    return deviation, reach
-
-
-def _swept_hulls(scene: Scene, plane: Plane, pieces: Pieces, deviation: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return convex hulls that hold each haven during its whole slice, grown by its deviation and the scene's reach."""
-    n = len(pieces)
-    points: list[Floats] = []
-    owners: list[NDArray[np.int64]] = []
-    pad = deviation.copy()
-    for rows, shapes, duration in _havens_by_shape(plane, pieces):
-        nought = np.zeros(len(rows))
-        scale = shapes.largest_scale(nought, duration)
-        pad[rows] += padding_m(plane, scale, scene.reach_m)
-        for t in (nought, duration):
-            points.append(shapes.positions(t).reshape(2, -1).T)
-            owners.append(np.tile(rows, shapes.vertex_count))
-    xy = np.concatenate([np.empty((0, 2)), *points])
-    return _padded_hulls(xy, np.concatenate([np.empty(0, np.int64), *owners]), n, pad)
-
-
-def _havens_by_shape(plane: Plane, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Havens, Floats]]:
-    """Yield rows of pieces that can share arrays, their havens, timed from the start of the slice, and its duration."""
-    classes = shape_class(plane, pieces)
-    for one in np.unique(classes):
-        rows = np.flatnonzero(classes == one)
-        shapes = plane.shapes(pieces, rows, pieces.start_us[rows], np.zeros((2, len(rows))))
-        yield rows, shapes, (pieces.end_us[rows] - pieces.start_us[rows]) / 1e6
-
-
-def _padded_hulls(xy: Floats, owner: NDArray[np.int64], n: int, pad: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return closed convex hulls (concatenated, offsets) of each owner's points grown by squares of half side pad."""
-    if n == 0:
-        return np.empty((0, 2)), np.zeros(1, np.int64)
-    order = np.argsort(owner, kind="stable")
-    xy, owner = xy[order], owner[order]
-    corners = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
-    grown = (xy[:, None, :] + pad[owner][:, None, None] * corners).reshape(-1, 2)
-    hulls = shapely.convex_hull(shapely.multipoints(grown, indices=np.repeat(owner, len(corners))))
-    coordinates, of = shapely.get_coordinates(hulls, return_index=True)
-    return coordinates, np.searchsorted(of, np.arange(n + 1)).astype(np.int64)
-
-
-def _turns_from_home(plane: Plane, hull_xy: Floats, hull_offset: NDArray[np.int64]) -> Floats:
+def _turns_from_home(plane: Plane, hulls: kernel.Hulls) -> Floats:
     """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
-    if not plane.turn_m:
-        return np.zeros(len(hull_offset) - 1)
-    west = np.minimum.reduceat(hull_xy[:, 0], hull_offset[:-1]) if len(hull_offset) > 1 else np.empty(0)
-    return np.floor(west / plane.turn_m + 0.5)
+    turns = np.zeros(len(hulls.offset) - 1)
+    if plane.turn_m:
+        there = np.flatnonzero(np.diff(hulls.offset))
+        turns[there] = np.floor(_extreme(np.minimum, hulls.xy, hulls.offset, there) / plane.turn_m + 0.5)
+    return turns
+
+
+def _extreme(least_or_most: np.ufunc, xy: Floats, offset: NDArray[np.int64], rows: NDArray[np.int64]) -> Floats:
+    """Return the least or the largest x of some hulls, which are all that have vertices."""
+    return np.asarray(least_or_most.reduceat(xy[:, 0], offset[rows])) if rows.size else np.empty(0)
 
 
 def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
@@ -378,9 +325,11 @@ def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     turn_m = plane.turn_m
     if not len(pieces) or not turn_m:
         return pieces
-    east = np.maximum.reduceat(pieces.hull_xy[:, 0], pieces.hull_offset[:-1])
+    there = np.flatnonzero(np.diff(pieces.hull_offset))
+    east = _extreme(np.maximum, pieces.hull_xy, pieces.hull_offset, there)
     # A touch on the seam must be found from both sides.
-    beyond = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5).astype(np.int64)
+    beyond = np.zeros(len(pieces), np.int64)
+    beyond[there] = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5)
     found = [pieces]
     for turn in range(1, int(beyond.max()) + 1):
         copies = pieces.take(np.flatnonzero(beyond >= turn))

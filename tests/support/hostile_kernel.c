@@ -66,6 +66,20 @@ static void shape(double *xy, int64_t count, double middle_x, double middle_y, d
     }
 }
 
+/* Hulls of pieces [first, n), into arrays that have room for n pieces of so many vertices. */
+static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t n, double reach,
+                       int64_t vertices, int64_t calls[16]) {
+    if (vertices < 0 || vertices != pieces->vertex_count) vertices = 0;
+    double *hull = block(2 * (KERNEL_HULL_PER_VERTEX * vertices + KERNEL_HULL_MORE * n), 8);
+    double *deviation = block(n, 8), *size = block(n, 8);
+    int64_t *offset = block(n + 1, 8);
+    KernelStatus status = kernel_hulls(plane, pieces, first, n, reach, hull, offset, deviation, size);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < 2 * offset[n]; k++)
+        if (!isfinite(hull[k])) abort();
+    free(hull), free(deviation), free(size), free(offset);
+}
+
 static void play(int64_t calls[16], int64_t outcomes[4]) {
     static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
     const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
@@ -102,6 +116,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     KernelScene *scene = NULL;
     KernelStatus status = kernel_scene_make(&plane, &pieces, &scene);
     calls[status]++;
+    make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
     double *low = block(m, 8), *high = block(m, 8), *begin = block(m, 8), *stop = block(m, 8), *error = block(m, 8);
@@ -132,7 +147,7 @@ int main(int count, char **arguments) {
     state = 88172645463325252u + (count > 2 ? (uint64_t)atoll(arguments[2]) : 0u);
     for (int64_t i = 0; i < rounds; i++) play(calls, outcomes);
     printf("status");
-    for (int i = 0; i < 8; i++) printf(" %lld", (long long)calls[i]);
+    for (int i = 0; i < 9; i++) printf(" %lld", (long long)calls[i]);
     printf("\noutcome %lld %lld %lld\n", (long long)outcomes[0], (long long)outcomes[1], (long long)outcomes[2]);
     return 0;
 }

@@ -1,0 +1,55 @@
+"""Padded hulls of what pieces sweep, and how far vertices leave them."""
+
+import ctypes
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import offsets
+from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.scene import HeldPieces, Plane
+
+# As kernel.h has them: room for a hull, vertices per vertex of its piece, and more.
+_PER_VERTEX: Final = 6
+_MORE: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Hulls:
+    """The padded hulls of n pieces.
+
+    xy, offset : (h, 2) plane metres, (n + 1,)  closed rings, counter-clockwise; empty where a piece cannot be
+    deviation_m : (n,) how far a vertex may leave the hull of the ends of its slice, plane metres; NaN where none can be
+    reach_m : (n,) how far a vertex is from the reference point, plane metres; 0 of areas
+    """
+
+    xy: Floats
+    offset: NDArray[np.int64]
+    deviation_m: Floats
+    reach_m: Floats
+
+
+def hulls(plane: Plane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hulls:
+    """Return hulls that hold pieces during all of their time, and meet where pieces come within reach_m of each other.
+
+    reach_m : metres on the earth
+    """
+    held = HeldPieces.of(pieces, np.ones(len(pieces), np.bool_))
+
+    def make(rows: slice) -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
+        n = rows.stop - rows.start
+        vertices = int(pieces.shape_offset[rows.stop] - pieces.shape_offset[rows.start])
+        xy, offset = np.empty((_PER_VERTEX * vertices + _MORE * n, 2)), np.empty(n + 1, np.int64)
+        deviation_m, reach = np.empty(n), np.empty(n)
+        arrays = [array.ctypes.data for array in (xy, offset, deviation_m, reach)]
+        references = ctypes.byref(plane), ctypes.byref(held)
+        check(library().kernel_hulls(*references, rows.start, rows.stop, reach_m, *arrays))
+        return xy[: offset[-1]], np.diff(offset), deviation_m, reach
+
+    shares = shared(make, len(pieces), threads) or [make(slice(0, 0))]
+    xy, counts, deviation_m, reach = (np.concatenate(column) for column in zip(*shares, strict=True))
+    return Hulls(xy, offsets(counts), deviation_m, reach)

@@ -1,0 +1,156 @@
+"""Padded hulls from the kernel: against hulls made of squares one by one, and against the bounds of the motion."""
+
+import numpy as np
+import pytest
+import scenes
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from workloads import WORKLOADS, Workload, throw
+
+from conflictdb import kernel
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.model import EarthModel, Scene
+from conflictdb.motion.contract import Plane, padding_m
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pieces.cutting import track_pieces
+from conflictdb.results import Kind
+
+# A ring may reach so many paddings, where two of its edges meet (kernel.h).
+FURTHEST = 2.5
+ROUNDING_M = 1e-7
+
+
+def cut(
+    workload: Workload, seed: int, separation_m: float, earth: EarthModel = EarthModel.WGS84
+) -> tuple[Scene, Plane, Pieces]:
+    scene, areas, tracks = throw(workload, seed, 10, 10, earth, separation_m=separation_m)
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    return scene, plane, pieces.take(np.flatnonzero(pieces.turn == 0))
+
+
+def swept(plane: Plane, pieces: Pieces, k: int, reach_m: float) -> tuple[np.ndarray, float, float]:
+    """The vertices (n, 2) of a piece at both ends of its slice, its padding and deviation, by its motion in arrays."""
+    row = np.array([k])
+    if pieces.kind[k] == Kind.AREA.code:
+        xy = pieces.shape_xy[pieces.shape_offset[k] : pieces.shape_offset[k + 1]]
+        scale, deviation = plane.largest_scale(xy.T[:, :, None]), np.zeros(1)
+    else:
+        shapes = plane.shapes(pieces, row, pieces.start_us[row], np.zeros((2, 1)))
+        ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
+        xy = np.concatenate([shapes.positions(t)[:, :, 0].T for t in ends])
+        scale, deviation = shapes.largest_scale(*ends), shapes.chord_deviation(*ends)
+    return xy, float(padding_m(plane, scale, reach_m)[0] + deviation[0]), float(deviation[0])
+
+
+def grown(xy: np.ndarray, pad: float) -> shapely.Polygon:
+    corners = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+    return shapely.convex_hull(shapely.multipoints((xy[:, None, :] + pad * corners).reshape(-1, 2)))
+
+
+def assert_is_grown(ring: np.ndarray, xy: np.ndarray, pad: float) -> None:
+    """The ring is closed, convex, counter-clockwise, holds the squares, and is no larger than it says."""
+    polygon, squares = shapely.Polygon(ring), grown(xy, pad)
+    np.testing.assert_array_equal(ring[0], ring[-1])
+    assert polygon.is_valid
+    assert polygon.exterior.is_ccw
+    assert shapely.covers(polygon.buffer(ROUNDING_M), shapely.convex_hull(polygon))
+    assert shapely.covers(polygon.buffer(ROUNDING_M), squares)
+    assert shapely.covers(grown(xy, FURTHEST * pad + ROUNDING_M), polygon)
+    assert len(ring) <= len(shapely.get_coordinates(squares))
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("separation_m", [0.0, 5000.0])
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
+def test_hulls_are_those_of_the_motion(workload: Workload, separation_m: float, earth: EarthModel) -> None:
+    scene, plane, pieces = cut(workload, 5, separation_m, earth)
+    hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
+    for k in range(len(pieces)):
+        xy, pad, deviation = swept(plane, pieces, k, scene.reach_m)
+        assert hulls.deviation_m[k] == pytest.approx(deviation, rel=1e-6, abs=1e-9)
+        assert_is_grown(hulls.xy[hulls.offset[k] : hulls.offset[k + 1]], xy, pad)
+
+
+def still(*rings: list[tuple[float, float]]) -> Pieces:
+    """Areas with these vertices in the plane."""
+    offset = np.cumsum([0, *(len(ring) for ring in rings)])
+    n, xy = len(rings), np.array([point for ring in rings for point in ring], dtype=np.float64).reshape(-1, 2)
+    nought, none = np.zeros(n, np.int64), np.zeros((n, 2))
+    return Pieces(
+        nought, np.zeros(n, np.int8), nought, nought, np.zeros(n, np.int32), np.zeros(n, np.int16), nought, nought,
+        np.zeros(n, np.bool_), np.zeros(n), np.zeros(n), np.empty((0, 2)), np.zeros(n + 1, np.int64), xy, xy, offset,
+        nought, nought, none, none, np.zeros(n),
+    )  # fmt: skip
+
+
+KERNEL_PLANE = plane_of(Scene("s", earth=EarthModel.SPHERE)).kernel_plane
+NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 1e-9, 1e3, -1e3, 12345.678, -1e7])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=9), st.sampled_from([0.0, 1.0, 1e4]))
+def test_hulls_of_any_points(points: list[tuple[float, float]], reach_m: float) -> None:
+    """Also of one point, of the same point again and again, of lines along the axes and not, and of what has dents."""
+    pieces, plane = still(points), plane_of(Scene("s", earth=EarthModel.SPHERE))
+    hulls = kernel.hulls(KERNEL_PLANE, pieces, reach_m)
+    xy, pad, _ = swept(plane, pieces, 0, reach_m)
+    assert_is_grown(hulls.xy, xy, pad)
+
+
+def test_a_square_keeps_its_corners() -> None:
+    """A piece of four corners has a hull of four, however it is turned: the rounded corners of a square are cut off."""
+    square = np.array([(-1e3, -1e3), (1e3, -1e3), (1e3, 1e3), (-1e3, 1e3)])
+    for angle in np.radians([0.0, 1.0, 30.0, 45.0, 89.0]):
+        turn = np.array([(np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle))])
+        hulls = kernel.hulls(KERNEL_PLANE, still([tuple(point) for point in square @ turn]), 100.0)
+        assert len(hulls.xy) == 5
+
+
+def test_what_cannot_be_has_no_hull_and_leaves_others_theirs() -> None:
+    rings = [[(0.0, 0.0), (1.0, 0.0)], [(np.nan, 0.0)], [], [(np.inf, 1.0)], [(5.0, 5.0)]]
+    hulls = kernel.hulls(KERNEL_PLANE, still(*rings), 1.0)
+    assert (np.diff(hulls.offset) > 0).tolist() == [True, False, False, False, True]
+    assert np.isnan(hulls.deviation_m).tolist() == [False, True, True, True, False]
+    np.testing.assert_array_equal(hulls.xy[hulls.offset[4] :], kernel.hulls(KERNEL_PLANE, still(rings[4]), 1.0).xy)
+
+
+@pytest.mark.parametrize("workload", [WORKLOADS[0], WORKLOADS[-1]], ids=lambda w: w.name)
+def test_any_number_of_threads_gives_the_same_bits(workload: Workload) -> None:
+    scene, plane, pieces = cut(workload, 6, 0.0)
+    many = pieces.take(np.tile(np.arange(len(pieces)), 1 + 10_000 // len(pieces)))
+    one, two = (kernel.hulls(plane.kernel_plane, many, scene.reach_m, threads) for threads in (1, 2))
+    np.testing.assert_array_equal(one.xy, two.xy)
+    np.testing.assert_array_equal(one.offset, two.offset)
+    np.testing.assert_array_equal(one.deviation_m, two.deviation_m)
+    np.testing.assert_array_equal(one.reach_m, two.reach_m)
+
+
+@pytest.mark.parametrize("reach_m", [-1.0, np.nan, np.inf])
+def test_reaches_that_are_none_are_refused(reach_m: float) -> None:
+    with pytest.raises(ValueError, match="no number"):
+        kernel.hulls(KERNEL_PLANE, still([(0.0, 0.0)]), reach_m)
+
+
+def test_a_haven_that_reaches_away_from_the_pole_has_a_hull() -> None:
+    """Also where it would reach beyond the pole if it went the other way."""
+    scene = Scene("s")
+    track = scenes.track("T", [(0.0, 82.0), (0.0, 0.0)], [0, 1e6], 900e3, 0.0, 0.0, 0.0)
+    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    assert (np.diff(pieces.hull_offset) > 0).all()
+
+
+def test_reach_is_the_way_to_the_reference_point() -> None:
+    _, plane, pieces = cut(WORKLOADS[0], 7, 0.0)
+    rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
+    hulls = kernel.hulls(plane.kernel_plane, pieces, 0.0)
+    for k in rows[:20]:
+        row = np.array([k])
+        shapes = plane.shapes(pieces, row, pieces.start_us[row], np.zeros((2, 1)))
+        ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
+        away = [np.hypot(*(shapes.positions(t) - shapes.reference(t)[:, None, :])[:, :, 0]).max() for t in ends]
+        assert hulls.reach_m[k] == pytest.approx(max(away), rel=1e-9)
+    assert not hulls.reach_m[pieces.kind == Kind.AREA.code].any()
