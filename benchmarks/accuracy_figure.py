@@ -1,20 +1,10 @@
 """The figure of benchmarks/accuracy.py: cost per pair against the error of the ends."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-try:
-    import matplotlib as mpl
-except ImportError:
-    sys.exit(
-        "not drawn: the figure needs matplotlib, which is no part of the default installation:\n"
-        "    .venv/bin/python -m pip install matplotlib      (uv pip install --python .venv/bin/python matplotlib)"
-    )
-mpl.use("svg")
-
-from matplotlib import pyplot as plt
+from figures import BLUE, GREEN, GREY, ORANGE, both_logarithmic, figure
 from matplotlib.lines import Line2D
 
 if TYPE_CHECKING:
@@ -23,10 +13,10 @@ if TYPE_CHECKING:
 # Periods are whole microseconds, rounded outward: no error below this is measured.
 LEAST_S: Final = 2e-6
 COLOURS: Final = {
-    "screen": "#999999",
-    "window": "#0072b2",
-    "nlp": "#d55e00",
-    "exact": "#009e73",
+    "screen": GREY,
+    "window": BLUE,
+    "nlp": ORANGE,
+    "exact": GREEN,
     "published": "#000000",
 }
 MARKERS: Final = {1000.0: "v", 10.0: "s", 1.0: "D", 0.0: "o", None: "X"}
@@ -36,10 +26,8 @@ TICKS: Final = {LEAST_S: "0", 1e-5: "10 us", 1e-3: "1 ms", 1.0: "1 s", 60.0: "1 
 def draw(rows: Sequence["Row"], path: Path) -> None:
     """Draw one panel per workload: a marker at the 95 % error, a line up to the worst; WGS84 filled, sphere hollow."""
     workloads = list(dict.fromkeys(row.workload for row in rows))
-    # Text stays text, and nothing depends on the day or the run: the file is small, and its changes mean something.
-    style = {"svg.fonttype": "none", "svg.hashsalt": "conflictdb", "font.size": 9.0, "font.family": "sans-serif"}
-    with plt.rc_context(style):
-        figure, panels = plt.subplots(1, len(workloads), figsize=(11.0, 4.2), sharex=True, sharey=True, squeeze=False)
+    shared = {"sharex": True, "sharey": True}
+    with figure(path, 1, len(workloads), (11.0, 4.2), **shared) as (drawn, panels):
         for panel, workload in zip(panels[0], workloads, strict=True):
             for row in (row for row in rows if row.workload == workload):
                 common, worst = (max(seconds, LEAST_S) for seconds in row.end_s)
@@ -52,13 +40,8 @@ def draw(rows: Sequence["Row"], path: Path) -> None:
                     note = f"{row.missed} missed, {row.false} false"
                     below = {"xytext": (4, -22), "textcoords": "offset points", "va": "top", "ha": "center"}
                     panel.annotate(note, (row.pair_us, common), color=colour, fontsize=7, **below)
-            panel.set_xscale("log")
-            panel.set_yscale("log")
+            both_logarithmic(panel, workload, "cost, microseconds a pair of pieces", "")
             panel.set_ylim(LEAST_S / 2.0, 2e5)
-            panel.set_title(workload, fontsize=9.0)
-            panel.set_xlabel("cost, microseconds a pair of pieces")
-            panel.grid(alpha=0.25, linewidth=0.5)
-            panel.minorticks_off()
         panels[0][0].set_yticks(list(TICKS), list(TICKS.values()))
         panels[0][0].set_ylabel("error of an end: marker 95 %, line to the worst")
         seen = dict.fromkeys(row.method for row in rows)
@@ -69,7 +52,5 @@ def draw(rows: Sequence["Row"], path: Path) -> None:
             if tolerance_m is not None
         ]
         hollow = Line2D([], [], color="grey", marker="o", markerfacecolor="white", linestyle="", label="hollow: sphere")
-        figure.legend(handles=[*keys, hollow], loc="lower center", ncols=len(keys) + 1, fontsize=7.5, frameon=False)
-        figure.tight_layout(rect=(0.0, 0.07, 1.0, 1.0))
-        figure.savefig(path, metadata={"Date": None})
-        plt.close(figure)
+        drawn.legend(handles=[*keys, hollow], loc="lower center", ncols=len(keys) + 1, fontsize=7.5, frameon=False)
+        drawn.tight_layout(rect=(0.0, 0.07, 1.0, 1.0))

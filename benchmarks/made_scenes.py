@@ -1,0 +1,80 @@
+"""Random scenes of a size: what is thrown into the paper's box, and a sea of constant density.
+
+The paper's random workload (Bienkowski, Sidoti, Pattipati 2021): latitudes 0 to 30, longitudes 45 to 15 west; areas of
+3 to 10 vertices, 50 to 100 nmi across; tracks of one leg of 50 to 100 nmi; havens 20 to 40 nmi long. Areas are there
+throughout; tracks begin within six hours.
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from enum import StrEnum
+from math import pi
+from pathlib import Path
+from typing import Final
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+
+from workloads import PAPER, throw
+
+from conflictdb import Area, Scene, Track
+
+
+class Kind(StrEnum):
+    """What a scene of the study holds."""
+
+    STATIC = "static"  # areas alone
+    MIXED = "mixed"  # as many areas as tracks
+    TRACKS = "tracks"  # tracks alone
+
+    def split(self, objects: int) -> tuple[int, int]:
+        """Return how many areas and how many tracks so many objects are."""
+        areas = {Kind.STATIC: objects, Kind.MIXED: objects - objects // 2, Kind.TRACKS: 0}[self]
+        return areas, objects - areas
+
+
+# Convex; a polygon that is 1 across is pi around at most, a rectangle 1 long 3 or so.
+BOX: Final = replace(
+    PAPER,
+    latitudes=(15.0, 15.0),
+    longitudes=(-30.0, -30.0),
+    window=30.0,
+    legs=(1, 2),
+    around_area=(50.0 * pi, 100.0 * pi),
+    around_haven=(60.0, 120.0),
+    odd_share=0.0,
+)
+
+# Ships, drones and closed areas of some miles: some ten slices, three candidates and half a conflict an object.
+SEA: Final = replace(
+    PAPER,
+    latitudes=(0.0, 0.0),
+    longitudes=(0.0, 0.0),
+    leg=(15.0, 40.0),
+    around_area=(4.0, 12.0),
+    around_haven=(0.4, 1.6),
+    odd_share=0.6,
+)
+# Side of the sea of one object, degrees of latitude: a million of them reach from 60 south to 60 north.
+DEGREES_PER_ROOT: Final = 0.12
+AT_ONCE: Final = 20_000
+
+Objects = tuple[list[Area], list[Track]]
+
+
+def box(kind: Kind, objects: int, seed: int) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene of the paper's random workload."""
+    scene, areas, tracks = throw(BOX, seed, *kind.split(objects))
+    return scene, [replace(area, start_us=None, end_us=None) for area in areas], tracks
+
+
+def sea(objects: int, seed: int) -> Iterator[Objects]:
+    """Yield the objects, half of them areas, of a scene that is as dense as any other of this kind, some at a time."""
+    window = DEGREES_PER_ROOT * objects**0.5
+    for first in range(0, objects, AT_ONCE):
+        areas, tracks = Kind.MIXED.split(min(AT_ONCE, objects - first))
+        _, standing, moving = throw(replace(SEA, window=window), seed + first, areas, tracks)
+        yield (
+            [replace(area, key=f"{first}-{area.key}") for area in standing],
+            [replace(track, key=f"{first}-{track.key}") for track in moving],
+        )

@@ -1,0 +1,253 @@
+"""Whole detections, measured: a fresh database, a fresh process, memory of client and server, medians, CSV.
+
+Seconds of a detection are its run's own clock; processor seconds say what it took where other work shares the machine.
+"""
+
+import csv
+import os
+import platform
+import resource
+import statistics
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, fields
+from multiprocessing import get_context
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+import psycopg
+import scipy
+import shapely
+from psycopg import sql
+from psycopg.conninfo import make_conninfo
+
+import conflictdb
+from conflictdb import Area, Scene, Track
+from conflictdb.db import schema, store
+
+WARM: Final = "strait"  # the scene that comes with the package: what is slow the first time only is over with it
+STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
+_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+_SAMPLE_S: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What one detection counted and took; see `conflictdb.Run`.
+
+    write_s : seconds that are none of the stages': conflicts replaced, the run recorded, two transactions
+    client_cpu_s, server_cpu_s : processor seconds of this process; of all processes of the server, None where unknown
+    """
+
+    candidate_pairs: int
+    intersecting_pairs: int
+    window_pairs: int
+    solved_pairs: int
+    conflicts: int
+    pieces_s: float
+    stage1_s: float
+    stage2_s: float
+    stage3_s: float
+    stage4_s: float
+    write_s: float
+    total_s: float
+    client_cpu_s: float
+    server_cpu_s: float | None
+
+
+@contextmanager
+def fresh_database(target: str | None) -> Iterator[str]:
+    """Yield the DSN of a new database with the schema and a small scene, on that server or the embedded one.
+
+    It is dropped at the end. The user must be allowed to create databases and extensions.
+    """
+    name = f"conflictdb_benchmark_{os.getpid()}"
+    with conflictdb.connect(target, create=True) as db:
+        dsn = target or db.connection.info.dsn
+        with psycopg.connect(dsn, autocommit=True) as conn:
+            conn.execute(sql.SQL("CREATE DATABASE {}").format(sql.Identifier(name)))
+            try:
+                own = make_conninfo(dsn, dbname=name)
+                schema.upgrade(own)
+                with conflictdb.connect(own) as fresh:
+                    fresh.load_demo()
+                yield own
+            finally:
+                conn.execute(sql.SQL("DROP DATABASE {} WITH (FORCE)").format(sql.Identifier(name)))
+
+
+def load(db: conflictdb.Database, scene: Scene, parts: Iterable[tuple[Sequence[Area], Sequence[Track]]]) -> None:
+    """Replace a scene by objects that come in parts, and let the server take stock of them as autovacuum would."""
+    merge = False
+    for areas, tracks in parts:
+        store.replace_scene(db.connection, scene, areas, tracks, merge=merge)
+        merge = True
+    db.connection.autocommit = True
+    db.connection.execute("VACUUM ANALYZE")
+    db.connection.autocommit = False
+
+
+def detect(db: conflictdb.Database, scene: str, **settings: Any) -> Detection:
+    """Detect a scene in full, and return what it took."""
+    pid = server_pid(db.connection)
+    before_s, began_s = server_cpu_s(pid), time.process_time()
+    run = db.detect(scene, full=True, **settings)
+    client_cpu_s, after_s = time.process_time() - began_s, server_cpu_s(pid)
+    known = asdict(run)
+    known["write_s"] = run.total_s - sum(known[stage] for stage in STAGES[:-1])
+    known["client_cpu_s"] = client_cpu_s
+    known["server_cpu_s"] = None if after_s is None or before_s is None else after_s - before_s
+    return Detection(**{column.name: known[column.name] for column in fields(Detection)})
+
+
+def detect_alone(dsn: str, scene: str, times: int, **settings: Any) -> tuple[list[Detection], float, float | None]:
+    """Detect a scene in full so many times in a process of its own, after a small one.
+
+    Returns what each took (the first has all rows to write, the others find the same), the most memory that the process
+    held, and the most that the server held meanwhile, MB (None where that cannot be seen).
+    """
+    with psycopg.connect(dsn) as conn, ServerMemory(server_pid(conn)) as server:
+        conn.rollback()
+        found, client_mb = in_fresh_process(_detections, dsn, scene, times, settings)
+    return found, client_mb, server.peak_mb
+
+
+def _detections(dsn: str, scene: str, times: int, settings: dict[str, Any]) -> tuple[list[Detection], float]:
+    with conflictdb.connect(dsn) as db:
+        detect(db, WARM, **settings)
+        found = [detect(db, scene, **settings) for _ in range(times)]
+    return found, peak_mb()
+
+
+def in_fresh_process(work: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a function of a module answers in a new interpreter, which ends then."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *arguments).result()
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process has held, MB (ru_maxrss)."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def server_pid(conn: psycopg.Connection[Any]) -> int | None:
+    """Return the process that all of a server's others come from, None where it cannot be seen: another machine's."""
+    with suppress(OSError):
+        return _stat(conn.info.backend_pid)[0]
+    return None
+
+
+def server_cpu_s(pid: int | None) -> float | None:
+    """Return the processor seconds that a server's processes have taken so far, also those that have ended."""
+    if pid is None:
+        return None
+    ticks = sum(_stat(pid)[1:])
+    for child in _children(pid):
+        with suppress(OSError):
+            ticks += sum(_stat(child)[1:])
+    return ticks / _TICKS_PER_S
+
+
+def _stat(pid: int) -> tuple[int, int, int]:
+    """Return a process's parent, and its ticks: its own, and of its children that have ended."""
+    columns = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(columns[1]), int(columns[11]) + int(columns[12]), int(columns[13]) + int(columns[14])
+
+
+def _children(pid: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with suppress(OSError):
+                if _stat(int(entry.name))[0] == pid:
+                    found.append(int(entry.name))
+    return found
+
+
+class ServerMemory:
+    """Watches what a server's processes hold together; what they share is counted once (PSS).
+
+    peak_mb : the most that was seen, None where nothing could be
+    """
+
+    def __init__(self, pid: int | None) -> None:
+        self.peak_mb: float | None = None
+        self._pid, self._done = pid, threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._done.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while self._pid is not None:
+            held_kb = 0
+            for child in _children(self._pid):
+                with suppress(OSError):
+                    lines = Path(f"/proc/{child}/smaps_rollup").read_text().splitlines()
+                    held_kb += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+            if held_kb:
+                self.peak_mb = max(self.peak_mb or 0.0, held_kb / 1e3)
+            if self._done.wait(_SAMPLE_S):
+                return
+
+
+def medians(found: Sequence[Detection]) -> Detection:
+    """Return the medians of what some detections took, column by column; counts too."""
+    columns: dict[str, Any] = {}
+    for column in fields(Detection):
+        known = [value for one in found if (value := getattr(one, column.name)) is not None]
+        median = statistics.median(known) if known else None
+        columns[column.name] = int(median) if median is not None and isinstance(known[0], int) else median
+    return Detection(**columns)
+
+
+def versions(conn: psycopg.Connection[Any]) -> str:
+    """Return in a line what was measured, and on what."""
+    service = store.service(conn)
+    conn.rollback()
+    return (
+        f"conflictdb {conflictdb.__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
+        f"scipy {scipy.__version__}, shapely {shapely.__version__} (GEOS {shapely.geos_version_string}), "
+        f"PostgreSQL {service.server_version}, PostGIS {service.postgis_version}, {platform.system()} "
+        f"{platform.machine()}, {os.cpu_count()} processors"
+    )
+
+
+def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows that have the same columns, numbers with four digits that count."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: _short(value) for name, value in row.items()})
+
+
+def _short(value: Any) -> Any:
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def read_csv(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a CSV, numbers as numbers and empty cells as None."""
+    with path.open(newline="") as file:
+        return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _value(text: str) -> Any:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text or None

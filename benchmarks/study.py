@@ -1,0 +1,205 @@
+"""The paper's study again: what a detection takes, in all and stage by stage, for each kind of scene.
+
+    ./.venv/bin/python benchmarks/study.py [--objects 100 ... 800] [--seeds 3] [--methods exact nlp] [--dsn DSN]
+        [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--redraw]
+
+Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021, figures 6 to
+12: total time against objects and against conflicts, the time of each stage against what it is given, and stage 4 for
+pairs that do meet and for false alarms. Random scenes of its workload (made_scenes.py): areas alone, areas and tracks,
+tracks alone; WGS84, tolerance 1 m, in the database, every row new; the median of so many scenes of a size.
+
+The last two columns are stage 4 alone, on the scene's pairs of pieces in memory: processor time for a pair that meets
+and for one that does not. `exact` leaves stage 3 out, because the kernel is quicker than a projection would be.
+"""
+
+import argparse
+import statistics
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from made_scenes import Kind, box
+from measured import STAGES, WARM, Detection, detect, fresh_database, load, medians, read_csv, versions, write_csv
+from tables import markdown, put_into
+
+import conflictdb
+from conflictdb import Area, Method, Scene, Track
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.geodesy import Floats
+from conflictdb.motion.contract import Plane
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.results import Kind as ObjectKind
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
+from conflictdb.stage3_projection import windows
+from conflictdb.stage4.contacts import contacts
+
+METHODS: Final = (Method.EXACT, Method.NLP)
+# Pairs of each sort that stage 4 is asked about by itself; a program takes milliseconds.
+ASKED: Final = {Method.EXACT: 20_000, Method.NLP: 40}
+
+
+@dataclass(frozen=True)
+class Stage4:
+    """Microseconds of stage 4 for a pair of pieces that meets, and for one that does not; None of no pairs."""
+
+    met_us: float | None
+    apart_us: float | None
+
+
+def measure(
+    db: conflictdb.Database, kind: Kind, objects: int, seed: int, method: Method, seeds: int
+) -> tuple[Detection, Stage4]:
+    """Return what one scene takes."""
+    scene, areas, tracks = box(kind, objects, seed)
+    scene = replace(scene, name=f"{kind} {objects} {seed} {method}", method=method)
+    load(db, scene, [(areas, tracks)])
+    found = detect(db, scene.name)
+    return found, stage4(scene, areas, tracks) if tracks and seed < seeds else Stage4(None, None)
+
+
+def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
+    """Return what stage 4 takes for pairs that meet and for false alarms of the stages before."""
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    pairs = intersections(pieces, *candidates(pieces), regions=scene.method is Method.NLP)
+    moves = (pieces.kind[pairs.a] == ObjectKind.TRACK.code) | (pieces.kind[pairs.b] == ObjectKind.TRACK.code)
+    pairs = pairs.take(PairRows(np.flatnonzero(moves)))
+    if scene.method is Method.NLP:
+        first, last = windows(scene, plane, pieces, pairs)
+    else:
+        start, end = pieces.shared_span(pairs.a, pairs.b)
+        first, last = np.zeros(len(pairs)), (end - start) / 1e6
+    exact = replace(scene, method=Method.EXACT)
+    found, _ = contacts(exact, plane, pieces, pairs, first, last)
+    meets = np.zeros(len(pairs), np.bool_)
+    meets[found.pair] = True
+    possible = first <= last
+    return Stage4(
+        *(
+            _pair_us(scene, plane, pieces, pairs, (first, last), PairRows(np.flatnonzero(of & possible)))
+            for of in (meets, ~meets)
+        )
+    )
+
+
+def _pair_us(
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, window: tuple[Floats, Floats], rows: PairRows
+) -> float | None:
+    rows = PairRows(np.random.default_rng(0).permutation(rows)[: ASKED[scene.method]])
+    if not len(rows):
+        return None
+    some = pairs.take(rows)
+    began = time.process_time()
+    contacts(scene, plane, pieces, some, window[0][rows], window[1][rows])
+    return 1e6 * (time.process_time() - began) / len(rows)
+
+
+def study(dsn: str, sizes: list[int], seeds: int, methods: list[Method]) -> list[dict[str, object]]:
+    """Return a row of medians for each method, kind and size."""
+    rows: list[dict[str, object]] = []
+    with conflictdb.connect(dsn) as db:
+        for method in methods:
+            detect(db, WARM, method=method)
+            for kind in Kind:
+                for objects in sizes:
+                    found = [measure(db, kind, objects, seed, method, seeds) for seed in range(seeds)]
+                    row = {"method": method.value, "kind": kind.value, "objects": objects, "scenes": seeds}
+                    row |= asdict(medians([one for one, _ in found]))
+                    for name in ("met_us", "apart_us"):
+                        known = [value for _, pair in found if (value := getattr(pair, name)) is not None]
+                        row[name] = statistics.median(known) if known else None
+                    rows.append(row)
+                    print(
+                        f"{method:>6} {kind:>7} {objects:>5}: {row['conflicts']:>7} conflicts, {row['total_s']:.3f} s"
+                    )
+    return rows
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Draw a panel for each question of the study."""
+    from figures import BLUE, GREEN, ORANGE, both_logarithmic, figure
+
+    colours = {Kind.STATIC: BLUE, Kind.MIXED: GREEN, Kind.TRACKS: ORANGE}
+    questions = (
+        ("all, against objects", "objects", "total_s"),
+        ("all, against conflicts", "conflicts", "total_s"),
+        ("stage 1, broad phase", "objects", "stage1_s"),
+        ("stage 2, intersection", "candidate_pairs", "stage2_s"),
+        ("stage 3, projection", "intersecting_pairs", "stage3_s"),
+        ("stage 4, solver", "window_pairs", "stage4_s"),
+        ("a pair in stage 4 that meets", "objects", "met_us"),
+        ("a false alarm in stage 4", "objects", "apart_us"),
+    )
+    with figure(path, 2, 4, (12.0, 6.0)) as (drawn, panels):
+        for panel, (title, across, up) in zip(panels.flat, questions, strict=True):
+            for method in dict.fromkeys(row["method"] for row in rows):
+                for kind, colour in colours.items():
+                    own = [row for row in rows if (row["method"], row["kind"]) == (method, kind)]
+                    at = sorted((row[across], row[up]) for row in own if row[across] and row[up])
+                    if at:
+                        line = "o-" if method == Method.EXACT else "s:"
+                        panel.plot(*zip(*at, strict=True), line, color=colour, markersize=3, label=f"{kind}, {method}")
+            unit = "microseconds" if up.endswith("_us") else "seconds"
+            both_logarithmic(panel, title, across.replace("_", " "), unit)
+        drawn.legend(*panels[0][0].get_legend_handles_labels(), loc="lower center", ncols=6, fontsize=8, frameon=False)
+        drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0))
+
+
+def table(rows: list[dict]) -> str:
+    """Return the largest scenes as a table in Markdown."""
+    largest = max(row["objects"] for row in rows)
+    heads = ("method", "scene", "candidates", "conflicts", "all, s", *(name.split("_")[0] for name in STAGES))
+    lines = [
+        [
+            f"`{row['method']}`",
+            row["kind"],
+            f"{row['candidate_pairs']:,}",
+            f"{row['conflicts']:,}",
+            f"{row['total_s']:.3g}",
+            *(f"{row[name]:.2g}" for name in STAGES),
+            *("" if row[name] is None else f"{row[name]:,.2g}" for name in ("met_us", "apart_us")),
+        ]
+        for row in rows
+        if row["objects"] == largest
+    ]
+    return f"{largest} objects:\n\n" + markdown((*heads, "a pair that meets, us", "a false alarm, us"), lines)
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--dsn", help="server to make a database on (default: the embedded one)")
+    parser.add_argument("--objects", type=int, nargs="+", default=[100, 200, 300, 400, 500, 600, 700, 800])
+    parser.add_argument("--seeds", type=int, default=3, help="scenes of each size; medians count")
+    parser.add_argument("--methods", type=Method, nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--folder", type=Path, help="write study.csv and study.svg there (the figure needs matplotlib)")
+    parser.add_argument("--document", type=Path, help="put the table there")
+    parser.add_argument("--redraw", action="store_true", help="measure nothing: take the numbers from the folder")
+    args = parser.parse_args()
+    if args.folder:
+        import figures  # noqa: F401  # says what to install where matplotlib is not there, before anything is measured
+    if args.redraw:
+        rows, told = read_csv(args.folder / "study.csv"), None
+    else:
+        with fresh_database(args.dsn) as dsn:
+            rows = study(dsn, args.objects, args.seeds, args.methods)
+            with conflictdb.connect(dsn) as db:
+                told = versions(db.connection)
+    text = table(rows) + (f"\n\n{told}." if told else "")
+    print(text)
+    if args.folder and not args.redraw:
+        write_csv(args.folder / "study.csv", rows)
+    if args.folder:
+        draw(rows, args.folder / "study.svg")
+    if args.document:
+        put_into(args.document, "study", text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""Benchmarks of whole detections run, at sizes that take seconds, and say what detections did."""
+
+import growth
+import psycopg
+import pytest
+import study
+from made_scenes import Kind
+from measured import STAGES, fresh_database
+
+import conflictdb
+from conflictdb import Method
+
+
+def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
+    """Stages add up to the whole, and a scene without tracks has no pairs for stage 4."""
+    methods = [Method.EXACT, Method.NLP]
+    with fresh_database(server_dsn) as dsn:
+        rows = study.study(dsn, [40], 1, methods)
+    assert [(row["method"], row["kind"]) for row in rows] == [(m.value, k.value) for m in methods for k in Kind]
+    for row in rows:
+        assert sum(row[stage] for stage in STAGES) == pytest.approx(row["total_s"])
+        assert row["candidate_pairs"] >= row["intersecting_pairs"] >= row["conflicts"]
+    by_kind = {row["kind"]: row for row in rows if row["method"] == "exact"}
+    assert by_kind["static"]["conflicts"] > 0
+    assert by_kind["static"]["met_us"] is None
+    assert by_kind["mixed"]["met_us"] > 0.0
+    text = study.table(rows)
+    assert text.count("\n| `exact` |") == 3
+    assert text.startswith("40 objects:")
+
+
+@pytest.mark.parametrize("series", ["sea", "box"])
+def test_growth_measures_a_scene_in_a_process_of_its_own(server_dsn: str, series: str) -> None:
+    """A detection of the same again counts the same pairs; the database is gone when all is measured."""
+    with fresh_database(server_dsn) as dsn:
+        row = growth.measure(dsn, series, 40, 1)
+        with conflictdb.connect(dsn) as db:
+            name = db.connection.info.dbname
+            assert [one.conflicts for one in db.scenes() if one.scene.name == f"{series} 40 0"] == [row["conflicts"]]
+    assert row["pieces"] >= row["objects"] == 40
+    assert 20.0 < row["client_mb"] < 1000.0
+    assert row["dominates"] in {stage.removesuffix("_s") for stage in STAGES}
+    assert f"| 40 | {row['pieces']:,} |" in growth.table([row])
+    with psycopg.connect(server_dsn) as conn:
+        assert conn.execute("SELECT 1 FROM pg_database WHERE datname = %s", [name]).fetchone() is None

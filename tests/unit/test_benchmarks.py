@@ -1,0 +1,60 @@
+"""What benchmarks share: scenes of a size, medians, exponents and files of numbers."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import growth
+import pytest
+from made_scenes import AT_ONCE, Kind, box, sea
+from measured import Detection, medians, peak_mb, read_csv, write_csv
+
+DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, 1.0, None)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_box_holds_what_its_kind_says(kind: Kind) -> None:
+    """Areas are there throughout; the same seed throws the same."""
+    scene, areas, tracks = box(kind, 7, 3)
+    assert (len(areas), len(tracks)) == {Kind.STATIC: (7, 0), Kind.MIXED: (4, 3), Kind.TRACKS: (0, 7)}[kind]
+    assert all(area.start_us is None and area.end_us is None for area in areas)
+    assert all(len(track.times_us) >= 2 for track in tracks)
+    assert box(kind, 7, 3)[0] == scene
+    assert [area.footprint for area in box(kind, 7, 3)[1]] == [area.footprint for area in areas]
+
+
+def test_sea_has_every_object_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it comes in parts, the last of which is smaller."""
+    assert AT_ONCE > 100
+    monkeypatch.setattr("made_scenes.AT_ONCE", 10)
+    parts = list(sea(25, 1))
+    assert [len(areas) + len(tracks) for areas, tracks in parts] == [10, 10, 5]
+    objects = [one for areas, tracks in parts for one in (*areas, *tracks)]
+    assert len({one.key for one in objects}) == 25
+    places = {tuple(one.positions_deg[0]) for _, tracks in parts for one in tracks}
+    assert len(places) == sum(len(tracks) for _, tracks in parts)
+
+
+def test_medians_go_column_by_column() -> None:
+    """What is known of none is not known."""
+    others = replace(DETECTION, total_s=3.0, conflicts=5), replace(DETECTION, total_s=2.0, pieces_s=9.0)
+    found = medians([DETECTION, *others])
+    assert (found.total_s, found.pieces_s, found.conflicts, found.server_cpu_s) == (2.0, 0.1, 2, None)
+
+
+def test_exponent_is_that_of_the_power_law() -> None:
+    rows = [{"objects": n, "total_s": 3e-6 * n**1.25, "cpu_s": None} for n in (500, 5_000, 50_000)]
+    assert growth.exponent(rows, "total_s") == pytest.approx(1.25)
+    assert math.isnan(growth.exponent(rows, "cpu_s"))
+    assert "time N^1.25" in growth.growth(rows)
+
+
+def test_numbers_come_back_from_a_file(tmp_path: Path) -> None:
+    """Rounded to four digits; words stay words, and what is not known stays unknown."""
+    path = tmp_path / "numbers.csv"
+    write_csv(path, [{"series": "sea", "objects": 1_000_000, "total_s": 1.23456, "cpu_s": None}])
+    assert read_csv(path) == [{"series": "sea", "objects": 1_000_000, "total_s": 1.235, "cpu_s": None}]
+
+
+def test_memory_is_told_in_megabytes() -> None:
+    assert 20.0 < peak_mb() < 20_000.0
