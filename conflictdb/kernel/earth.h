@@ -10,6 +10,8 @@
 #ifndef CONFLICTDB_EARTH_H
 #define CONFLICTDB_EARTH_H
 
+#include <math.h>
+
 #include "kernel.h"
 
 /* Terms of the longest power series of psi. */
@@ -17,6 +19,15 @@ enum { EARTH_TERMS = 12 };
 
 static inline double least(double a, double b) { return a < b ? a : b; }
 static inline double most(double a, double b) { return a > b ? a : b; }
+
+/* The least that a function may be between two places where it is known. drop: by how much it may lie below its chord in
+ * the middle, M w^2 / 8 with M a bound on its second derivative and w the width: the bound is the parabola with that
+ * second derivative, least in between if the chord rises by less than 4 drop, else at an end. */
+static inline double least_on_chord(double first, double last, double drop) {
+    double rise = fabs(last - first);
+    if (rise < 4.0 * drop) return 0.5 * (first + last) - drop - rise * rise / (16.0 * drop);
+    return least(first, last);
+}
 
 /* The east and north components of a bearing, exact at multiples of 90 degrees. */
 void earth_direction(double bearing_deg, double *east, double *north);

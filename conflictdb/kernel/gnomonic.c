@@ -43,8 +43,9 @@ static double squared_chord(Vector point, Vector start, Vector to_point, Vector 
     return least(chord2(to_edge, edge_cosine), chord);
 }
 
-static double least_chord(const Polygon *vertices, const Polygon *sides, Vector origin, double radius_m) {
-    double nearest = INFINITY;
+/* Lower a chord to the least between the vertices of one polygon and the sides of another. */
+static double least_chord(const Polygon *vertices, const Polygon *sides, Vector origin, double radius_m, double nearest,
+                          Facing *facing) {
     for (int64_t i = 0; i < vertices->count; i++)
         for (int64_t k = 0; k < sides->count; k++) {
             int64_t m = edge_end(sides, k);
@@ -53,12 +54,22 @@ static double least_chord(const Polygon *vertices, const Polygon *sides, Vector 
             Vector edge = {(sides->x[m] - from.x) / radius_m, (sides->y[m] - from.y) / radius_m};
             Vector point = {(own.x + origin.x) / radius_m, (own.y + origin.y) / radius_m};
             Vector start = {(from.x + origin.x) / radius_m, (from.y + origin.y) / radius_m};
-            nearest = least(squared_chord(point, start, way, edge), nearest);
+            double found = squared_chord(point, start, way, edge);
+            if (found < nearest) nearest = found, *facing = (Facing){vertices, sides, i, k};
         }
-    return sqrt(nearest);
+    return nearest;
 }
 
-double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin) {
-    double chord = least(least_chord(a, b, origin, plane->radius_m), least_chord(b, a, origin, plane->radius_m));
-    return plane->radius_m * 2.0 * asin(least(0.5 * chord, 1.0));
+double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Facing *facing) {
+    double square = least_chord(a, b, origin, plane->radius_m, INFINITY, facing);
+    square = least_chord(b, a, origin, plane->radius_m, square, facing);
+    return plane->radius_m * 2.0 * asin(least(0.5 * sqrt(square), 1.0));
+}
+
+double gnomonic_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
+    double radius_m = plane->radius_m;
+    Vector point = {(one.x + origin.x) / radius_m, (one.y + origin.y) / radius_m};
+    Vector start = {(other.x + origin.x) / radius_m, (other.y + origin.y) / radius_m};
+    Vector way = {(one.x - other.x) / radius_m, (one.y - other.y) / radius_m};
+    return radius_m * 2.0 * asin(least(0.5 * sqrt(squared_chord(point, start, way, (Vector){0.0, 0.0})), 1.0));
 }

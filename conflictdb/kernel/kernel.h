@@ -17,7 +17,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 4
+#define KERNEL_ABI 5
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -131,6 +131,13 @@ typedef enum {
     KERNEL_CONVEX = 2     /* its vertices stay in convex position */
 } KernelState;
 
+/* Groups of pairs: those of group g are [offset[g], offset[g + 1]). */
+typedef struct {
+    int64_t count;
+    const int64_t *offset;  /* (count + 1,) */
+    const double *wanted_m; /* (count,) the distance beyond which nothing needs to be known; may be infinite */
+} KernelGroups;
+
 typedef struct KernelScene KernelScene;
 
 /* Return KERNEL_ABI, as the library was built with. */
@@ -203,5 +210,17 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
  */
 KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,
                           double *hull, int64_t *hull_offset, double *deviation, double *reach);
+
+/* Find how close pairs come, the closest of each group: both ends of their time count.
+ *
+ * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known
+ * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first
+ * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be
+ * error_m : (groups,) how far from it the least distance may be, either way
+ * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b
+ */
+KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
+                               int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
+                               double *b_deg, KernelWork *work);
 
 #endif

@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 4
+ABI: Final = 5
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -37,6 +37,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_depths": (_POINTER, _POINTER, _NUMBER, _POINTER),
     "kernel_meetings": (_POINTER,) * 3,
     "kernel_distances": (_POINTER,) * 3,
+    "kernel_approaches": (_POINTER,) * 10,
     "kernel_states": (_POINTER, _POINTER),
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_bounds": (_POINTER,) * 5,
@@ -91,9 +92,12 @@ class Held(ctypes.Structure):
             setattr(self, name, array.ctypes.data)
 
 
-def shared(solve: Callable[[slice], _T], n: int, threads: int) -> list[_T]:
-    """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them."""
-    slices = [slice(first, min(first + SHARE, n)) for first in range(0, n, SHARE)]
+def shared(solve: Callable[[slice], _T], n: int, threads: int, share: int = SHARE) -> list[_T]:
+    """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them.
+
+    share : rows that a thread takes at once
+    """
+    slices = [slice(first, min(first + share, n)) for first in range(0, n, share)]
     if threads <= 1 or len(slices) <= 1:
         return [solve(rows) for rows in slices]
     with ThreadPoolExecutor(threads) as pool:

@@ -2,9 +2,9 @@
 #include <stdlib.h>
 
 #include "border.h"
+#include "meeting.h"
 
-/* A point of both polygons where they overlap; else halfway between the nearest points of the plane. */
-static Vector meeting_point(Encounter *pair, double t) {
+Vector encounter_meeting(Encounter *pair, double t) {
     Vector from, to, common;
     encounter_place(pair, t);
     if (polygon_distance(&pair->a_now, &pair->b_now, &from, &to).gap > 0.0) {
@@ -26,7 +26,7 @@ KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs,
     for (int64_t i = 0; i < pairs->count; i++) {
         degrees[2 * i] = degrees[2 * i + 1] = NAN;
         if (border_meet(scene, pairs, i, &pair))
-            plane_degrees(&scene->plane, meeting_point(&pair, pairs->low_s[i]), degrees + 2 * i);
+            plane_degrees(&scene->plane, encounter_meeting(&pair, pairs->low_s[i]), degrees + 2 * i);
     }
     free(memory);
     return KERNEL_OK;

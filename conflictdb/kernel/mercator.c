@@ -108,9 +108,7 @@ static double least_between(const KernelPlane *earth, Edge edge, Part part) {
     double nearest = 0.5 * (part.first + part.last - width * v);
     if (!(nearest > 0.0)) return 0.0;
     double bend = v * v / (0.99 * nearest) + 1.01 * v * tanh(most(fabs(psi0), fabs(psi1)));
-    double drop = bend * width * width / 8.0, rise = fabs(part.last - part.first), between = least(part.first, part.last);
-    if (rise < 4.0 * drop) between = 0.5 * (part.first + part.last) - drop - rise * rise / (16.0 * drop);
-    return most(between, nearest);
+    return most(least_on_chord(part.first, part.last, bend * width * width / 8.0), nearest);
 }
 
 /* Lower `floor` to what a point's distance from an edge is nowhere below, and `best` to the least that is found. */
@@ -142,7 +140,7 @@ static Place place_of(const KernelPlane *earth, const Polygon *polygon, int64_t 
 /* The least of `found` and the distances nearby of vertices and sides that are further apart than `beyond` and at most
  * `within` plane metres. */
 static double nearest_nearby_m(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
-                               double beyond, double within, double found) {
+                               double beyond, double within, double found, Facing *facing) {
     for (int64_t i = 0; i < vertices->count; i++)
         for (int64_t k = 0; k < sides->count; k++) {
             int64_t m = edge_end(sides, k);
@@ -151,43 +149,52 @@ static double nearest_nearby_m(const KernelPlane *earth, const Polygon *vertices
             double square = squared_distance(way, side);
             if (square > within * within || square <= beyond * beyond) continue;
             Edge edge = {place_of(earth, sides, k, origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
-            found = least(found, nearby_m(earth, place_of(earth, vertices, i, origin), edge));
+            double distance = nearby_m(earth, place_of(earth, vertices, i, origin), edge);
+            if (distance < found) found = distance, *facing = (Facing){vertices, sides, i, k};
         }
     return found;
 }
 
 static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
-                       double *best, double *floor) {
+                       double *best, double *floor, Facing *facing) {
     for (int64_t i = 0; i < vertices->count; i++)
         for (int64_t k = 0; k < sides->count; k++) {
             int64_t m = edge_end(sides, k);
             Edge edge = {place_of(earth, sides, k, origin),
                          {(sides->x[m] - sides->x[k]) / earth->radius_m, (sides->y[m] - sides->y[k]) / earth->radius_m}};
+            double before = *best;
             search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor);
+            if (*best < before) *facing = (Facing){vertices, sides, i, k};
         }
 }
 
-double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest) {
+double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest,
+                           Facing *facing) {
     Extent extent = extent_none();
     extent_add(&extent, a, origin), extent_add(&extent, b, origin);
     double scale = plane_largest_scale(plane, &extent), width = (extent.east - extent.west) / plane->radius_m;
     /* What is nearest in the plane first, with a little more for rounding; then all that might be nearer on the earth:
      * nothing that spans more of the plane is. */
     double within = nearest * (1.0 + 1e-9) + 1e-6, found = INFINITY;
-    found = nearest_nearby_m(plane, a, b, origin, 0.0, within, found);
-    found = nearest_nearby_m(plane, b, a, origin, 0.0, within, found);
+    found = nearest_nearby_m(plane, a, b, origin, 0.0, within, found, facing);
+    found = nearest_nearby_m(plane, b, a, origin, 0.0, within, found, facing);
     double span = plane_span_m(plane, found, scale);
     if (span > within) {
-        found = nearest_nearby_m(plane, a, b, origin, within, span, found);
-        found = nearest_nearby_m(plane, b, a, origin, within, span, found);
+        found = nearest_nearby_m(plane, a, b, origin, within, span, found, facing);
+        found = nearest_nearby_m(plane, b, a, origin, within, span, found, facing);
     }
     /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
     if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
         double best = INFINITY, floor = INFINITY;
-        search_all(plane, a, b, origin, &best, &floor);
-        search_all(plane, b, a, origin, &best, &floor);
+        search_all(plane, a, b, origin, &best, &floor, facing);
+        search_all(plane, b, a, origin, &best, &floor, facing);
         found = least(floor, best);
     }
     found -= overstated_m(plane, found);
     return found < 0.0 ? 0.0 : found;
+}
+
+double mercator_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
+    Place a = {one.x / plane->radius_m, (one.y + origin.y) / plane->radius_m};
+    return way_m(plane, a, (Place){other.x / plane->radius_m, (other.y + origin.y) / plane->radius_m});
 }

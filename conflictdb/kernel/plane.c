@@ -6,6 +6,12 @@
 static const double SHORT_M = 1e-3;
 /* A distance is taken from gnomonic coordinates up to 1.1e7 m, rounded by 2e-9 m each. */
 static const double GNOMONIC_ROUNDING_M = 1e-8;
+/* The nearest place on a side is looked for about the nearest of so many, by so many steps of a golden section, which
+ * shrink 1,000 km to less than a micrometre, until it is known to plane metres. With fewer places, the wrong one of two
+ * minima may be found. J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS 4 (1953),
+ * doi:10.1090/S0002-9939-1953-0055639-3. */
+enum { EDGE_PLACES = 9, EDGE_STEPS = 56 };
+static const double PLACE_M = 1e-6, GOLDEN = 0x1.3c6ef372fe95p-1;
 static const double HALF_PI = 0x1.921fb54442d18p0;
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
 
@@ -64,6 +70,23 @@ double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
     return plane->radius_m * (2.0 * HALF_PI + (6.0 * HALF_PI - 4.0) * log(s));
 }
 
+double plane_least_m(const KernelPlane *plane, double span_m, double scale) {
+    if (plane->projection == KERNEL_GNOMONIC) return span_m / scale;
+    double sine = sin(least(0.5 * span_m / plane->radius_m, HALF_PI));
+    double theta = 2.0 * asin(least(sine / most(scale, 1.0), 1.0));
+    return plane->radius_m * theta / (1.0 + most_change(plane, 1.01 * theta));
+}
+
+double plane_christoffel(const KernelPlane *plane, double scale) {
+    if (plane->projection == KERNEL_GNOMONIC) return 2.0 * sqrt(scale - 1.0) / plane->radius_m;
+    double tangent = scale * sin(highest_on_way(plane, 0.0, scale));
+    return (1.0 + shrinks(plane)) * tangent / plane->radius_m;
+}
+
+double plane_turn_m(const KernelPlane *plane) {
+    return plane->projection == KERNEL_MERCATOR ? 4.0 * HALF_PI * plane->radius_m : INFINITY;
+}
+
 double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed) {
     if (plane->projection == KERNEL_GNOMONIC)
         return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
@@ -108,12 +131,67 @@ static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {
     return 1.0 + (x * x + y * y) / (plane->radius_m * plane->radius_m);
 }
 
+static double least_distance(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap,
+                             Facing *facing) {
+    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_m(plane, a, b, origin, gap, facing);
+    return most(gnomonic_distance_m(plane, a, b, origin, facing) - GNOMONIC_ROUNDING_M, 0.0);
+}
+
+double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap, Vector from,
+                    Vector to) {
+    Facing facing;
+    double metres = 2.0 * gap / (scale_at(plane, from, origin) + scale_at(plane, to, origin));
+    return metres > plane_short_m(plane) ? least_distance(plane, a, b, origin, gap, &facing) : metres;
+}
+
 double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin) {
     Vector from, to;
     Gap gap = polygon_distance(a, b, &from, &to);
-    double metres = 2.0 * gap.gap / (scale_at(plane, from, origin) + scale_at(plane, to, origin));
-    if (!(metres > plane_short_m(plane))) return metres;
-    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_m(plane, a, b, origin, gap.gap);
-    metres = gnomonic_distance_m(plane, a, b, origin) - GNOMONIC_ROUNDING_M;
-    return metres < 0.0 ? 0.0 : metres;
+    return plane_metres(plane, a, b, origin, gap.gap, from, to);
+}
+
+static double way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
+    if (plane->projection == KERNEL_MERCATOR) return mercator_way_m(plane, one, other, origin);
+    return gnomonic_way_m(plane, one, other, origin);
+}
+
+static Vector along(Vector start, Vector side, double part) {
+    return (Vector){start.x + part * side.x, start.y + part * side.y};
+}
+
+/* The place on a side that is nearest to a vertex: by golden section about the nearest of some places. */
+static Vector place_on_side(const KernelPlane *plane, Vector vertex, Vector start, Vector side, Vector origin) {
+    double step = 1.0 / (EDGE_PLACES - 1), nearest = INFINITY, ends = INFINITY, best = 0.0, end = 0.0;
+    for (int k = 0; k < EDGE_PLACES; k++) {
+        double found = way_m(plane, vertex, along(start, side, k * step), origin);
+        if (found < nearest) nearest = found, best = k * step;
+        if ((k == 0 || k == EDGE_PLACES - 1) && found < ends) ends = found, end = k * step;
+    }
+    double low = most(best - step, 0.0), high = least(best + step, 1.0), length = hypot(side.x, side.y);
+    double left = high - GOLDEN * (high - low), right = low + GOLDEN * (high - low);
+    double at_left = way_m(plane, vertex, along(start, side, left), origin);
+    double at_right = way_m(plane, vertex, along(start, side, right), origin);
+    for (int k = 0; k < EDGE_STEPS && (high - low) * length > PLACE_M; k++) {
+        if (at_left <= at_right) {
+            high = right, right = left, at_right = at_left, left = high - GOLDEN * (high - low);
+            at_left = way_m(plane, vertex, along(start, side, left), origin);
+        } else {
+            low = left, left = right, at_left = at_right, right = low + GOLDEN * (high - low);
+            at_right = way_m(plane, vertex, along(start, side, right), origin);
+        }
+    }
+    return along(start, side, ends <= least(at_left, at_right) ? end : 0.5 * (low + high));
+}
+
+void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to) {
+    double gap = polygon_distance(a, b, from, to).gap;
+    Facing facing = {a, b, 0, 0};
+    if (!(plane_metres(plane, a, b, origin, gap, *from, *to) > plane_short_m(plane))) return;
+    least_distance(plane, a, b, origin, gap, &facing);
+    const Polygon *sides = facing.sides;
+    int64_t k = facing.side, m = edge_end(sides, k);
+    Vector vertex = {facing.vertices->x[facing.vertex], facing.vertices->y[facing.vertex]};
+    Vector start = {sides->x[k], sides->y[k]}, side = {sides->x[m] - sides->x[k], sides->y[m] - sides->y[k]};
+    Vector place = place_on_side(plane, vertex, start, side, origin);
+    *from = facing.vertices == a ? vertex : place, *to = facing.vertices == a ? place : vertex;
 }

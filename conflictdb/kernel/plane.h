@@ -25,6 +25,15 @@ double plane_smallest_scale(const KernelPlane *plane, const Extent *extent);
 /* How many plane metres a distance on the earth may take up where the scale at its ends is at most this. */
 double plane_span_m(const KernelPlane *plane, double distance_m, double scale);
 
+/* The least distance on the earth, metres, of places so many plane metres apart, no turn of longitude between them. */
+double plane_least_m(const KernelPlane *plane, double span_m, double scale);
+
+/* A bound on the Christoffel symbols, 1/m: what is even in the plane at v m/s on the earth accelerates by this v^2. */
+double plane_christoffel(const KernelPlane *plane, double scale);
+
+/* Plane metres of one turn of longitude; infinite where there is no seam. */
+double plane_turn_m(const KernelPlane *plane);
+
 /* At what rate, plane m/s, distances on the earth may change for points that keep their plane distance. */
 double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed);
 
@@ -44,9 +53,26 @@ double plane_short_m(const KernelPlane *plane);
  * those that overlap their depth. Never overstated; understated by plane_distance_error_m at most. */
 double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
 
-/* Each plane: the least distance of polygons that are apart; nearest: that in the plane. */
-double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest);
-double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
+/* The same, where the separation in the plane is known, and its nearest points or middles. */
+double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap, Vector from,
+                    Vector to);
+
+/* The nearest points on the earth of polygons that are apart, from the origin. */
+void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to);
+
+/* The vertex and the side that are nearest to each other. */
+typedef struct {
+    const Polygon *vertices, *sides;
+    int64_t vertex, side;
+} Facing;
+
+/* Each plane: the least distance of polygons that are apart, and what faces each other there; nearest: that in the
+ * plane. And the distance of two places from the origin. */
+double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest,
+                           Facing *facing);
+double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Facing *facing);
+double mercator_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
+double gnomonic_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
 double mercator_distance_error_m(const KernelPlane *plane, double distance_m);
 
 /* Mercator: plane metres per metre at an ordinate. */

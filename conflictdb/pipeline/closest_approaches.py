@@ -1,28 +1,27 @@
 """The closest approach of pairs of objects that come near each other, added to their conflicts."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
-from conflictdb.stage4.closest_approach import Approaches, approaches
-from conflictdb.stage4.meeting import meeting_points
+from conflictdb.stage4.closest_approach import approaches
 
 
 def with_closest_approaches(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, conflicts: Conflicts
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, conflicts: Conflicts, threads: int = 1
 ) -> Conflicts:
-    """Return the conflicts with their closest approach, and the pairs that come near without conflict."""
+    """Return the conflicts with their closest approach, and the pairs that come near without conflict.
+
+    threads : of the kernel; the answer does not depend on it
+    """
     pairs = pairs.take(PairRows(np.flatnonzero(~is_covered(pieces, pairs))))
     # Objects that meet are closest when they first do.
     meets = (
@@ -47,11 +46,8 @@ def with_closest_approaches(
     rows = PairRows(np.flatnonzero(wanted[number] >= 0.0))
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
-    nearest = _approaches(plane, pieces, candidates, group, wanted[asked])
+    nearest = approaches(plane, pieces, candidates, group, wanted[asked], threads)
     of_b = swapped[rows[nearest.pair]]
-    touch = np.flatnonzero(nearest.distance_m == 0.0)
-    where = meeting_points(plane, pieces, candidates.take(PairRows(nearest.pair[touch])), nearest.at_s[touch])
-    nearest.a_deg[touch] = nearest.b_deg[touch] = where
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)
 
@@ -105,30 +101,3 @@ def with_closest_approaches(
         closest_b_deg=nearest_b_deg[more],
     )
     return Conflicts.concatenate([of_conflicts, only_near])
-
-
-def _approaches(plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats) -> Approaches:
-    """Return the closest approach of pairs of objects, as `approaches` does; NaN where it cannot be found."""
-    n = len(wanted_m)
-    nowhere = np.full(n, np.nan)
-    places = np.full((n, 2), np.nan)
-    answer = Approaches(
-        pair=PairRows(np.zeros(n, np.int64)),
-        at_s=nowhere.copy(),
-        at_us=np.full(n, SINCE_EVER_US),
-        distance_m=nowhere.copy(),
-        error_m=nowhere,
-        a_deg=places,
-        b_deg=places.copy(),
-    )
-
-    def search(groups: NDArray[np.int64]) -> Approaches | None:
-        rows = PairRows(np.flatnonzero(np.isin(group, groups)))
-        found = approaches(plane, pieces, pairs.take(rows), np.searchsorted(groups, group[rows]), wanted_m[groups])
-        return replace(found, pair=PairRows(np.where(found.pair < 0, found.pair, rows[found.pair])))
-
-    for groups, found in isolated(np.arange(n), search, lambda groups: None, "pair of objects"):
-        if found is not None:
-            for column in fields(Approaches):
-                getattr(answer, column.name)[groups] = getattr(found, column.name)
-    return answer

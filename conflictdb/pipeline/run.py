@@ -123,7 +123,7 @@ def run_stages(
     funnel.met_pairs = len(np.unique(found.pair))
     conflicts = merged_by_object(scene, plane, pieces, pairs, found, footprints)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts)
+        conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
     return conflicts, funnel
 

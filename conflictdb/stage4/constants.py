@@ -49,30 +49,6 @@ MAX_INTERVALS: Final = 65_536
 MIN_INTERVALS_PER_PAIR: Final = 64
 MAX_INTERVALS_PER_PAIR: Final = 4096
 
-# --- Roots (`roots`) -------------------------------------------------------------------------------------------------
-
-# Halvings of a bracket by bisection, and narrowings by golden section: 48 reach BRACKET_S from a month. With fewer,
-# instants are known less well.
-MAX_BISECTIONS: Final = 48
-
-# --- Closest approach ------------------------------------------------------------------------------------------------
-
-# The distance is found to this, unless its share of the work is used up first. With less, more work.
-APPROACH_M: Final = 1e-3
-# Distances that differ by less are equal, and of equal ones the earliest counts. Rounding is a tenth of it: with less,
-# which instant counts would be chance.
-TIE_M: Final = 1e-7
-# As those above, for the closest approach: beyond it a distance is stated with the bound that was reached.
-MIN_APPROACH_INTERVALS: Final = 16
-MAX_APPROACH_INTERVALS: Final = 128
-MAX_APPROACH_LEVELS: Final = 48
-# The nearest place on an edge is looked for about the nearest of so many, by so many steps of a golden section, which
-# shrink 1,000 km to less than a micrometre. With fewer places, the wrong one of two minima may be found.
-EDGE_PLACES: Final = 9
-EDGE_STEPS: Final = 56
-# A place on an edge that is known to this is found, plane metres.
-PLACE_M: Final = 1e-6
-
 # --- Arrays ----------------------------------------------------------------------------------------------------------
 
 # None of these changes an answer: they keep arrays within memory and the processor's cache.

@@ -1,0 +1,356 @@
+/* The closest approach of groups of pairs of pieces: of two objects, how close they come, when and where.
+ *
+ * Of each group the times of all its pairs are bounded from below, the least bound first, and halved until no bound is
+ * less than the least distance that was seen, so that one pair that comes close spares the others the work. The distance
+ * is stated with the difference between what was seen and what is proven. Nothing is decided by sampling.
+ *
+ * Of instants that are as close the earliest counts. Where polygons touch it is proven to be the first.
+ */
+#include "approach.h"
+
+#include <stdlib.h>
+
+#include "border.h"
+#include "meeting.h"
+
+/* The distance is found to this, metres, unless the work is used up first. With less, more work. */
+static const double APPROACH_M = 2.5e-4;
+/* Distances that differ by less, metres, are equal. Rounding is a tenth of it: with less, which instant counts would be
+ * chance. */
+static const double TIE_M = 1e-7;
+/* Times are not halved below a microsecond, the resolution of a timestamp; instants are bracketed to a hundredth. */
+static const double SHORTEST_S = 1e-6, BRACKET_S = 1e-8;
+/* Times of a group that are halved at most: beyond it a distance is stated with the bound that was reached. And times of
+ * a pair that are looked at for its first touch. */
+enum { MAX_HALVED = 4096, MAX_LOOKS = 4096 };
+/* Steps of one search of an instant: 48 halve a month to a microsecond. */
+enum { MAX_STEPS = 48 };
+static const double GOLDEN = 0x1.3c6ef372fe95p-1;
+
+/* A part of a pair's time: what its distance is nowhere below, and is at the ends and in the middle; metres. */
+typedef struct {
+    double bound, start, end, first, middle, last;
+    int64_t pair;
+    bool is_seen; /* else nothing but the bound is known */
+} Part;
+
+/* What is known of a pair: the least distance that was seen, when, in how long a time to either side of that it is not
+ * known better, and what it is nowhere below in the parts that are done. */
+typedef struct {
+    double least, at, half, floor;
+} Seen;
+
+/* Room for the parts, a heap with the least bound first, and for what is seen of the pairs of a group. */
+typedef struct {
+    const Scene *scene;
+    const KernelPairs *pairs;
+    Encounter pair;
+    int64_t met; /* the pair that the encounter is set up for */
+    int64_t first_pair, last_pair;
+    Part *heap;
+    int64_t parts;
+    Seen *seen; /* by pair, less first_pair */
+    double wanted, least, floor;
+} Search;
+
+static void push(Search *search, Part part) {
+    int64_t i = search->parts++;
+    for (int64_t parent = (i - 1) / 2; i > 0 && part.bound < search->heap[parent].bound; parent = (i - 1) / 2) {
+        search->heap[i] = search->heap[parent];
+        i = parent;
+    }
+    search->heap[i] = part;
+}
+
+static Part pop(Search *search) {
+    Part top = search->heap[0], part = search->heap[--search->parts];
+    int64_t i = 0;
+    for (int64_t child = 1; child < search->parts; child = 2 * i + 1) {
+        if (child + 1 < search->parts && search->heap[child + 1].bound < search->heap[child].bound) child++;
+        if (part.bound <= search->heap[child].bound) break;
+        search->heap[i] = search->heap[child];
+        i = child;
+    }
+    search->heap[i] = part;
+    return top;
+}
+
+/* Set the encounter up for a pair; false where it cannot be. */
+static bool meet(Search *search, int64_t i) {
+    if (search->met == i) return true;
+    search->met = -1;
+    if (!border_meet(search->scene, search->pairs, i, &search->pair)) return false;
+    search->met = i;
+    return true;
+}
+
+static double distance_at(Search *search, int64_t i, double t) {
+    meet(search, i);
+    return approach_distance(&search->pair, t);
+}
+
+static void see(Search *search, int64_t i, double t, double distance, double half) {
+    Seen *seen = search->seen + (i - search->first_pair);
+    if (distance < seen->least || (distance == seen->least && t < seen->at)) {
+        seen->least = distance, seen->at = t, seen->half = half;
+    }
+    search->least = least(search->least, distance);
+}
+
+/* A distance above this need not be known. */
+static double limit_of(const Search *search) { return least(search->least, search->wanted); }
+
+static void finish(Search *search, Part part) {
+    Seen *seen = search->seen + (part.pair - search->first_pair);
+    seen->floor = least(seen->floor, part.bound);
+    search->floor = least(search->floor, part.bound);
+}
+
+/* Bound a part from [start, end] and what its distance is there, and keep it. */
+static void bound_part(Search *search, int64_t i, double start, double end, double first, double last) {
+    meet(search, i);
+    During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - APPROACH_M);
+    see(search, i, 0.5 * (start + end), during.middle, 0.5 * (end - start));
+    push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
+}
+
+static void look_at_pair(Search *search, Part part) {
+    double half = 0.5 * (part.end - part.start), first = distance_at(search, part.pair, part.start);
+    see(search, part.pair, part.start, first, half);
+    if (!(part.end > part.start)) {
+        part.bound = first;
+        finish(search, part);
+        return;
+    }
+    double last = distance_at(search, part.pair, part.end);
+    see(search, part.pair, part.end, last, half);
+    bound_part(search, part.pair, part.start, part.end, first, last);
+}
+
+/* Halve times until no bound is less than the least distance, or they touch. */
+static void search_group(Search *search) {
+    int halved = 0;
+    while (search->parts > 0 && search->least > KERNEL_TOUCH_M) {
+        if (search->heap[0].bound > limit_of(search) + TIE_M) return;
+        Part part = pop(search);
+        if (!part.is_seen) {
+            look_at_pair(search, part);
+            continue;
+        }
+        bool is_done = part.bound >= limit_of(search) - APPROACH_M || part.end - part.start <= SHORTEST_S;
+        if (is_done || halved >= MAX_HALVED) {
+            finish(search, part);
+            continue;
+        }
+        double middle = 0.5 * (part.start + part.end);
+        bound_part(search, part.pair, part.start, middle, part.first, part.middle);
+        bound_part(search, part.pair, middle, part.end, part.middle, part.last);
+        halved++;
+    }
+}
+
+/* Look for a lesser distance about the least that was seen of a pair, by golden section (J. Kiefer, Proc. AMS 4 (1953),
+ * doi:10.1090/S0002-9939-1953-0055639-3). */
+static void polish(Search *search, int64_t i) {
+    const Seen *seen = search->seen + (i - search->first_pair);
+    double low = most(seen->at - seen->half, search->pairs->low_s[i]);
+    double high = least(seen->at + seen->half, search->pairs->high_s[i]);
+    double left = high - GOLDEN * (high - low), right = low + GOLDEN * (high - low);
+    double at_left = distance_at(search, i, left), at_right = distance_at(search, i, right);
+    for (int step = 0; step < MAX_STEPS && high - low > SHORTEST_S; step++) {
+        if (at_left <= at_right) {
+            high = right, right = left, at_right = at_left, left = high - GOLDEN * (high - low);
+            at_left = distance_at(search, i, left);
+        } else {
+            low = left, left = right, at_left = at_right, right = low + GOLDEN * (high - low);
+            at_right = distance_at(search, i, right);
+        }
+    }
+    see(search, i, left, at_left, 0.0);
+    see(search, i, right, at_right, 0.0);
+}
+
+/* From when on a pair is as close as a level, of which it is further at `outside` and which it is at `inside`. */
+static double first_below(Search *search, int64_t i, double outside, double inside, double level) {
+    for (int step = 0; step < MAX_STEPS && inside - outside > BRACKET_S; step++) {
+        double middle = 0.5 * (outside + inside);
+        if (distance_at(search, i, middle) <= level) inside = middle;
+        else outside = middle;
+    }
+    return inside;
+}
+
+/* The first instant at which a pair touches during [low, high], in *at; false if there is none. What is before it is
+ * proven apart, but for times of a microsecond, and where the work was used up. */
+static bool first_touch(Search *search, int64_t i, double low, double high, double *at) {
+    struct {
+        double start, end, first, last;
+    } stack[2 * MAX_STEPS], part;
+    int top = 0, looks = 0;
+    stack[top].start = low, stack[top].end = high;
+    stack[top].first = distance_at(search, i, low), stack[top].last = distance_at(search, i, high), top++;
+    while (top > 0) {
+        part = stack[--top];
+        if (part.first <= KERNEL_TOUCH_M) {
+            *at = part.start;
+            return true;
+        }
+        During during = approach_during(&search->pair, part.start, part.end, part.first, part.last, INFINITY);
+        if (during.bound > KERNEL_TOUCH_M) continue;
+        bool is_short = part.end - part.start <= SHORTEST_S || ++looks > MAX_LOOKS || top + 2 > 2 * MAX_STEPS;
+        double middle = 0.5 * (part.start + part.end);
+        if (!is_short) {
+            if (during.middle > KERNEL_TOUCH_M) {
+                stack[top].start = middle, stack[top].end = part.end;
+                stack[top].first = during.middle, stack[top].last = part.last, top++;
+            }
+            stack[top].start = part.start, stack[top].end = middle;
+            stack[top].first = part.first, stack[top].last = during.middle, top++;
+        } else if (least(during.middle, part.last) <= KERNEL_TOUCH_M) {
+            double inside = during.middle <= KERNEL_TOUCH_M ? middle : part.end;
+            *at = first_below(search, i, part.start, inside, KERNEL_TOUCH_M);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Where a group comes closest. */
+typedef struct {
+    int64_t pair, at_us;
+    double at;
+} Moment;
+
+static void take_earlier(const Search *search, Moment *moment, int64_t i, double at) {
+    int64_t at_us = search->pairs->zero_us[i] + llrint(at * 1e6);
+    if (moment->pair < 0 || at_us < moment->at_us) *moment = (Moment){i, at_us, at};
+}
+
+/* The first touch of a group, some instant of which is known. */
+static Moment group_touch(Search *search) {
+    Moment known = {-1, 0, 0.0}, moment = known;
+    for (int64_t i = search->first_pair; i < search->last_pair; i++) {
+        const Seen *seen = search->seen + (i - search->first_pair);
+        if (seen->least <= KERNEL_TOUCH_M) take_earlier(search, &known, i, seen->at);
+    }
+    for (int64_t i = search->first_pair; i < search->last_pair; i++) {
+        const Moment *until = moment.pair < 0 ? &known : &moment;
+        double low = search->pairs->low_s[i], at;
+        /* Instants of areas that are there for ever are no numbers of seconds. */
+        double high = ((double)until->at_us - (double)search->pairs->zero_us[i]) / 1e6 + SHORTEST_S;
+        high = least(i == until->pair ? until->at : high, search->pairs->high_s[i]);
+        if (!(high >= low) || !meet(search, i) || approach_at_least(&search->pair, low, high) > KERNEL_TOUCH_M) continue;
+        if (first_touch(search, i, low, high, &at)) take_earlier(search, &moment, i, at);
+    }
+    return moment.pair < 0 ? known : moment;
+}
+
+/* The earliest instant at which a group is as close as it comes. */
+static Moment group_passage(Search *search) {
+    Moment moment = {-1, 0, 0.0};
+    for (int64_t i = search->first_pair; i < search->last_pair; i++) {
+        const Seen *seen = search->seen + (i - search->first_pair);
+        bool is_near = seen->least <= limit_of(search) + APPROACH_M && seen->half > 0.0;
+        if (is_near && seen->least - seen->floor > TIE_M) polish(search, i);
+    }
+    if (search->least > search->wanted) return moment;
+    for (int64_t i = search->first_pair; i < search->last_pair; i++) {
+        const Seen *seen = search->seen + (i - search->first_pair);
+        double low = search->pairs->low_s[i], level = search->least + TIE_M, at = seen->at;
+        if (seen->least > level) continue;
+        at = distance_at(search, i, low) <= level ? low : first_below(search, i, low, at, level);
+        take_earlier(search, &moment, i, at);
+    }
+    return moment;
+}
+
+/* Put the pairs of a group into the search; false where one of them cannot be. */
+static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted) {
+    search->first_pair = first_pair, search->last_pair = last_pair, search->parts = 0;
+    search->wanted = wanted, search->least = INFINITY, search->floor = INFINITY;
+    for (int64_t i = first_pair; i < last_pair; i++) {
+        double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
+        if (!(high >= low) || !meet(search, i)) return false;
+        search->seen[i - first_pair] = (Seen){INFINITY, low, 0.0, INFINITY};
+        push(search, (Part){.bound = approach_at_least(&search->pair, low, high), .start = low, .end = high, .pair = i});
+        if (!(search->heap[search->parts - 1].bound >= 0.0)) return false;
+    }
+    return true;
+}
+
+/* What is stated of a group. */
+typedef struct {
+    Moment moment;
+    double distance, error, a_deg[2], b_deg[2];
+} Stated;
+
+static Stated state_group(Search *search) {
+    const KernelPlane *plane = &search->scene->plane;
+    Stated stated = {{-1, 0, 0.0}, INFINITY, 0.0, {NAN, NAN}, {NAN, NAN}};
+    bool touches = search->least <= KERNEL_TOUCH_M;
+    stated.moment = touches ? group_touch(search) : group_passage(search);
+    if (stated.moment.pair < 0) return stated;
+    meet(search, stated.moment.pair);
+    if (touches || search->least <= KERNEL_TOUCH_M) {
+        stated.distance = 0.0;
+        plane_degrees(plane, encounter_meeting(&search->pair, stated.moment.at), stated.a_deg);
+        stated.b_deg[0] = stated.a_deg[0], stated.b_deg[1] = stated.a_deg[1];
+        return stated;
+    }
+    stated.distance = search->least;
+    stated.error = most(search->least - search->floor, 0.0) + KERNEL_TOUCH_M;
+    if (search->least > plane_short_m(plane)) stated.error += plane_distance_error_m(plane, search->least);
+    Encounter *pair = &search->pair;
+    Vector from, to, origin = pair->a.origin;
+    encounter_place(pair, stated.moment.at);
+    plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &from, &to);
+    plane_degrees(plane, (Vector){from.x + origin.x, from.y + origin.y}, stated.a_deg);
+    plane_degrees(plane, (Vector){to.x + origin.x, to.y + origin.y}, stated.b_deg);
+    return stated;
+}
+
+static KernelStatus check_groups(const KernelPairs *pairs, const KernelGroups *groups, int64_t *largest) {
+    *largest = 0;
+    if (groups->count < 0) return KERNEL_BAD_COUNT;
+    if (!groups->offset || (groups->count > 0 && !groups->wanted_m)) return KERNEL_NULL;
+    if (groups->offset[0] != 0) return KERNEL_BAD_OFFSET;
+    for (int64_t g = 0; g < groups->count; g++) {
+        int64_t size = groups->offset[g + 1] - groups->offset[g];
+        if (groups->offset[g + 1] < groups->offset[g]) return KERNEL_BAD_OFFSET;
+        *largest = size > *largest ? size : *largest;
+    }
+    return groups->offset[groups->count] == pairs->count ? KERNEL_OK : KERNEL_BAD_OFFSET;
+}
+
+KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
+                               int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
+                               double *b_deg, KernelWork *work) {
+    double *memory;
+    int64_t largest;
+    if (!scene || !pairs || !groups || !work) return KERNEL_NULL;
+    if (groups->count > 0 && (!pair || !at_s || !distance_m || !error_m || !a_deg || !b_deg)) return KERNEL_NULL;
+    *work = (KernelWork){0, 0, 0};
+    Search search = {.scene = scene, .pairs = pairs, .pair = {.work = work}, .met = -1};
+    KernelStatus status = border_begin(scene, pairs, &search.pair, &memory);
+    if (status != KERNEL_OK) return status;
+    status = check_groups(pairs, groups, &largest);
+    if (status == KERNEL_OK) {
+        /* Each part that is halved leaves one more. */
+        search.heap = malloc(((size_t)largest + MAX_HALVED + 2) * sizeof *search.heap);
+        search.seen = malloc(((size_t)largest + 1) * sizeof *search.seen);
+        if (!search.heap || !search.seen) status = KERNEL_NO_MEMORY;
+    }
+    for (int64_t g = 0; status == KERNEL_OK && g < groups->count; g++) {
+        Stated stated = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
+        if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g])) {
+            search_group(&search);
+            for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
+            stated = state_group(&search);
+        }
+        pair[g] = stated.moment.pair, at_s[g] = stated.moment.at;
+        distance_m[g] = stated.distance, error_m[g] = stated.error;
+        for (int k = 0; k < 2; k++) a_deg[2 * g + k] = stated.a_deg[k], b_deg[2 * g + k] = stated.b_deg[k];
+    }
+    free(search.heap), free(search.seen), free(memory);
+    return status;
+}

@@ -1,0 +1,25 @@
+/* What the kernel's bounds say of the distance of pairs during their times, for tests: linked with the kernel. */
+#include <stdlib.h>
+
+#include "approach.h"
+#include "border.h"
+
+/* middle, bound, box : (count,) metres, as approach_during and approach_at_least tell; NaN where a piece cannot be. */
+int floors(const KernelScene *scene, const KernelPairs *pairs, double *middle, double *bound, double *box) {
+    double *memory;
+    KernelWork work = {0, 0, 0};
+    Encounter pair = {.work = &work};
+    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
+    if (status != KERNEL_OK) return status;
+    for (int64_t i = 0; i < pairs->count; i++) {
+        double low = pairs->low_s[i], high = pairs->high_s[i];
+        middle[i] = bound[i] = box[i] = NAN;
+        if (!border_meet(scene, pairs, i, &pair)) continue;
+        double first = approach_distance(&pair, low), last = approach_distance(&pair, high);
+        During during = approach_during(&pair, low, high, first, last, INFINITY);
+        middle[i] = during.middle, bound[i] = during.bound;
+        box[i] = approach_at_least(&pair, low, high);
+    }
+    free(memory);
+    return 0;
+}
