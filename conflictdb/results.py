@@ -82,7 +82,7 @@ class Conflict:
     region : where, a GeoJSON geometry; None also unless asked for
     is_current : whether neither object changed since
     scene_is_current : whether the conflicts of the scene are complete
-    run_id : the run that last computed it
+    run_id : the run that found it so; later ones found the same
     found_at : when it was first found
     """
 

@@ -72,190 +72,189 @@ CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     PERFORM _require_snapshot();
-    DROP TABLE IF EXISTS pg_temp.found, pg_temp.found_period;
+    DROP TABLE IF EXISTS pg_temp.found;
     CREATE TEMPORARY TABLE found (
-        nr bigint, a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
-        verdict text, lon_deg double precision, lat_deg double precision, time_error_s double precision,
+        a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
+        periods tstzmultirange, verdict text, first_contact_point geometry, time_error_s double precision,
         closest_at timestamptz, closest_m double precision, closest_error_m double precision,
-        a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision
+        closest_a_point geometry, closest_b_point geometry
     ) ON COMMIT DROP;
-    CREATE TEMPORARY TABLE found_period (nr bigint, first_at timestamptz, last_at timestamptz) ON COMMIT DROP;
 END
 $$;
 COMMENT ON FUNCTION _begin_write() IS
-'Creates the temporary tables found and found_period for the results of a detection. Infinite instants stand for '
-'unbounded, NaN for no first contact; -infinity and NaN for no closest approach. Pairs only near have no period.';
+'Creates the temporary table found for the results of a detection: columns of the table conflict, each pair once, a '
+'being the object of the smaller kind and number.';
 
 CREATE OR REPLACE FUNCTION _write_run(
     p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint
 )
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 DECLARE
-    v_scene scene%ROWTYPE;
+    -- Beyond so many changed objects, reading all conflicts of the scene costs less than looking up those of each.
+    c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
-    v_turn_m double precision;
-    v_plane text;
+    v_method text := p_run ->> 'method';
+    v_scene_name text;
     v_run_id bigint;
+    v_last run%ROWTYPE;
+    v_kinds smallint[];
+    v_ids bigint[];
+    v_is_many boolean;
+    v_more bigint;
+    v_more_unresolved bigint;
 BEGIN
-    SELECT * INTO STRICT v_scene FROM scene s WHERE s.scene_id = p_scene_id;
-    v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
-    v_turn_m := 2 * pi() * _radius_m(v_plane);
-    DROP TABLE IF EXISTS pg_temp.dirty_object, pg_temp.old, pg_temp.result, pg_temp.static_region;
-    ANALYZE pg_temp.found;
-    ANALYZE pg_temp.found_period;
-    -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own and drops out.
-    CREATE TEMPORARY TABLE result ON COMMIT DROP AS
-        -- Not by scene: of a scene that is new the planner expects few objects, and would compare all with all.
-        WITH member AS (
-            SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.scene_id, a.first_version FROM area a
-            WHERE a.area_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 0
-                                UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 0)
-            UNION ALL
-            SELECT 1::smallint, t.track_id, t.key, t.scene_id, t.first_version FROM track t
-            WHERE t.track_id IN (SELECT f.a_id FROM pg_temp.found f WHERE f.a_kind = 1
-                                 UNION ALL SELECT f.b_id FROM pg_temp.found f WHERE f.b_kind = 1)
-        ), period AS (
-            SELECT t.nr, range_agg(tstzrange(nullif(t.first_at, '-infinity'), nullif(t.last_at, 'infinity'), '[]'))
-                AS periods
-            FROM pg_temp.found_period t GROUP BY t.nr
-        ), ordered AS (
-            SELECT f.*, p.periods, a.key AS a_key, b.key AS b_key,
-                   a.first_version AS a_first_version, b.first_version AS b_first_version,
-                   (b.kind, b.key) < (a.kind, a.key) AS is_swapped,
-                   CASE WHEN f.lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326) END
-                       AS first_point,
-                   CASE WHEN f.a_lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.a_lon_deg, f.a_lat_deg), 4326) END
-                       AS a_point,
-                   CASE WHEN f.b_lon_deg <> 'NaN' THEN ST_SetSRID(ST_MakePoint(f.b_lon_deg, f.b_lat_deg), 4326) END
-                       AS b_point
-            FROM pg_temp.found f
-            LEFT JOIN period p USING (nr)
-            -- A number may be that of another object by now: then this one was removed.
-            JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id AND a.first_version <= f.a_version
-            JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id AND b.first_version <= f.b_version
-            WHERE a.scene_id + 0 = p_scene_id AND b.scene_id + 0 = p_scene_id
-        )
-        SELECT o.a_kind, o.a_id, o.a_version, o.a_first_version, o.a_key,
-               o.b_kind, o.b_id, o.b_version, o.b_first_version, o.b_key,
-               coalesce(o.periods, '{}') AS periods, o.verdict,
-               _wrapped(o.first_point) AS first_contact_point, o.time_error_s,
-               nullif(o.closest_at, '-infinity') AS closest_at, nullif(o.closest_m, 'NaN') AS closest_m,
-               nullif(o.closest_error_m, 'NaN') AS closest_error_m, _wrapped(o.a_point) AS closest_a_point,
-               _wrapped(o.b_point) AS closest_b_point
-        FROM ordered o WHERE NOT o.is_swapped
-        UNION ALL
-        SELECT o.b_kind, o.b_id, o.b_version, o.b_first_version, o.b_key,
-               o.a_kind, o.a_id, o.a_version, o.a_first_version, o.a_key,
-               coalesce(o.periods, '{}'), o.verdict, _wrapped(o.first_point), o.time_error_s,
-               nullif(o.closest_at, '-infinity'), nullif(o.closest_m, 'NaN'), nullif(o.closest_error_m, 'NaN'),
-               _wrapped(o.b_point), _wrapped(o.a_point)
-        FROM ordered o WHERE o.is_swapped;
-    ANALYZE pg_temp.result;
-
-    CREATE TEMPORARY TABLE dirty_object ON COMMIT DROP AS
-        SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
-        WHERE c.scene_id = p_scene_id AND c.is_covered;
-    ANALYZE pg_temp.dirty_object;
-    CREATE TEMPORARY TABLE old ON COMMIT DROP AS
-        SELECT c.*, EXISTS (SELECT FROM pg_temp.result n
-                            WHERE (n.a_kind, n.a_id, n.b_kind, n.b_id) = (c.a_kind, c.a_id, c.b_kind, c.b_id)
-                              AND n.a_first_version <= c.a_version AND n.b_first_version <= c.b_version) AS stays
-        FROM (SELECT c.conflict_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version, c.periods, c.verdict
-              FROM pg_temp.dirty_object d
-              JOIN conflict c ON c.a_kind = d.object_kind AND c.a_id = d.object_id AND c.scene_id + 0 = d.scene_id
-              UNION
-              SELECT c.conflict_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version, c.periods, c.verdict
-              FROM pg_temp.dirty_object d
-              JOIN conflict c ON c.b_kind = d.object_kind AND c.b_id = d.object_id AND c.scene_id + 0 = d.scene_id) c;
-    ANALYZE pg_temp.old;
-
-    -- Where areas interfere stays the same until they change: computed once, for all of them together.
-    CREATE TEMPORARY TABLE static_region ON COMMIT DROP AS
-        SELECT d.a_id, d.b_id,
-               CASE WHEN count(*) = 1 THEN (array_agg(_wrapped(d.part)))[1]
-                    ELSE ST_Union(_wrapped(d.part) ORDER BY d.nr) END AS region
-        FROM (SELECT m.a_id, m.b_id, m.nr, _from_plane(m.part, v_plane) AS part
-              FROM (SELECT r.a_id, r.b_id, (a.part, a.turn, b.part, b.turn) AS nr,
-                           ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
-                                           ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part
-                    FROM pg_temp.result r
-                    JOIN piece a ON a.object_kind = 0 AND a.object_id = r.a_id AND a.scene_id + 0 = p_scene_id
-                    JOIN piece b ON b.object_kind = 0 AND b.object_id = r.b_id AND b.scene_id + 0 = p_scene_id
-                                AND b.hull && a.hull
-                    WHERE r.a_kind = 0 AND r.b_kind = 0 AND r.verdict <> 'near' AND (a.turn = 0 OR b.turn = 0)
-                    OFFSET 0) m
-              WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d
-        GROUP BY d.a_id, d.b_id;
-    ANALYZE pg_temp.static_region;
-
-    -- Counts that the writing below finds out are filled in at the end.
+    SELECT s.name INTO STRICT v_scene_name FROM scene s WHERE s.scene_id = p_scene_id;
+    SELECT r.* INTO v_last FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
+    -- First: its reference to the scene keeps that from being removed meanwhile, which conflicts do without. Counts
+    -- that the writing below finds out are filled in at the end.
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs,
                      intersecting_pairs, window_pairs, solved_pairs, conflicts, unresolved, pieces_s, stage1_s,
                      stage2_s, stage3_s, stage4_s)
-        SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
+        SELECT p_scene_id, r.started_at, clock_timestamp(), v_method, r.settings,
                (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
                + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id),
                r.candidate_pairs, r.intersecting_pairs, r.window_pairs, r.solved_pairs, 0, r.unresolved,
                r.pieces_s, r.stage1_s, r.stage2_s, r.stage3_s, r.stage4_s
         FROM jsonb_populate_record(NULL::run, p_run) r
         RETURNING run.run_id INTO v_run_id;
+    SELECT array_agg(d.object_kind), array_agg(d.object_id) INTO v_kinds, v_ids
+        FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
+              WHERE m.scene_id = p_scene_id AND m.is_covered) d;
+    v_is_many := cardinality(v_ids) > c_few;
 
-    DELETE FROM conflict c USING pg_temp.old o
-        WHERE c.conflict_id = o.conflict_id AND NOT o.stays;
-
+    WITH dirty AS (
+        SELECT d.kind, d.id FROM unnest(v_kinds, v_ids) d (kind, id)
+    ), known AS (
+        SELECT c.ctid AS place, c.* FROM conflict c
+        WHERE v_is_many AND c.scene_id = p_scene_id
+          AND ((c.a_kind, c.a_id) IN (SELECT d.kind, d.id FROM dirty d)
+               OR (c.b_kind, c.b_id) IN (SELECT d.kind, d.id FROM dirty d))
+        UNION ALL
+        SELECT c.ctid, c.* FROM dirty d JOIN conflict c ON c.a_kind = d.kind AND c.a_id = d.id
+        WHERE NOT v_is_many AND c.scene_id + 0 = p_scene_id
+        UNION ALL
+        SELECT c.ctid, c.* FROM dirty d JOIN conflict c ON c.b_kind = d.kind AND c.b_id = d.id
+        WHERE NOT v_is_many AND c.scene_id + 0 = p_scene_id
+          AND (c.a_kind, c.a_id) NOT IN (SELECT n.kind, n.id FROM dirty n)
+    ), old AS (
+        -- As found is: the smaller kind and number first, which the smaller key need not have.
+        SELECT k.place, k.periods, k.verdict, k.first_contact_point, k.time_error_s, k.closest_at, k.closest_m,
+               k.closest_error_m, k.method, k.found_at,
+               CASE WHEN t.is_turned THEN k.b_kind ELSE k.a_kind END AS a_kind,
+               CASE WHEN t.is_turned THEN k.b_id ELSE k.a_id END AS a_id,
+               CASE WHEN t.is_turned THEN k.b_version ELSE k.a_version END AS a_version,
+               CASE WHEN t.is_turned THEN k.a_kind ELSE k.b_kind END AS b_kind,
+               CASE WHEN t.is_turned THEN k.a_id ELSE k.b_id END AS b_id,
+               CASE WHEN t.is_turned THEN k.a_version ELSE k.b_version END AS b_version,
+               CASE WHEN t.is_turned THEN k.closest_b_point ELSE k.closest_a_point END AS closest_a_point,
+               CASE WHEN t.is_turned THEN k.closest_a_point ELSE k.closest_b_point END AS closest_b_point
+        FROM known k CROSS JOIN LATERAL (SELECT (k.b_kind, k.b_id) < (k.a_kind, k.a_id) AS is_turned) t
+    ), difference AS (
+        -- Versions too: where they are the same, the objects are, and their keys.
+        SELECT f.*, o.place, o.found_at, o.periods AS old_periods, o.verdict AS old_verdict,
+               o.a_version AS old_a_version, o.b_version AS old_b_version
+        FROM pg_temp.found f FULL JOIN old o USING (a_kind, a_id, b_kind, b_id)
+        WHERE f.verdict IS NULL OR o.place IS NULL
+           OR (f.a_version, f.b_version, f.periods, f.verdict, f.first_contact_point, f.time_error_s, f.closest_at,
+               f.closest_m, f.closest_error_m, f.closest_a_point, f.closest_b_point, v_method)
+              IS DISTINCT FROM
+              (o.a_version, o.b_version, o.periods, o.verdict, o.first_contact_point, o.time_error_s, o.closest_at,
+               o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point, o.method)
+    ), placed AS MATERIALIZED (
+        -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own, and its
+        -- pairs drop out; its number may be that of another object by now.
+        SELECT d.*, m.a_key, m.b_key, m.is_found, (d.b_kind, m.b_key) < (d.a_kind, m.a_key) AS is_turned,
+               d.place IS NOT NULL AND m.is_found AND m.a_first_version <= d.old_a_version
+                   AND m.b_first_version <= d.old_b_version AS stays
+        FROM difference d
+        LEFT JOIN area aa ON d.a_kind = 0 AND aa.area_id = d.a_id
+        LEFT JOIN track ta ON d.a_kind = 1 AND ta.track_id = d.a_id
+        LEFT JOIN area ab ON d.b_kind = 0 AND ab.area_id = d.b_id
+        LEFT JOIN track tb ON d.b_kind = 1 AND tb.track_id = d.b_id
+        CROSS JOIN LATERAL (
+            SELECT coalesce(aa.key, ta.key) AS a_key, coalesce(ab.key, tb.key) AS b_key,
+                   coalesce(aa.first_version, ta.first_version) AS a_first_version,
+                   coalesce(ab.first_version, tb.first_version) AS b_first_version,
+                   (coalesce(aa.scene_id, ta.scene_id) = p_scene_id AND coalesce(ab.scene_id, tb.scene_id) = p_scene_id
+                    AND coalesce(aa.first_version, ta.first_version) <= d.a_version
+                    AND coalesce(ab.first_version, tb.first_version) <= d.b_version) IS TRUE AS is_found
+        ) m
+    ), removed AS (
+        DELETE FROM conflict c USING placed p WHERE c.ctid = p.place AND NOT p.is_found
+    ), ordered AS NOT MATERIALIZED (
+        SELECT p.place, p.stays, p.periods, p.verdict, p.first_contact_point, p.time_error_s, p.closest_at,
+               p.closest_m, p.closest_error_m,
+               CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
+               CASE WHEN p.is_turned THEN p.b_id ELSE p.a_id END AS a_id,
+               CASE WHEN p.is_turned THEN p.b_version ELSE p.a_version END AS a_version,
+               CASE WHEN p.is_turned THEN p.b_key ELSE p.a_key END AS a_key,
+               CASE WHEN p.is_turned THEN p.a_kind ELSE p.b_kind END AS b_kind,
+               CASE WHEN p.is_turned THEN p.a_id ELSE p.b_id END AS b_id,
+               CASE WHEN p.is_turned THEN p.a_version ELSE p.b_version END AS b_version,
+               CASE WHEN p.is_turned THEN p.a_key ELSE p.b_key END AS b_key,
+               CASE WHEN p.is_turned THEN p.closest_b_point ELSE p.closest_a_point END AS closest_a_point,
+               CASE WHEN p.is_turned THEN p.closest_a_point ELSE p.closest_b_point END AS closest_b_point,
+               -- Whether it is a conflict, or only near, is what was first found.
+               CASE WHEN p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') THEN p.found_at
+                    ELSE v_start END AS found_at
+        FROM placed p WHERE p.is_found
+    ), rewritten AS (
+        UPDATE conflict c
+            SET run_id = v_run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version, a_key = o.a_key,
+                b_kind = o.b_kind, b_id = o.b_id, b_version = o.b_version, b_key = o.b_key, periods = o.periods,
+                verdict = o.verdict, region = NULL, first_contact_point = o.first_contact_point, method = v_method,
+                time_error_s = o.time_error_s, closest_at = o.closest_at, closest_m = o.closest_m,
+                closest_error_m = o.closest_error_m, closest_a_point = o.closest_a_point,
+                closest_b_point = o.closest_b_point, found_at = o.found_at
+            FROM ordered o WHERE c.ctid = o.place
+    ), added AS (
+        INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
+                              periods, verdict, first_contact_point, method, time_error_s, found_at, closest_at,
+                              closest_m, closest_error_m, closest_a_point, closest_b_point)
+            SELECT p_scene_id, v_run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version,
+                   o.b_key, o.periods, o.verdict, o.first_contact_point, v_method, o.time_error_s, o.found_at,
+                   o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point
+            FROM ordered o WHERE o.place IS NULL
+    )
     -- Pairs that are only near are no conflicts: they open, change and close none.
-    SELECT count(*) FILTER (WHERE n.is_conflict AND o.is_conflict IS NOT TRUE),
-           count(*) FILTER (WHERE o.is_conflict AND n.is_conflict IS NOT TRUE)
-        INTO opened, closed
-        FROM (SELECT n.*, true AS stays, n.verdict <> 'near' AS is_conflict FROM pg_temp.result n) n
-        FULL JOIN (SELECT o.*, o.verdict <> 'near' AS is_conflict FROM pg_temp.old o) o
-            USING (a_kind, a_id, b_kind, b_id, stays);
+    SELECT count(*) FILTER (WHERE n.is_now AND NOT (p.stays AND n.was)),
+           count(*) FILTER (WHERE n.was AND NOT (p.stays AND n.is_now)),
+           count(*) FILTER (WHERE p.stays AND n.was AND n.is_now
+                              AND (p.periods, p.verdict) IS DISTINCT FROM (p.old_periods, p.old_verdict)),
+           count(*) FILTER (WHERE n.is_now) - count(*) FILTER (WHERE n.was),
+           count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
+               - count(*) FILTER (WHERE p.old_verdict = 'unresolved')
+        INTO opened, closed, changed, v_more, v_more_unresolved
+        FROM placed p
+        CROSS JOIN LATERAL (SELECT p.is_found AND p.verdict <> 'near' AS is_now,
+                                   p.place IS NOT NULL AND p.old_verdict <> 'near' AS was) n;
 
-    SELECT count(*) INTO changed
-        FROM pg_temp.result n JOIN pg_temp.old o USING (a_kind, a_id, b_kind, b_id)
-        WHERE o.stays AND n.verdict <> 'near' AND o.verdict <> 'near'
-          AND (n.periods, n.verdict) IS DISTINCT FROM (o.periods, o.verdict);
+    DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
 
-    INSERT INTO conflict AS c (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
-                               periods, verdict, region, first_contact_point, method, time_error_s, found_at,
-                               closest_at, closest_m, closest_error_m, closest_a_point, closest_b_point)
-        SELECT p_scene_id, v_run_id, n.a_kind, n.a_id, n.a_version, n.a_key, n.b_kind, n.b_id, n.b_version, n.b_key,
-               n.periods, n.verdict, s.region, n.first_contact_point, p_run ->> 'method', n.time_error_s,
-               clock_timestamp(), n.closest_at, n.closest_m, n.closest_error_m, n.closest_a_point, n.closest_b_point
-        FROM pg_temp.result n
-        LEFT JOIN pg_temp.static_region s ON n.a_kind = 0 AND n.b_kind = 0 AND s.a_id = n.a_id AND s.b_id = n.b_id
-        ON CONFLICT (a_kind, a_id, b_kind, b_id, scene_id) DO UPDATE
-            SET run_id = excluded.run_id, a_version = excluded.a_version, a_key = excluded.a_key,
-                b_version = excluded.b_version, b_key = excluded.b_key, periods = excluded.periods,
-                verdict = excluded.verdict, region = excluded.region,
-                first_contact_point = excluded.first_contact_point, method = excluded.method,
-                time_error_s = excluded.time_error_s, closest_at = excluded.closest_at,
-                closest_m = excluded.closest_m, closest_error_m = excluded.closest_error_m,
-                closest_a_point = excluded.closest_a_point, closest_b_point = excluded.closest_b_point,
-                found_at = CASE WHEN (c.verdict = 'near') = (excluded.verdict = 'near') THEN c.found_at
-                                ELSE excluded.found_at END;
-
-    DELETE FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
-
+    -- All conflicts of the scene are counted only where so many changed that it does not matter.
+    IF v_is_many OR v_last.run_id IS NULL THEN
+        SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO v_more, v_more_unresolved
+            FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
+        v_last.conflicts := 0;
+        v_last.unresolved := 0;
+    END IF;
     UPDATE run r SET finished_at = clock_timestamp(), opened = _write_run.opened, changed = _write_run.changed,
-                     closed = _write_run.closed,
-                     conflicts = (SELECT count(*) FROM conflict c
-                                  WHERE c.scene_id = p_scene_id AND c.verdict <> 'near'),
-                     unresolved = (SELECT count(*) FROM conflict c
-                                   WHERE c.scene_id = p_scene_id AND c.verdict = 'unresolved'),
+                     closed = _write_run.closed, conflicts = v_last.conflicts + v_more,
+                     unresolved = v_last.unresolved + v_more_unresolved,
                      write_s = coalesce((p_run ->> 'write_s')::double precision, 0)
                                + extract(epoch FROM clock_timestamp() - v_start)
         WHERE r.run_id = v_run_id;
     run_id := v_run_id;
-    PERFORM pg_notify('conflictdb', jsonb_build_object('scene', v_scene.name, 'run', v_run_id, 'opened', opened,
+    PERFORM pg_notify('conflictdb', jsonb_build_object('scene', v_scene_name, 'run', v_run_id, 'opened', opened,
                                                        'changed', changed, 'closed', closed)::text);
 END
 $$;
 COMMENT ON FUNCTION _write_run(bigint, jsonb) IS
 'Replaces the conflicts of pairs with a dirty member by the found ones, records the run (p_run: columns of run), '
-'deletes the covered marks, notifies channel conflictdb. A conflict that stays keeps the instant it was first found. '
-'Pairs that are only near are kept beside them, and not counted.';
+'deletes the covered marks, notifies channel conflictdb. A row that would be the same is left as it is, with the run '
+'that wrote it; a conflict that stays keeps the instant it was first found. Pairs that are only near are kept beside '
+'them, and not counted.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

@@ -41,7 +41,7 @@ COMMENT ON COLUMN conflicts.first_contact_point IS
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN conflicts.time_error_s IS 'Bound on the error of every end of every period, seconds.';
 COMMENT ON COLUMN conflicts.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
-COMMENT ON COLUMN conflicts.run_id IS 'The run that last computed this pair.';
+COMMENT ON COLUMN conflicts.run_id IS 'The run that found it so; later ones found the same.';
 COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found to interfere.';
 COMMENT ON COLUMN conflicts.closest_at IS
 'Closest approach: when, the first time if they are as close more than once; null if not computed, or always so.';
@@ -86,7 +86,7 @@ COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then
 COMMENT ON COLUMN approaches.verdict IS
 'near: no conflict; conflict, grazing, unresolved: as in the view conflicts.';
 COMMENT ON COLUMN approaches.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
-COMMENT ON COLUMN approaches.run_id IS 'The run that last computed this pair.';
+COMMENT ON COLUMN approaches.run_id IS 'The run that found it so; later ones found the same.';
 COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found to interfere, or to come near.';
 COMMENT ON COLUMN approaches.scene_is_current IS
 'Whether the closest approaches of the scene are complete: nothing of it waits for detection (see the view scenes).';

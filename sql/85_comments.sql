@@ -134,9 +134,8 @@ COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';
 
 COMMENT ON TABLE conflict IS
 'Pairs that interfere or come near, as the last detection found them. Derived; query the views conflicts, approaches.';
-COMMENT ON COLUMN conflict.conflict_id IS 'Number.';
 COMMENT ON COLUMN conflict.scene_id IS 'Scene of both objects.';
-COMMENT ON COLUMN conflict.run_id IS 'Run that last computed the pair.';
+COMMENT ON COLUMN conflict.run_id IS 'Run that wrote the row: later ones found the same.';
 COMMENT ON COLUMN conflict.a_kind IS 'First object: 0 area, 1 track. The area comes first, else the smaller key.';
 COMMENT ON COLUMN conflict.a_id IS 'First object: area_id or track_id; it may have been removed since.';
 COMMENT ON COLUMN conflict.a_version IS 'First object: version that was detected.';

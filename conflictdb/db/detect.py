@@ -218,7 +218,9 @@ def _refresh_conflicts(
     funnel.pieces_s = record.counted["pieces_s"]
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
-    outcome = store.write_run(conn, scene_id, replace(record, settings=kept, counted=counted), conflicts)
+    staged = store.begin_write(conn, scene_id)
+    store.stage(conn, staged, conflicts)
+    outcome = store.end_write(conn, staged, replace(record, settings=kept, counted=counted))
     now = store.runs(conn, settings.name)[0]
     with store.translated():
         conn.commit()

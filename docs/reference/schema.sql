@@ -5,8 +5,6 @@ SEQUENCE area_area_id_seq;
 
 SEQUENCE change_change_id_seq;
 
-SEQUENCE conflict_conflict_id_seq;
-
 SEQUENCE piece_piece_id_seq;
 
 SEQUENCE run_run_id_seq;
@@ -46,7 +44,6 @@ TABLE change (
 );
 
 TABLE conflict (
-    conflict_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
     run_id bigint NOT NULL,
     a_kind smallint NOT NULL,
@@ -238,11 +235,8 @@ CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, 
 CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
 CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
 CONSTRAINT conflict_members_ordered ON conflict: CHECK (((a_kind < b_kind) OR ((a_kind = b_kind) AND (a_key < b_key))));
-CONSTRAINT conflict_pair_unique ON conflict: UNIQUE (a_kind, a_id, b_kind, b_id, scene_id);
 CONSTRAINT conflict_periods_unless_near ON conflict: CHECK ((isempty(periods) = (verdict = 'near'::text)));
-CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (conflict_id);
-CONSTRAINT conflict_run_fkey ON conflict: FOREIGN KEY (scene_id, run_id) REFERENCES run(scene_id, run_id) DEFERRABLE INITIALLY DEFERRED;
-CONSTRAINT conflict_scene_fkey ON conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (a_kind, a_id, b_kind, b_id, scene_id);
 CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)::double precision));
 CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text, 'near'::text])));
 CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
@@ -285,7 +279,7 @@ CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(sc
 
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
-CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id, a_key, b_key);
+CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 
@@ -624,7 +618,7 @@ FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;

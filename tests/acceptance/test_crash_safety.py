@@ -44,7 +44,7 @@ def stopping(name, *, after):
         return result
     setattr(store, name, run)
 
-for name in ("changed_areas", "replace_pieces", "find_candidates", "intersecting_pairs", "write_run"):
+for name in ("changed_areas", "replace_pieces", "find_candidates", "intersecting_pairs", "stage", "end_write"):
     stopping(name, after=True)
 with store.connect(sys.argv[1]) as conn:
     detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"))
@@ -55,7 +55,8 @@ PLACES = [
     pytest.param("find_candidates", marks=pytest.mark.slow),
     "intersecting_pairs",
     "progress",
-    "write_run",
+    pytest.param("stage", marks=pytest.mark.slow),
+    "end_write",
 ]
 
 
@@ -189,7 +190,7 @@ def test_failed_detection_is_recorded_and_changes_nothing(
         raise RuntimeError("no more memory")
 
     with monkeypatch.context() as patch:
-        patch.setattr(store, "write_run", broken)
+        patch.setattr(store, "end_write", broken)
         with pytest.raises(RuntimeError, match="no more memory"):
             detect(conn, scene.name, jobs=1)
     assert view(conn, scene) == before

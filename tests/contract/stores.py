@@ -88,7 +88,7 @@ class Database:
         piecework.refresh(conn, scene_id)
         store.begin_snapshot(conn)
         found = answer(self._members(conn))
-        return store.write_run(conn, scene_id, store.RunRecord(self.scene.method, {}, datetime.now(UTC)), found)
+        return piecework.write_run(conn, scene_id, store.RunRecord(self.scene.method, {}, datetime.now(UTC)), found)
 
     def _members(self, conn: psycopg.Connection[Any]) -> dict[str, Member]:
         areas = conn.execute("SELECT key, area_id, version FROM conflictdb.area").fetchall()

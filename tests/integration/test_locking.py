@@ -322,7 +322,7 @@ def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, sc
     conn.execute("SELECT FROM mine")
 
 
-@pytest.mark.parametrize("place", ["begin_locked", "find_candidates", "write_run"])
+@pytest.mark.parametrize("place", ["begin_locked", "find_candidates", "end_write"])
 def test_a_scene_may_be_removed_while_it_is_detected(
     conn: Conn, other: Conn, scene_id: int, place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -340,12 +340,12 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         if not removals:
             removals.append(threading.Thread(target=remove))
             removals[0].start()
-            removals[0].join(1.0 if place == "write_run" else WAIT_S)
-            assert removals[0].is_alive() == (place == "write_run")
+            removals[0].join(1.0 if place == "end_write" else WAIT_S)
+            assert removals[0].is_alive() == (place == "end_write")
         return result
 
     monkeypatch.setattr(store, place, meanwhile)
-    if place == "write_run":
+    if place == "end_write":
         assert detect.detect(conn, SCENE.name, jobs=1).conflicts == 1
     else:
         with pytest.raises(StoreError, match="scene 's' was removed while it was detected"):
@@ -361,4 +361,4 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         conn.execute("SET LOCAL ROLE conflictdb_editor")
         conn.execute("DELETE FROM conflictdb.scene")
     left = conn.execute("SELECT scene_id FROM conflictdb.scene_lock").fetchall()
-    assert left == ([] if place == "write_run" else [(scene_id,)]), "no lock stays but one that was held"
+    assert left == ([] if place == "end_write" else [(scene_id,)]), "no lock stays but one that was held"

@@ -11,7 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from piecework import load, refresh
+from piecework import load, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
@@ -113,7 +113,7 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
         store.find_candidates(conn, scene_id)
         store.find_intersections(conn, scene_id, regions=True)
         store.intersecting_pairs(conn, scene_id)
-        store.write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
+        write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
         conn.commit()
         conn.execute("SELECT count(*) FROM conflictdb.candidates('second')")
         everywhere = "ST_SetSRID(ST_MakeEnvelope(0, 0, 2, 2), 4326), '(,)'"

@@ -10,7 +10,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from piecework import load, refresh
+from piecework import load, refresh, write_run
 from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.answers import Conflicts
@@ -103,7 +103,7 @@ def detect(
     begin(conn, scene_id)
     store.find_candidates(conn, scene_id)
     store.find_intersections(conn, scene_id, regions=True)
-    outcome = store.write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
+    outcome = write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
     conn.commit()
     return outcome
 
@@ -197,6 +197,44 @@ def test_marking_all_computes_every_pair_again(conn: Conn, scene_id: int) -> Non
     assert (outcome.opened, outcome.changed, outcome.closed) == (0, 0, 2)
 
 
+def test_rows_that_are_the_same_are_not_written_again(conn: Conn, scene_id: int) -> None:
+    """Nor those of a changed object but its own: no row dies that tells what it told."""
+    versions = "SELECT a_key, b_key, xmin::text, ctid::text FROM conflictdb.conflict ORDER BY a_key, b_key"
+    detect(conn, scene_id, ALL)
+    before = conn.execute(versions.encode()).fetchall()
+    conn.commit()
+    store.mark_all(conn, scene_id)
+    conn.commit()
+    detect(conn, scene_id, ALL)
+    assert conn.execute(versions.encode()).fetchall() == before
+    store.mark_all(conn, scene_id)
+    conn.commit()
+    assert detect(conn, scene_id, ALL | {("U", "T"): ONE}).changed == 1
+    after = conn.execute(versions.encode()).fetchall()
+    assert [old == new for old, new in zip(before, after, strict=True)] == [True, True, False]
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_runs_count_the_conflicts_of_the_scene(conn: Conn, scene_id: int, many: bool) -> None:
+    """Also those that they had no reason to look at, and whether few objects changed or many."""
+    detect(conn, scene_id, ALL, verdict=2)
+    if many:
+        conn.execute(
+            """INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version)
+               SELECT %s, 0, -n, 1 FROM generate_series(1, 2000) n""",
+            [scene_id],
+        )
+        conn.commit()
+    store.replace_scene(conn, SCENE, AREAS, [TRACKS[0], replace(TRACKS[1], floor_m=0.0)], merge=False)
+    outcome = detect(conn, scene_id, {("T", "U"): ONE, ("A", "U"): ONE, ("B", "U"): ONE}, verdict=1)
+    assert (outcome.opened, outcome.changed, outcome.closed) == (2, 1, 0)
+    (run,) = store.runs(conn, "s")
+    assert (run.conflicts, run.unresolved) == (5, 2)
+    detect(conn, scene_id, {})
+    (run,) = store.runs(conn, "s")
+    assert (run.conflicts, run.unresolved) == (5, 2)
+
+
 def test_conflicts_of_a_removed_object_stay_until_the_next_detection(conn: Conn, scene_id: int) -> None:
     detect(conn, scene_id, ALL)
     store.replace_scene(conn, SCENE, AREAS, TRACKS[1:], merge=False)
@@ -228,7 +266,7 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
         store.find_intersections(conn, scene_id, regions=False)
         store.set_scene(writer, replace(SCENE, separation_m=10.0))
         store.replace_scene(writer, replace(SCENE, separation_m=10.0), AREAS[1:], TRACKS[:1], merge=False)
-        store.write_run(conn, scene_id, RECORD, found(conn, ALL))
+        write_run(conn, scene_id, RECORD, found(conn, ALL))
         conn.commit()
     current = {(c.a_key, c.b_key): c.is_current for c in store.conflicts(conn, "s")}
     assert current == {("A", "B"): False, ("A", "T"): False, ("T", "U"): False}
@@ -259,7 +297,7 @@ def test_object_removed_after_its_pieces_were_made_drops_out(conn: Conn, dsn: st
     with store.connect(dsn) as writer:
         store.replace_scene(writer, SCENE, AREAS, TRACKS[:1], merge=False)
     store.begin_snapshot(conn)
-    store.write_run(conn, scene_id, RECORD, result)
+    write_run(conn, scene_id, RECORD, result)
     conn.commit()
     assert sorted((c.a_key, c.b_key) for c in store.conflicts(conn, "s")) == [("A", "B"), ("A", "T")]
     assert store.list_scenes(conn)[0].pending == 1
@@ -274,7 +312,7 @@ def test_crash_leaves_old_conflicts_and_marks(conn: Conn, dsn: str, scene_id: in
     begin(victim, scene_id)
     store.find_candidates(victim, scene_id)
     if not crash_before_write:
-        store.write_run(victim, scene_id, RECORD, found(victim, {}))
+        write_run(victim, scene_id, RECORD, found(victim, {}))
     victim.close()
     assert len(store.conflicts(conn, "s")) == 3
     assert store.list_scenes(conn)[0].pending == 2

@@ -1,13 +1,16 @@
 """Takes a scene through transaction 1, and says by brute force what stages 1 and 2 must find in it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import psycopg
 import shapely
+from numpy.typing import NDArray
 
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.db import store
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
@@ -47,6 +50,21 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
     store.replace_pieces(conn, scene_id, pieces)
     conn.commit()
     return pieces
+
+
+def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts) -> store.RunOutcome:
+    """Write back what was found, in two parts, in the open transaction."""
+    staged = store.begin_write(conn, scene_id)
+    for rows in np.array_split(np.arange(len(found)), 2):
+        store.stage(conn, staged, _some(found, rows))
+    return store.end_write(conn, staged, run)
+
+
+def _some(found: Conflicts, rows: NDArray[np.int64]) -> Conflicts:
+    period_offset, index = ragged_rows(found.period_offset, rows)
+    columns = {column.name: getattr(found, column.name) for column in fields(found)}
+    columns = {name: values[rows] for name, values in columns.items() if not name.startswith("period_")}
+    return Conflicts(**columns, period_us=found.period_us[index], period_offset=period_offset)
 
 
 def stored_pieces(conn: Conn, scene_id: int) -> list[Stored]:

@@ -53,6 +53,38 @@ def test_instants_count_from_2000_and_keep_infinities() -> None:
     np.testing.assert_array_equal(copy_binary.microseconds(sent.astype(np.int64)), us)
 
 
+def test_multispans_are_counts_and_spans_with_their_lengths() -> None:
+    bounds = np.array([[EPOCH_US + 1, EPOCH_US + 2], [SINCE_EVER_US, EPOCH_US], [EPOCH_US, FOR_EVER_US]])
+    one, two, three = strings(copy_binary.spans(bounds[:, 0], bounds[:, 1], np.ones(3, np.bool_)))
+    found = strings(copy_binary.multispans(bounds, np.array([0, 0, 1, 3, 3])))
+    none = struct.pack(">i", 0)
+    assert found == [
+        none,
+        struct.pack(">ii", 1, len(one)) + one,
+        struct.pack(">ii", 2, len(two)) + two + struct.pack(">i", len(three)) + three,
+        none,
+    ]
+
+
+def test_points_are_wrapped_or_null() -> None:
+    found = copy_binary.points(np.array([[181.0, 50.0], [np.nan, 1.0], [-180.0, -90.0], [-540.5, 0.0]]), 4326)
+    first, none, *rest = strings(found)
+    assert first == shapely.to_wkb(shapely.set_srid(shapely.Point(-179, 50), 4326), byte_order=1, include_srid=True)
+    assert none == b""
+    assert [shapely.from_wkb(one).coords[0] for one in rest] == [(-180.0, -90.0), (179.5, 0.0)]
+    assert found.is_null is not None
+    assert found.is_null.tolist() == [False, True, False, False]
+
+
+def test_nullable_columns_hold_what_is_not_null() -> None:
+    column = copy_binary.nullable(copy_binary.fixed([1, 2, 3], "i2"), np.array([False, True, False]))
+    assert b"".join(copy_binary._blocks([column])) == struct.pack(">hihhihih", 1, 2, 1, 1, -1, 1, 2, 3)
+
+
+def test_strings_are_taken_as_often_as_asked_for() -> None:
+    assert strings(Ragged.of([b"a", b"bcd"]).take(np.array([1, 0, 1]))) == [b"bcd", b"a", b"bcd"]
+
+
 def test_spans_name_their_bounds() -> None:
     start = np.array([EPOCH_US + 1, SINCE_EVER_US, EPOCH_US, SINCE_EVER_US])
     end = np.array([EPOCH_US + 2, EPOCH_US, FOR_EVER_US, FOR_EVER_US])

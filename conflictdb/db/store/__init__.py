@@ -9,8 +9,6 @@ from conflictdb.db.store.connection import (
     translated,
 )
 from conflictdb.db.store.detection import (
-    RunOutcome,
-    RunRecord,
     changed_areas,
     changed_tracks,
     find_candidates,
@@ -19,9 +17,7 @@ from conflictdb.db.store.detection import (
     intersecting_pairs,
     is_pending,
     mark_all,
-    record_failure,
     replace_pieces,
-    write_run,
 )
 from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.db.store.objects import (
@@ -46,6 +42,7 @@ from conflictdb.db.store.reading import (
     wait_until_current,
 )
 from conflictdb.db.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
+from conflictdb.db.store.writing import RunOutcome, RunRecord, Staged, begin_write, end_write, record_failure, stage
 
 __all__ = [
     "SAY_AFTER_S",
@@ -58,13 +55,16 @@ __all__ = [
     "Say",
     "SceneStatus",
     "Service",
+    "Staged",
     "approaches",
     "begin_locked",
     "begin_snapshot",
+    "begin_write",
     "changed_areas",
     "changed_tracks",
     "conflicts",
     "connect",
+    "end_write",
     "find_candidates",
     "find_intersections",
     "footprints",
@@ -88,10 +88,10 @@ __all__ = [
     "scene_state",
     "service",
     "set_scene",
+    "stage",
     "transaction",
     "translated",
     "wait_for_change",
     "wait_until_current",
     "worker_dsn",
-    "write_run",
 ]

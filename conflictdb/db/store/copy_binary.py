@@ -26,6 +26,7 @@ _TRAILER: Final = b"\xff\xff"
 _ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of the index arrays
 _CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
 
+WKB_POINT: Final = 1
 WKB_POLYGON: Final = 3
 WKB_LINESTRING_M: Final = 2002
 EWKB_SRID: Final = 0x2000_0000
@@ -45,6 +46,11 @@ class Ragged:
         data = np.frombuffer(b"".join(s for s in strings if s is not None), dtype=np.uint8)
         is_null = np.array([s is None for s in strings], dtype=np.bool_)
         return cls(data, offsets([0 if s is None else len(s) for s in strings]), is_null)
+
+    def take(self, rows: NDArray[np.int64]) -> "Ragged":
+        """Return some of the strings, which may come more than once; none of them is null."""
+        length = np.diff(self.offset)[rows]
+        return Ragged(self.data[_rows_of(self.offset[:-1][rows], length)], offsets(length))
 
 
 Column = Bytes | Ragged  # (n, width) bytes of a fixed-width type, or ragged
@@ -86,6 +92,39 @@ def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive:
     present[no_start, 1:13] = False
     present[no_end, 13:25] = False
     return Ragged(whole[present], offsets(present.sum(axis=1)))
+
+
+def multispans(bounds_us: NDArray[np.int64], offset: Offsets) -> Ragged:
+    """Return a column of tstzmultirange: row i holds the spans (m, 2) from offset[i] on, with both of their ends."""
+    one = spans(bounds_us[:, 0], bounds_us[:, 1], np.ones(len(bounds_us), dtype=np.bool_))
+    # Each span with its length before it; before the first one of a row, how many there are.
+    size = np.diff(one.offset)
+    count = np.diff(offset)
+    out = offsets(4 + np.bincount(np.repeat(np.arange(len(count)), count), 4 + size, len(count)).astype(np.int64))
+    result = np.empty(out[-1], dtype=np.uint8)
+    result[out[:-1, None] + np.arange(4)] = fixed(count, "i4")
+    # Where a span starts: after all spans before it, and as many counts as rows began.
+    start = one.offset[:-1] + 4 * np.arange(len(size)) + 4 * np.repeat(np.arange(len(count)) + 1, count)
+    result[start[:, None] + np.arange(4)] = fixed(size, "i4")
+    result[_rows_of(start + 4, size)] = one.data
+    return Ragged(result, out)
+
+
+def points(lonlat: NDArray[np.float64], srid: int) -> Ragged:
+    """Return a column of points (EWKB), longitudes brought within +-180 degrees; null where a longitude is NaN."""
+    lon = lonlat[:, 0]
+    beyond = np.abs(lon) > 180.0
+    lon = np.where(beyond, lon - 360.0 * np.round(lon / 360.0), lon)
+    head = b"\x01" + np.array([WKB_POINT | EWKB_SRID, srid], dtype="<u4").tobytes()
+    whole = np.empty((len(lonlat), len(head) + 16), dtype=np.uint8)
+    whole[:, : len(head)] = np.frombuffer(head, dtype=np.uint8)
+    whole[:, len(head) :] = np.stack([lon, lonlat[:, 1]], axis=1).astype("<f8").view(np.uint8)
+    return nullable(whole, np.isnan(lon))
+
+
+def nullable(values: Bytes, is_null: NDArray[np.bool_]) -> Ragged:
+    """Return a column of a fixed-width type with nulls."""
+    return Ragged(values[~is_null].reshape(-1), offsets(np.where(is_null, 0, values.shape[1])), is_null)
 
 
 def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:

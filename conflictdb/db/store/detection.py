@@ -1,17 +1,13 @@
-"""What a detection reads and writes: marks and pieces (transaction 1), pairs and conflicts (transaction 2).
+"""What a detection works on: marks and pieces (transaction 1), pairs of pieces (transaction 2).
 
 Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
 calls:
 
     begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
-    begin_locked; find_candidates, find_intersections, intersecting_pairs, write_run; commit
+    begin_locked; find_candidates, find_intersections, intersecting_pairs; what `writing` does; commit
 """
 
-import json
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,14 +15,13 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.connection import call, call_many, transaction
+from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
-from conflictdb.results import Kind, Verdict
+from conflictdb.results import Kind
 
 _AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -40,39 +35,6 @@ _PIECE_COLUMNS = [
     ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"), ("end_lon_deg", "f8"),
     ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
-
-_VERDICT_NAMES = {verdict.code: verdict.encode() for verdict in Verdict}
-
-
-@dataclass(frozen=True, slots=True)
-class RunRecord:
-    """What is recorded of a detection.
-
-    counted : pairs that remained after each stage and seconds each stage took, by the names of the columns of the table
-        `run`, as far as it came; other names are left aside
-    """
-
-    method: str
-    settings: Mapping[str, Any]
-    started_at: datetime
-    counted: Mapping[str, float] = field(default_factory=dict)
-
-    def as_json(self, **more: float) -> str:
-        """Return it as the database takes it."""
-        started_at = self.started_at.isoformat()
-        return json.dumps(
-            {"method": self.method, "settings": self.settings, "started_at": started_at, **self.counted, **more}
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class RunOutcome:
-    """What a detection changed: conflicts opened, changed (other periods or verdict) and closed."""
-
-    run_id: int
-    opened: int
-    changed: int
-    closed: int
 
 
 def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
@@ -286,54 +248,3 @@ def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes], changed: list
         leg_end_deg=np.stack([columns["end_lon_deg"], columns["end_lat_deg"]], axis=1),
         bearing_deg=columns["bearing_deg"],
     )
-
-
-def write_run(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, conflicts: Conflicts) -> RunOutcome:
-    """Replace the conflicts of every pair with a changed member, record the run, clear the covered marks.
-
-    The caller commits; then listeners on channel conflictdb are told.
-    """
-    start = time.perf_counter()
-    call(conn, "_begin_write")
-    n = len(conflicts)
-    copy_binary.send(
-        conn,
-        "pg_temp.found",
-        {
-            "nr": copy_binary.fixed(np.arange(n), "i8"),
-            "a_kind": copy_binary.fixed(conflicts.a_kind, "i2"),
-            "a_id": copy_binary.fixed(conflicts.a_id, "i8"),
-            "a_version": copy_binary.fixed(conflicts.a_version, "i8"),
-            "b_kind": copy_binary.fixed(conflicts.b_kind, "i2"),
-            "b_id": copy_binary.fixed(conflicts.b_id, "i8"),
-            "b_version": copy_binary.fixed(conflicts.b_version, "i8"),
-            "verdict": copy_binary.Ragged.of([_VERDICT_NAMES[code] for code in conflicts.verdict.tolist()]),
-            "lon_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 0], "f8"),
-            "lat_deg": copy_binary.fixed(conflicts.first_contact_deg[:, 1], "f8"),
-            "time_error_s": copy_binary.fixed(conflicts.time_error_s, "f8"),
-            "closest_at": copy_binary.instants(conflicts.closest_us),
-            "closest_m": copy_binary.fixed(conflicts.closest_m, "f8"),
-            "closest_error_m": copy_binary.fixed(conflicts.closest_error_m, "f8"),
-            "a_lon_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 0], "f8"),
-            "a_lat_deg": copy_binary.fixed(conflicts.closest_a_deg[:, 1], "f8"),
-            "b_lon_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 0], "f8"),
-            "b_lat_deg": copy_binary.fixed(conflicts.closest_b_deg[:, 1], "f8"),
-        },
-    )
-    copy_binary.send(
-        conn,
-        "pg_temp.found_period",
-        {
-            "nr": copy_binary.fixed(np.repeat(np.arange(n), np.diff(conflicts.period_offset)), "i8"),
-            "first_at": copy_binary.instants(conflicts.period_us[:, 0]),
-            "last_at": copy_binary.instants(conflicts.period_us[:, 1]),
-        },
-    )
-    record = run.as_json(write_s=time.perf_counter() - start)
-    return RunOutcome(*call(conn, "_write_run", scene_id, record))
-
-
-def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, error: str) -> int:
-    """Record a detection that failed, in a transaction of its own; conflicts and marks stay. Returns the run."""
-    with transaction(conn):
-        return int(call(conn, "_record_failure", scene_id, run.as_json(), error)[0])
