@@ -2,16 +2,19 @@
 
     python conflictdb/kernel/build.py
 
-By the C compiler `cc`, else by that of the PyPI package `ziglang`, in an environment of its own that is removed after.
-Knows nothing of the package, so that it runs before anything is installed. Prints nothing where the library is already
-that of the sources.
+By the C compiler `cc`; where there is none, or it lacks the C library's headers, by that of the PyPI package `ziglang`,
+in an environment of its own that is removed after. Knows nothing of the package, so that it runs before anything is
+installed. Prints nothing where the library is already that of the sources.
 """
 
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -19,6 +22,8 @@ HERE = Path(__file__).resolve().parent
 FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=default", "-Wall", "-Wextra", "-Werror")
 SHARED = ("-shared", "-fPIC", "-lm")
 LIBRARY = "libkernel.so"
+# What the oldest processors of a machine's family understand, as `uname -m` calls it; other machines: what `cc` takes.
+BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-march=armv8-a"}
 
 
 def sources() -> list[Path]:
@@ -26,11 +31,20 @@ def sources() -> list[Path]:
     return sorted(path for path in HERE.iterdir() if path.suffix in (".c", ".h"))
 
 
-def fingerprint() -> str:
-    """Return what tells these sources, and how they are compiled, from others."""
-    digest = hashlib.sha256(" ".join((*FLAGS, *SHARED)).encode())
-    for path in sources():
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+def here() -> str:
+    """Return the system and the machine, as `uname -sm` says them."""
+    system = os.uname()
+    return f"{system.sysname} {system.machine}"
+
+
+def fingerprint(platform: str | None = None) -> str:
+    """Return what tells these sources, how they are compiled and for which platform (`here`) from others.
+
+    ./run has the same: the digest of the platform's line, the sources, and this file.
+    """
+    digest = hashlib.sha256(f"{platform or here()}\n".encode())
+    for path in (*sources(), HERE / "build.py"):
+        digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -44,10 +58,10 @@ def is_current() -> bool:
     return library().exists() and fingerprint().encode() in library().read_bytes()
 
 
-def compile_with(compiler: list[str], output: Path, *flags: str) -> None:
-    """Compile all sources; raises subprocess.CalledProcessError with the compiler's words."""
+def compile_with(compiler: list[str], output: Path, *flags: str, platform: str | None = None) -> None:
+    """Compile all sources for a platform; raises subprocess.CalledProcessError after the compiler's words."""
     files = [str(path) for path in sources() if path.suffix == ".c"]
-    define = f'-DKERNEL_FINGERPRINT="{fingerprint()}"'
+    define = f'-DKERNEL_FINGERPRINT="{fingerprint(platform)}"'
     subprocess.run([*compiler, *FLAGS, *flags, define, "-o", str(output), *files, *SHARED], check=True)
 
 
@@ -57,28 +71,41 @@ def build() -> Path:
         return library()
     with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
         made = Path(directory) / LIBRARY
-        if shutil.which("cc"):
-            compile_with(["cc"], made)
+        if _has_compiler(Path(directory)):
+            compile_with(["cc"], made, *filter(None, [BASELINE.get(os.uname().machine)]))
         else:
-            compile_with(_zig(Path(directory)), made, "-mcpu=baseline")
+            sys.stderr.write("kernel: no C compiler (cc) that works here, fetching one from PyPI (100 MB)\n")
+            with zig() as compiler:
+                compile_with(compiler, made, "-mcpu=baseline")
         made.replace(library())
     return library()
 
 
-def _zig(directory: Path) -> list[str]:
-    """Return the command of zig's C compiler, fetched into a new environment in a directory."""
-    sys.stderr.write("kernel: no C compiler (cc) here, fetching one from PyPI (100 MB)\n")
-    environment, pins = directory / "zig", str(HERE / "requirements.txt")
-    python = str(environment / "bin" / "python")
-    if shutil.which("uv"):
-        subprocess.run(["uv", "venv", "-q", "--python", sys.executable, str(environment)], check=True)
-        subprocess.run(["uv", "pip", "install", "-q", "--python", python, "--require-hashes", "-r", pins], check=True)
-    else:
-        subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-        quiet = ("-q", "--no-compile", "--disable-pip-version-check")
-        subprocess.run([python, "-m", "pip", "install", *quiet, "--require-hashes", "-r", pins], check=True)
-    caches = (f"ZIG_{which}_CACHE_DIR={directory / 'cache'}" for which in ("GLOBAL", "LOCAL"))
-    return ["env", *caches, python, "-m", "ziglang", "cc"]
+def _has_compiler(directory: Path) -> bool:
+    """Return whether `cc` is there and makes a library of what needs the C library and its headers."""
+    if not shutil.which("cc"):
+        return False
+    program = directory / "try.c"
+    program.write_text("#include <math.h>\n#include <stdlib.h>\ndouble root(void) { return sqrt((double)rand()); }\n")
+    done = subprocess.run(["cc", "-o", directory / "try.so", program, *SHARED], capture_output=True, check=False)
+    return done.returncode == 0
+
+
+@contextmanager
+def zig() -> Iterator[list[str]]:
+    """Yield the command of zig's C compiler, fetched into a new environment that is removed after."""
+    with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
+        environment, pins = Path(directory) / "zig", str(HERE / "requirements.txt")
+        python = str(environment / "bin" / "python")
+        if shutil.which("uv"):
+            install = ["uv", "pip", "install", "-q", "--python", python]
+            subprocess.run(["uv", "venv", "-q", "--python", sys.executable, str(environment)], check=True)
+        else:
+            install = [python, "-m", "pip", "install", "-q", "--no-compile", "--disable-pip-version-check"]
+            subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+        subprocess.run([*install, "--require-hashes", "-r", pins], check=True)
+        caches = (f"ZIG_{which}_CACHE_DIR={directory}/cache" for which in ("GLOBAL", "LOCAL"))
+        yield ["env", *caches, python, "-m", "ziglang", "cc"]
 
 
 def main() -> int:

@@ -160,11 +160,17 @@ def test_a_library_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tm
         library.__wrapped__()
 
 
-def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path) -> None:
-    """What the compiler or the installer says comes first, what to do last."""
+@pytest.mark.parametrize(
+    "compiler", [None, "#!/bin/sh\necho 'stdlib.h: No such file' >&2\nexit 1\n"], ids=["none", "bad"]
+)
+def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path, compiler: str | None) -> None:
+    """What the compiler or the installer says comes first, what to do last; one without headers counts as none."""
     for path in build.HERE.iterdir():
         if path.suffix in (".c", ".h", ".py", ".txt"):
             (tmp_path / path.name).write_bytes(path.read_bytes())
+    if compiler:
+        (tmp_path / "cc").write_text(compiler)
+        (tmp_path / "cc").chmod(0o755)
     nothing = {"PATH": str(tmp_path), "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "HOME": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, tmp_path / "build.py"],
@@ -175,8 +181,24 @@ def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 1
+    assert done.stderr.startswith("kernel: no C compiler (cc) that works here, fetching one")
     assert "install a C compiler" in done.stderr.splitlines()[-1]
     assert not list(tmp_path.glob(".build-*"))
+
+
+def test_run_and_build_know_the_library_of_these_sources_by_the_same_fingerprint() -> None:
+    root = build.HERE.parents[1]
+    function = re.search(r"^kernel_fingerprint\(\) \(.*?^\)$", (root / "run").read_text(), re.DOTALL | re.MULTILINE)
+    assert function
+    script = f"kernel={build.HERE}\n{function.group()}\nkernel_fingerprint"
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == build.fingerprint()
+    assert build.is_current()
+
+
+def test_another_platform_has_another_fingerprint() -> None:
+    """A tree that two machines share does not make one load the library of the other."""
+    assert build.fingerprint("Darwin arm64") != build.fingerprint("Linux aarch64") != build.fingerprint()
 
 
 def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
