@@ -21,7 +21,7 @@ def run(path: Path, venv: Path, *arguments: str) -> "subprocess.CompletedProcess
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return a PATH with the system's programs that ./run needs, and without any Python."""
-    for name in ("dirname", "cat", "cmp", "head", "rm", "rmdir", "echo", "sh", "uname"):
+    for name in ("dirname", "cat", "cmp", "head", "rm", "rmdir", "echo", "sh", "uname", "sha256sum", "cut", "grep"):
         (tmp_path / "bin").mkdir(exist_ok=True)
         (tmp_path / "bin" / name).symlink_to(str(shutil.which(name)))
     return tmp_path / "bin"

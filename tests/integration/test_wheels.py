@@ -1,0 +1,108 @@
+"""Wheels: of one platform each, and whole. One is installed into an empty environment and solves a scene."""
+
+import re
+import struct
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from build_wheels import TARGETS
+
+ROOT = Path(__file__).parents[2]
+LIBRARY = "conflictdb/kernel/libkernel.so"
+# As ELF and Mach-O number them.
+MACHINES = {"x86_64": (62, 0x01000007), "aarch64": (183, 0x0100000C), "arm64": (183, 0x0100000C)}
+SCENE = """
+import conflictdb, datetime, shapely
+from pathlib import Path
+assert Path(conflictdb.__file__).is_relative_to(Path({venv!r})), conflictdb.__file__
+from conflictdb.model import Area, Track, rectangle_outline_m
+import numpy as np
+zone = Area("zone", shapely.box(0, 0, 1, 1))
+track = Track("T", np.array([(-1.0, 0.5), (2.0, 0.5)]), np.array([0, 3_600_000_000]), rectangle_outline_m(10, 10, 5, 5))
+found = conflictdb.solve([track], [zone])
+print(len(found), found[0].verdict.name)
+"""
+
+
+def built(tmp_path: Path) -> Path:
+    """The wheel of this platform."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "dist")]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=300)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    return wheel
+
+
+def check(wheel: Path, platform: str) -> bytes:
+    """What a wheel must hold and say; the library in it."""
+    tag = f"py3-none-{platform}"
+    assert wheel.name.endswith(f"-{tag}.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        assert len(names) == len(set(names))
+        assert [name for name in names if name.endswith((".so", ".dylib", ".from", ".pyc"))] == [LIBRARY]
+        for name in ("conflictdb/__init__.py", "conflictdb/py.typed", "conflictdb/kernel/kernel.h"):
+            assert name in names
+        assert any(name.startswith("conflictdb/_sql/") for name in names)
+        assert any(name.startswith("conflictdb/_migrations/versions/") for name in names)
+        assert not any(name.startswith(("tests/", "docs/", "hatch_build")) for name in names)
+        about = archive.read(next(name for name in names if name.endswith(".dist-info/WHEEL"))).decode()
+        assert f"Tag: {tag}\n" in about
+        assert "Root-Is-Purelib: false" in about
+        return archive.read(LIBRARY)
+
+
+def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
+    """In an environment that has nothing but the wheel; what it needs lies beside."""
+    venv = tmp_path / "venv"
+    subprocess.run([sys.executable, "-m", "venv", str(venv)], check=True, timeout=120)
+    install = [str(venv / "bin/python"), "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-index"]
+    subprocess.run([*install, "--no-deps", str(wheel)], check=True, timeout=120)
+    environ = {"PATH": "/usr/bin:/bin", "PYTHONPATH": sysconfig.get_path("purelib")}
+    done = subprocess.run(
+        [str(venv / "bin/python"), "-c", SCENE.format(venv=str(venv))],
+        env=environ,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("1 CONFLICT\n", "")
+
+
+def test_the_wheel_of_this_platform_solves_a_scene(tmp_path: Path) -> None:
+    """Of whatever compiler there is here."""
+    wheel = built(tmp_path)
+    platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+    assert check(wheel, platform) == (ROOT / LIBRARY).read_bytes()
+    solves_a_scene(wheel, tmp_path)
+
+
+@pytest.mark.slow
+def test_all_wheels_of_a_release(tmp_path: Path) -> None:
+    """Cross-compiled by the pinned compiler (100 MB from PyPI); that of this platform solves a scene."""
+    subprocess.run([ROOT / "run", "wheels", str(tmp_path / "dist")], check=True, timeout=1800)
+    wheels = sorted((tmp_path / "dist").iterdir())
+    assert len(wheels) == len(TARGETS) == 6
+    for target in TARGETS:
+        (wheel,) = (one for one in wheels if one.name.endswith(f"-{target.wheel}.whl"))
+        library = check(wheel, target.wheel)
+        system, machine = target.uname.split()
+        elf, mach = MACHINES[machine]
+        if system == "Darwin":
+            assert struct.unpack("<2I", library[:8]) == (0xFEEDFACF, mach)
+        else:
+            assert library[:4] == b"\x7fELF"
+            assert struct.unpack("<H", library[18:20])[0] == elf
+            # Of the C library nothing newer than the tag says, or of musl, which has no versions.
+            needs = {tuple(map(int, found)) for found in re.findall(rb"GLIBC_(\d+)\.(\d+)", library)}
+            assert bool(needs) == target.wheel.startswith("manylinux")
+            assert max(needs, default=(0, 0)) <= (2, 17)
+    here = sysconfig.get_platform().replace("linux-", "manylinux_2_17_")
+    (own,) = (one for one in wheels if one.name.endswith(f"-{here}.whl"))
+    solves_a_scene(own, tmp_path)
