@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
@@ -17,10 +16,10 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
-from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.pipeline.run import PAIRS_AT_ONCE, run_scene
 from conflictdb.results import Conflict, Kind, Position, Verdict
 from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
 
 Object = TypeVar("Object", Area, Track)
 
@@ -54,8 +53,8 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     batch = AreaBatch.of(areas)
     pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    conflicts, _ = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
-    return _told(scene, areas, tracks, conflicts)
+    found = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
+    return _told(scene, areas, tracks, Conflicts.concatenate([conflicts for conflicts, _ in found]))
 
 
 class _InMemory:
@@ -63,14 +62,12 @@ class _InMemory:
 
     def __init__(self, pieces: Pieces, footprint: NDArray[np.object_]) -> None:
         self._pieces, self._footprint = pieces, footprint
-        self._a = self._b = PieceRows(np.empty(0, np.int64))
 
-    def find_candidates(self) -> int:
-        self._a, self._b = candidates(self._pieces)
-        return len(self._a)
-
-    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
-        yield self._pieces, intersections(self._pieces, self._a, self._b, regions=regions)
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        a, b = candidates(self._pieces)
+        number = object_numbers(self._pieces)
+        for rows in chunks_of_objects(number[a], number[b], PAIRS_AT_ONCE):
+            yield self._pieces, PieceRows(a[rows]), PieceRows(b[rows])
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return self._footprint[area_ids]

@@ -1,7 +1,4 @@
-"""Stage 2 in memory: the candidates of stage 1 whose hulls meet, and where.
-
-By the predicates of `sql/30_stage2_intersection.sql`, which does it in the database.
-"""
+"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1)."""
 
 import numpy as np
 import shapely

@@ -1,71 +1,124 @@
 -- Stage 1, broad phase: do the boxes of the swept pieces meet in space, time and height? May over-report, never misses:
 -- hulls hold all that a piece covers, padded for the scene's tolerance and separation, and spans all of its time.
 --
--- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&.
+-- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&. The
+-- stages that follow run at the client, which reads what it can hold: pairs of a range of objects, then their pieces.
+--
+-- An object goes by one number: its kind above its id, so that numbers are in the order of (object_kind, object_id).
 
-CREATE OR REPLACE FUNCTION _join_all(p_scene_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- Comparing every piece with every other is never right, whatever the planner believes of their number.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off AS $$
-BEGIN
-    -- Every pair, ordered once. As one statement on tables that are not temporary it may use several processes. Adding
-    -- 0 keeps the scene a condition of the join: known beforehand, it would offer itself as the only one of the index.
-    EXECUTE format($q$
-        CREATE TEMPORARY TABLE candidate ON COMMIT DROP AS
-        SELECT a.piece_id AS a_piece_id, b.piece_id AS b_piece_id
-        FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
-        WHERE a.scene_id = %1$s AND b.scene_id = a.scene_id + 0
-          AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-          AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-          AND (a.turn = 0 OR b.turn = 0)$q$, p_scene_id);
-END
-$$;
-COMMENT ON FUNCTION _join_all(bigint) IS 'Stage 1 for a scene whose objects all changed; see _find_candidates.';
+CREATE OR REPLACE FUNCTION _object_number(p_kind smallint, p_id bigint) RETURNS bigint
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT (p_kind::bigint << 62) | p_id;
+END;
+COMMENT ON FUNCTION _object_number(smallint, bigint) IS
+'One number for an object of any kind; in the order of kinds, then ids.';
 
-CREATE OR REPLACE FUNCTION _join_dirty(p_scene_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- A few pieces against all: by the index, also while the statistics know nothing of them yet.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
-BEGIN
-    CREATE TEMPORARY TABLE dirty_piece ON COMMIT DROP AS
-        SELECT p.* FROM pg_temp.dirty d
-        JOIN piece p ON p.object_kind = d.object_kind AND p.object_id = d.object_id AND p.scene_id + 0 = d.scene_id;
-    ANALYZE pg_temp.dirty_piece;
-    -- Where both pieces are dirty the pair is taken from one side only.
-    CREATE TEMPORARY TABLE candidate ON COMMIT DROP AS
-        SELECT CASE WHEN o.is_first THEN a.piece_id ELSE b.piece_id END AS a_piece_id,
-               CASE WHEN o.is_first THEN b.piece_id ELSE a.piece_id END AS b_piece_id
-        FROM pg_temp.dirty_piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
-        CROSS JOIN LATERAL (SELECT (a.object_kind, a.object_id) < (b.object_kind, b.object_id) AS is_first) o
-        WHERE b.scene_id = a.scene_id
-          AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-          AND (a.turn = 0 OR b.turn = 0)
-          AND (a.object_kind, a.object_id) <> (b.object_kind, b.object_id)
-          AND (o.is_first
-               OR (b.object_kind, b.object_id) NOT IN (SELECT d.object_kind, d.object_id FROM pg_temp.dirty d));
-    DROP TABLE pg_temp.dirty_piece;
-END
-$$;
-COMMENT ON FUNCTION _join_dirty(bigint) IS 'Stage 1 for a scene some of whose objects changed; see _find_candidates.';
-
-CREATE OR REPLACE FUNCTION _find_candidates(p_scene_id bigint) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+CREATE OR REPLACE FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint) RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _require_snapshot();
-    DROP TABLE IF EXISTS pg_temp.dirty, pg_temp.candidate;
-    CREATE TEMPORARY TABLE dirty ON COMMIT DROP AS
-        SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
-        WHERE c.scene_id = p_scene_id AND c.is_covered;
-    ANALYZE pg_temp.dirty;
-    IF EXISTS (SELECT FROM piece p WHERE p.scene_id = p_scene_id
-               AND (p.object_kind, p.object_id) NOT IN (SELECT d.object_kind, d.object_id FROM pg_temp.dirty d)) THEN
-        PERFORM _join_dirty(p_scene_id);
-    ELSE
-        PERFORM _join_all(p_scene_id);
-    END IF;
-    RETURN (SELECT count(*) FROM pg_temp.candidate);
+    RETURN QUERY
+        SELECT _object_number(d.object_kind, d.object_id)
+        FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
+              WHERE c.scene_id = p_scene_id AND c.is_covered) d
+        ORDER BY d.object_kind, d.object_id;
 END
 $$;
-COMMENT ON FUNCTION _find_candidates(bigint) IS
-'Stage 1: fills the temporary table candidate with the pairs of pieces, one of a changed object at least, whose boxes '
-'meet in space, time and height; returns how many.';
+COMMENT ON FUNCTION _dirty_objects(bigint) IS
+'The changed objects of a scene whose pieces are made, in order, for COPY: those whose pairs are found anew.';
+
+CREATE OR REPLACE FUNCTION _is_all_dirty(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id
+                       AND a.area_id NOT IN (SELECT c.object_id FROM change c WHERE c.scene_id = p_scene_id
+                                             AND c.object_kind = 0 AND c.is_covered))
+       AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id
+                       AND t.track_id NOT IN (SELECT c.object_id FROM change c WHERE c.scene_id = p_scene_id
+                                              AND c.object_kind = 1 AND c.is_covered));
+END;
+COMMENT ON FUNCTION _is_all_dirty(bigint) IS 'Whether every object of a scene changed, and its pieces are made.';
+
+CREATE OR REPLACE FUNCTION _candidates(
+    p_scene_id bigint, p_first bigint, p_last bigint, p_is_all_dirty boolean, p_most bigint,
+    OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
+) RETURNS SETOF record
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
+-- also while the statistics know nothing of the pieces yet.
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+DECLARE
+    v_first_kind smallint := p_first >> 62;
+    v_last_kind smallint := p_last >> 62;
+    v_first_id bigint := p_first & ((1::bigint << 62) - 1);
+    v_last_id bigint := p_last & ((1::bigint << 62) - 1);
+BEGIN
+    -- Adding 0 keeps the scene a condition of the join: known beforehand, it would offer itself as the only one of the
+    -- index.
+    IF p_is_all_dirty THEN
+        -- Every pair, ordered once. It may use several processes.
+        RETURN QUERY
+            SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+                   _object_number(b.object_kind, b.object_id)
+            FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
+            WHERE a.scene_id + 0 = p_scene_id AND b.scene_id = a.scene_id + 0
+              AND (a.object_kind, a.object_id) >= (v_first_kind, v_first_id)
+              AND (a.object_kind, a.object_id) <= (v_last_kind, v_last_id)
+              AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
+              AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+              AND (a.turn = 0 OR b.turn = 0)
+            LIMIT p_most;
+    ELSE
+        -- Where both objects are dirty the pair is taken from the side of the first.
+        RETURN QUERY
+            SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+                   _object_number(b.object_kind, b.object_id)
+            FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
+                  WHERE c.scene_id = p_scene_id AND c.is_covered
+                    AND (c.object_kind, c.object_id) >= (v_first_kind, v_first_id)
+                    AND (c.object_kind, c.object_id) <= (v_last_kind, v_last_id)) d
+            JOIN piece a ON a.object_kind = d.object_kind AND a.object_id = d.object_id AND a.scene_id + 0 = p_scene_id
+            JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id + 0
+            WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
+              AND (a.turn = 0 OR b.turn = 0)
+              AND ((a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+                   OR (a.object_kind, a.object_id) > (b.object_kind, b.object_id)
+                   AND NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                                   AND m.object_kind = b.object_kind AND m.object_id = b.object_id))
+            LIMIT p_most;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _candidates(bigint, bigint, bigint, boolean, bigint) IS
+'Stage 1: the pairs of pieces whose boxes meet in space, time and height, of dirty objects from a first to a last '
+'number and of what they meet, each pair with the first of its dirty objects; p_most at most, null is all. For COPY.';
+
+CREATE OR REPLACE FUNCTION _pieces(
+    p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,
+    OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamptz,
+    OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
+    OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
+    OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
+    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea
+) RETURNS SETOF record
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p.piece_id,
+           row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C", p.part, p.turn DESC),
+           p.object_kind, p.object_id, p.version, p.part, p.turn,
+           coalesce(lower(p.span), '-infinity'), coalesce(upper(p.span), 'infinity'), upper_inc(p.span),
+           p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),
+           coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
+           coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
+           ST_AsBinary(p.hull, 'NDR'), ST_AsBinary(p.shape, 'NDR'), coalesce(ST_AsBinary(p.shape_to, 'NDR'), '')
+    FROM unnest(p_piece_ids) wanted (piece_id)
+    JOIN piece p USING (piece_id)
+    LEFT JOIN area a ON p.object_kind = 0 AND a.area_id = p.object_id AND a.scene_id + 0 = p_scene_id
+                    AND a.first_version <= p.version
+    LEFT JOIN track t ON p.object_kind = 1 AND t.track_id = p.object_id AND t.scene_id + 0 = p_scene_id
+                     AND t.first_version <= p.version;
+END;
+COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS
+'Pieces of a scene, without nulls, for COPY. Rank orders them by kind, key, part and turn, so that results do not '
+'depend on ids. Areas have no motion: epoch and 0. shape_to is empty where nothing changes.';

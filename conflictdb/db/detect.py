@@ -1,6 +1,6 @@
 """Detection: a scene of the database taken through the four stages.
 
-The only module that knows both halves: the database, where stages 1 and 2 run, and the arrays of stages 3 and 4.
+The only module that knows both halves: the database, where stage 1 runs, and the arrays of the stages after it.
 
 Two transactions. The first refreshes the pieces of the objects that changed. The second sees one state of the database:
 it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the marks that the
@@ -18,25 +18,30 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import Method
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import Progress, run_scene
+from conflictdb.pipeline.object_pairs import chunks_of_objects
+from conflictdb.pipeline.run import PAIRS_AT_ONCE, Funnel, Progress, run_scene
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
 _log = logging.getLogger(__name__)
+
+# Changed objects whose candidates are looked for by one statement: enough to be worth its planning.
+_OBJECTS_AT_ONCE: Final = 50_000
+# Chunks whose pairs, without their pieces, are held at once: what is known of a pair takes a thirtieth of its pieces.
+_CHUNKS_AT_ONCE: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,15 +190,37 @@ def _refresh_pieces(
 class _SceneSource:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
 
-    def __init__(self, conn: psycopg.Connection[Any], scene_id: int) -> None:
-        self._conn, self._scene_id = conn, scene_id
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, pairs_at_once: int = PAIRS_AT_ONCE) -> None:
+        self._conn, self._scene_id, self._pairs_at_once = conn, scene_id, pairs_at_once
 
-    def find_candidates(self) -> int:
-        return store.find_candidates(self._conn, self._scene_id)
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        dirty = store.dirty_objects(self._conn, self._scene_id)
+        for first in range(0, len(dirty.number), _OBJECTS_AT_ONCE):
+            for found in self._found(dirty, slice(first, min(first + _OBJECTS_AT_ONCE, len(dirty.number)))):
+                for rows in chunks_of_objects(found.a_object, found.b_object, self._pairs_at_once):
+                    yield self._with_pieces(found.a[rows], found.b[rows])
 
-    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
-        store.find_intersections(self._conn, self._scene_id, regions)
-        yield store.intersecting_pairs(self._conn, self._scene_id, regions=regions)
+    def _found(self, dirty: store.Dirty, rows: slice) -> Iterator[store.Candidates]:
+        """Yield the candidates of some dirty objects, of fewer at once where these have too many."""
+        n = rows.stop - rows.start
+        most = _CHUNKS_AT_ONCE * self._pairs_at_once
+        found = store.candidates(self._conn, self._scene_id, dirty, rows, None if n == 1 else most + 1)
+        if n == 1 or len(found) <= most:
+            yield found
+            return
+        del found
+        middle = rows.start + n // 2
+        yield from self._found(dirty, slice(rows.start, middle))
+        yield from self._found(dirty, slice(middle, rows.stop))
+
+    def _with_pieces(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
+        """Return pieces by their ids, and the pairs as rows of them: in an order that does not depend on the ids."""
+        pieces = store.pieces(self._conn, self._scene_id, np.unique(np.concatenate([a, b])))
+        by_id = np.argsort(pieces.piece_id)
+        first, second = (by_id[np.searchsorted(pieces.piece_id, ids, sorter=by_id)] for ids in (a, b))
+        a, b = np.minimum(first, second), np.maximum(first, second)
+        order = np.lexsort((b, a))
+        return pieces, PieceRows(a[order]), PieceRows(b[order])
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return store.footprints(self._conn, area_ids)
@@ -208,18 +235,15 @@ def _refresh_conflicts(
     started: float,
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
-    conflicts, funnel = run_scene(
-        settings,
-        plane_of(settings),
-        _SceneSource(conn, scene_id),
-        jobs=way.jobs,
-        progress=way.progress,
-    )
-    funnel.pieces_s = record.counted["pieces_s"]
+    source = _SceneSource(conn, scene_id)
+    staged = store.begin_write(conn, scene_id)
+    funnel = Funnel(pieces_s=record.counted["pieces_s"])
+    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
+    for found, of_chunk in chunks:
+        store.stage(conn, staged, found)
+        funnel.add(of_chunk)
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
-    staged = store.begin_write(conn, scene_id)
-    store.stage(conn, staged, conflicts)
     outcome = store.end_write(conn, staged, replace(record, settings=kept, counted=counted))
     now = store.runs(conn, settings.name)[0]
     with store.translated():

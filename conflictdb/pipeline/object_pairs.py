@@ -1,5 +1,7 @@
 """Which two objects the pieces of a pair belong to."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +26,39 @@ def object_keys(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]
     return np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
 
 
+def object_numbers(pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) one number for the object of each piece, in the order of kinds, then ids."""
+    return (pieces.kind.astype(np.int64) << 62) | pieces.object_id
+
+
 def company_of(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
     """Return (n,) how many of the pairs are of the same two objects."""
-    objects, number = np.unique(np.stack([pieces.kind, pieces.object_id]), axis=1, return_inverse=True)
+    objects, number = np.unique(object_numbers(pieces), return_inverse=True)
     a, b = number[pairs.a], number[pairs.b]
-    both = np.minimum(a, b) * objects.shape[1] + np.maximum(a, b)
+    both = np.minimum(a, b) * len(objects) + np.maximum(a, b)
     _, group, count = np.unique(both, return_inverse=True, return_counts=True)
     return np.asarray(count[group], np.int64)
+
+
+def chunks_of_objects(
+    a_object: NDArray[np.int64], b_object: NDArray[np.int64], at_once: int
+) -> Iterator[NDArray[np.int64]]:
+    """Yield rows of pairs of pieces, so many at once, or more where two objects have more: all of theirs together.
+
+    a_object, b_object : (n,) numbers of the objects, of each pair in the same order
+    """
+    n = len(a_object)
+    if n <= at_once:
+        yield np.arange(n)
+        return
+    order = np.lexsort((b_object, a_object))
+    a, b = a_object[order], b_object[order]
+    ends = np.append(np.flatnonzero((a[1:] != a[:-1]) | (b[1:] != b[:-1])) + 1, n)
+    first = 0
+    while first < n:
+        fits = int(np.searchsorted(ends, first + at_once, side="right")) - 1
+        last = int(ends[fits])
+        if fits < 0 or last <= first:
+            last = int(ends[fits + 1])
+        yield order[first:last]
+        first = last

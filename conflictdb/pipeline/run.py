@@ -1,8 +1,9 @@
-"""A scene taken through the four stages, by its method: stages 1 and 2 at their source, stages 3 and 4 here."""
+"""A scene taken through the four stages, by its method: stage 1 at its source, the others here, chunk by chunk."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,14 @@ from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.pipeline.source import PairSource
 from conflictdb.pipeline.whole_areas import Footprints
 from conflictdb.results import Kind, Verdict
+from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import windows
 from conflictdb.stage4.contacts import contacts, static_verdicts
 
-__all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
+__all__ = ["PAIRS_AT_ONCE", "Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
+
+# Pairs that a source hands out at once where nothing else is said: some hundred megabytes.
+PAIRS_AT_ONCE: Final = 100_000
 
 
 def run_scene(
@@ -36,34 +41,33 @@ def run_scene(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> tuple[Conflicts, Funnel]:
-    """Return the conflicts among the pieces of a source, and what was counted on the way.
+) -> Iterator[tuple[Conflicts, Funnel]]:
+    """Yield the conflicts among the pieces of a source, a chunk of its pairs at a time, and what was counted for each.
 
     plane : of the scene, which the pieces were made in
     jobs, progress : see `run_stages`
     """
-    funnel = Funnel()
-    began = time.perf_counter()
-    funnel.candidate_pairs = source.find_candidates()
-    funnel.stage1_s = time.perf_counter() - began
-    conflicts = []
-    began = time.perf_counter()
-    for pieces, pairs in source.intersections(regions=METHODS[scene.method].needs_regions):
-        funnel.stage2_s += time.perf_counter() - began
-        funnel.intersecting_pairs += len(pairs)
-        of_chunk, counted = run_stages(
-            scene,
-            plane,
-            pieces,
-            pairs,
-            source.footprints,
-            jobs=jobs,
-            progress=_after(funnel.solved_pairs, progress),
+    solved = 0
+    chunks = source.candidates()
+    while True:
+        clock = time.perf_counter()
+        chunk = next(chunks, None)
+        if chunk is None:
+            return
+        pieces, a, b = chunk
+        stage1_s = time.perf_counter() - clock
+        clock = time.perf_counter()
+        pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
+        stage2_s = time.perf_counter() - clock
+        found, funnel = run_stages(
+            scene, plane, pieces, pairs, source.footprints, jobs=jobs, progress=_after(solved, progress)
         )
-        conflicts.append(of_chunk)
-        funnel.add(counted)
-        began = time.perf_counter()
-    return Conflicts.concatenate(conflicts), funnel
+        funnel.candidate_pairs, funnel.intersecting_pairs = len(a), len(pairs)
+        funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
+        solved += funnel.solved_pairs
+        # Not kept while the next one is made.
+        del chunk, pieces, a, b, pairs
+        yield found, funnel
 
 
 def _after(decided: int, progress: Progress | None) -> Progress | None:

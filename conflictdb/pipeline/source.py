@@ -1,4 +1,4 @@
-"""Where the pairs of a scene come from: stages 1 and 2, wherever these run."""
+"""Where the pairs of a scene come from: stage 1, wherever it runs."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -6,24 +6,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
 class PairSource(Protocol):
-    """Stages 1 and 2 of a scene whose pieces are made: in a database, in memory, or wherever else pieces are joined."""
+    """Stage 1 of a scene whose pieces are made: in a database, in memory, or wherever else pieces are joined."""
 
-    def find_candidates(self) -> int:
-        """Find the pairs of pieces whose boxes meet in space, time and height; return how many. Called first, once."""
-
-    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
-        """Yield the candidates whose hulls meet, in chunks of pieces and pairs of these.
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        """Yield the pairs of pieces (a, b) whose boxes meet in space, time and height, in chunks of pieces and pairs.
 
         All pairs of the same two objects are in one chunk, for they become one row; else they may be split at will, so
-        that a chunk fits the memory: of one that is done only its answers are kept. There is one chunk at least, and
-        it may be empty. Pieces need no hulls.
-
-        regions : whether the intersections of the hulls are asked for, where a member moves
+        that a chunk fits the memory: of one that is done only its answers are kept.
         """
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:

@@ -335,6 +335,9 @@ FUNCTION _begin_pieces(p_scene_id bigint)
 FUNCTION _begin_write()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
+FUNCTION _candidates(p_scene_id bigint, p_first bigint, p_last bigint, p_is_all_dirty boolean, p_most bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint)
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off;
+
 FUNCTION _changed_areas(p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -395,6 +398,9 @@ FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region b
 FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint)
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _end_pieces(p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
@@ -403,12 +409,6 @@ FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _find_candidates(p_scene_id bigint)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
-
-FUNCTION _find_intersections(p_scene_id bigint, p_regions boolean)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -434,14 +434,8 @@ FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _intersecting_pairs(OUT a_piece_id bigint, OUT b_piece_id bigint)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
-
-FUNCTION _intersecting_pieces(p_scene_id bigint, OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT shape bytea, OUT shape_to bytea)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
-
-FUNCTION _intersecting_regions(OUT a_piece_id bigint, OUT b_piece_id bigint, OUT region bytea)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+FUNCTION _is_all_dirty(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -451,12 +445,6 @@ FUNCTION _is_pending(p_scene_id bigint)
 
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _join_all(p_scene_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off;
-
-FUNCTION _join_dirty(p_scene_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off;
 
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -497,6 +485,9 @@ FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _object_number(p_kind smallint, p_id bigint)
+    RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -511,6 +502,9 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 
 FUNCTION _pending_scenes()
     RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea)
+    RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;

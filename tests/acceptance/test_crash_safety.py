@@ -44,7 +44,7 @@ def stopping(name, *, after):
         return result
     setattr(store, name, run)
 
-for name in ("changed_areas", "replace_pieces", "find_candidates", "intersecting_pairs", "stage", "end_write"):
+for name in ("changed_areas", "replace_pieces", "dirty_objects", "pieces", "stage", "end_write"):
     stopping(name, after=True)
 with store.connect(sys.argv[1]) as conn:
     detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"))
@@ -52,8 +52,8 @@ with store.connect(sys.argv[1]) as conn:
 PLACES = [
     pytest.param("changed_areas", marks=pytest.mark.slow),
     "replace_pieces",
-    pytest.param("find_candidates", marks=pytest.mark.slow),
-    "intersecting_pairs",
+    pytest.param("dirty_objects", marks=pytest.mark.slow),
+    "pieces",
     "progress",
     pytest.param("stage", marks=pytest.mark.slow),
     "end_write",
@@ -160,10 +160,10 @@ def test_killed_detection_does_not_keep_others_waiting(
     scene, areas, tracks, *_ = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     conn.commit()
-    victim = start_victim(dsn, scene.name, "find_candidates", tmp_path)
+    victim = start_victim(dsn, scene.name, "dirty_objects", tmp_path)
     waiting = None
     try:
-        wait_until_at(victim, "find_candidates")
+        wait_until_at(victim, "dirty_objects")
         waiting = start_victim(dsn, scene.name, "nowhere", tmp_path)
         with pytest.raises(subprocess.TimeoutExpired):
             waiting.wait(1.5)

@@ -1,8 +1,7 @@
 """What every method keeps: it misses nothing, its bounds hold, and it gives what its row of `METHODS` says, no more."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -13,12 +12,12 @@ from verdicts import periods_us
 
 from conflictdb import solve
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.cli import main
 from conflictdb.methods import METHODS, Method
 from conflictdb.model import EarthModel
-from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline import run
 from conflictdb.results import Kind, Verdict
+from conflictdb.stage2_intersection import intersections
 
 # Periods are whole microseconds, rounded outward; instants known by hand are rounded too.
 ROUNDING_S: Final = 3e-6
@@ -91,23 +90,20 @@ def test_what_it_gives_is_what_its_row_says(method: Method, known: Known) -> Non
             assert one.closest_m == 0.0 or one.verdict is Verdict.GRAZING
 
 
-class Watched(InMemory):
-    """A source that keeps what it was asked for."""
-
-    regions: bool | None = None
-
-    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
-        self.regions = regions
-        yield from super().intersections(regions=regions)
-
-
 @every_method
-def test_it_stops_where_its_row_says(method: Method) -> None:
+def test_it_stops_where_its_row_says(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stage 2 intersects hulls, stage 3 is run, and stage 4, where the method needs it, and nowhere else."""
     spec, known = METHODS[method], asked(KNOWN[0], method)
-    source = Watched.of(known.scene, known.areas, known.tracks)
-    _, funnel = run_scene(known.scene, source.plane, source)
-    assert source.regions is spec.needs_regions
+    asked_for: list[bool] = []
+
+    def watched(*chunk: Any, regions: bool) -> Pairs:
+        asked_for.append(regions)
+        return intersections(*chunk, regions=regions)
+
+    monkeypatch.setattr(run, "intersections", watched)
+    source = InMemory.of(known.scene, known.areas, known.tracks)
+    ((_, funnel),) = run.run_scene(known.scene, source.plane, source)
+    assert asked_for == [spec.needs_regions]
     assert (funnel.projected_pairs > 0) == spec.needs_regions
     assert (funnel.solved_pairs > 0) == (spec.solver is not None)
     # Stage 3 alone is of no use without regions.

@@ -10,6 +10,7 @@ import shapely
 from sources import SOURCES, Open, Opened
 from workloads import PAPER, throw
 
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Scene, Track
@@ -17,6 +18,7 @@ from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_scene
 from conflictdb.stage1_broad_phase import hulls_of
+from conflictdb.stage2_intersection import intersections
 
 # Hulls are padded by more than a metre: by how much less they overlap or are apart decides no contact, plane metres.
 ROUNDING_M: Final = 1e-3
@@ -81,12 +83,12 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
     perhaps = {frozenset((named[a], named[b])) for a, b in may[:, apart <= ROUNDING_M].T}
     for regions in (True, False):
         with open_source(dsn, *objects) as opened:
-            count = opened.source.find_candidates()
+            chunks = list(opened.source.candidates())
+            count = sum(len(a) for _, a, _ in chunks)
             assert must.shape[1] <= count <= may.shape[1]
-            chunks = list(opened.source.intersections(regions=regions))
-            assert chunks
             found, of_objects = [], []
-            for some, pairs in chunks:
+            for some, *candidates in chunks:
+                pairs = intersections(some, *candidates, regions=regions)
                 of_chunk = set()
                 for k in range(len(pairs)):
                     a, b = (member(opened, some, int(row)) for row in (pairs.a[k], pairs.b[k]))
@@ -107,8 +109,14 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
 
 def rows(opened: Opened) -> dict[tuple[str, str], tuple[object, ...]]:
     """What becomes of the pairs of a source, by the keys of the two objects."""
-    found, _ = run_scene(opened.scene, plane_of(opened.scene), opened.source)
-    answer = {}
+    answer: dict[tuple[str, str], tuple[object, ...]] = {}
+    for found, _ in run_scene(opened.scene, plane_of(opened.scene), opened.source):
+        answer |= rows_of_chunk(opened, found)
+    return answer
+
+
+def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tuple[object, ...]]:
+    answer: dict[tuple[str, str], tuple[object, ...]] = {}
     for k in range(len(found)):
         members = ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         a, b = (opened.key[int(kind[k]), int(number[k])] for kind, number in members)
@@ -137,8 +145,7 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
 def test_footprints_are_those_of_the_areas_asked_for(dsn: str, open_source: Open) -> None:
     scene, areas, tracks = THROWN["seam"]
     with open_source(dsn, scene, areas, tracks) as opened:
-        opened.source.find_candidates()
-        next(iter(opened.source.intersections(regions=False)))
+        next(opened.source.candidates())
         numbers = [number for kind, number in opened.key if kind == 0][::-1]
         found = opened.source.footprints(np.array(numbers))
         shape = {area.key: area.footprint for area in areas}

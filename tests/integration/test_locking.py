@@ -322,7 +322,7 @@ def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, sc
     conn.execute("SELECT FROM mine")
 
 
-@pytest.mark.parametrize("place", ["begin_locked", "find_candidates", "end_write"])
+@pytest.mark.parametrize("place", ["begin_locked", "dirty_objects", "end_write"])
 def test_a_scene_may_be_removed_while_it_is_detected(
     conn: Conn, other: Conn, scene_id: int, place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

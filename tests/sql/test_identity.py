@@ -8,7 +8,7 @@ from piecework import load, refresh
 from workloads import PAPER, throw
 
 from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb.db.detect import _SceneSource, detect
 
 Conn = psycopg.Connection[Any]
 
@@ -139,13 +139,14 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
     pass_on(conn, numbers["one B"], "one", "NEW", 80.0)
     store.begin_snapshot(conn)
     scene_id = store.scene_id(conn, "one")
-    conn.execute("SELECT _find_candidates(%s), _find_intersections(%s, false), _begin_write()", [scene_id] * 2)
+    conn.execute("SELECT _begin_write()")
+    ((pieces, a, b),) = _SceneSource(conn, scene_id).candidates()
     conn.execute(
         """INSERT INTO pg_temp.found (a_kind, a_id, a_version, b_kind, b_id, b_version, periods, verdict, time_error_s)
            SELECT 0, least(a.object_id, b.object_id), a.version, 0, greatest(a.object_id, b.object_id), b.version,
                   '{(,)}', 'conflict', 0
-           FROM pg_temp.intersecting i JOIN piece a ON a.piece_id = i.a_piece_id
-           JOIN piece b ON b.piece_id = i.b_piece_id"""
+           FROM piece a, piece b WHERE a.piece_id = %s AND b.piece_id = %s""",
+        [int(pieces.piece_id[int(member[0])]) for member in (a, b)],
     )
     assert conn.execute("SELECT count(*) FROM pg_temp.found").fetchone() == (1,)
     conn.execute(

@@ -15,6 +15,7 @@ from piecework import load, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
+from conflictdb.db.detect import _SceneSource
 from conflictdb.model import SINCE_EVER_US, Area, Scene
 
 Conn = psycopg.Connection[Any]
@@ -110,9 +111,8 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
         store.replace_scene(conn, Scene("second"), areas, [], merge=False)
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
-        store.find_candidates(conn, scene_id)
-        store.find_intersections(conn, scene_id, regions=True)
-        store.intersecting_pairs(conn, scene_id)
+        for _ in _SceneSource(conn, scene_id).candidates():
+            pass
         write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
         conn.commit()
         conn.execute("SELECT count(*) FROM conflictdb.candidates('second')")

@@ -18,10 +18,11 @@ Conn = psycopg.Connection[Any]
 def candidates(conn: Conn, scene_id: int) -> list[tuple[int, int]]:
     """Run stage 1 in a transaction that stays open; return its pairs of pieces."""
     store.begin_snapshot(conn)
-    count = store.find_candidates(conn, scene_id)
-    rows = conn.execute("SELECT a_piece_id, b_piece_id FROM pg_temp.candidate").fetchall()
-    assert len(rows) == count
-    return rows
+    dirty = store.dirty_objects(conn, scene_id)
+    if not len(dirty.number):
+        return []
+    found = store.candidates(conn, scene_id, dirty, slice(0, len(dirty.number)))
+    return list(zip(found.a.tolist(), found.b.tolist(), strict=True))
 
 
 def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: set[str] | None = None) -> None:
@@ -88,11 +89,11 @@ def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change WHERE object_id <> (SELECT min(area_id) FROM conflictdb.area)")
     conn.commit()
-    candidates(conn, scene_id)
+    assert candidates(conn, scene_id)
     row = conn.execute(
         """SELECT pg_stat_get_xact_numscans('conflictdb.piece_scene_id_hull_span_gist'::regclass) >= count(*),
                   count(*) > 0
-           FROM conflictdb.piece JOIN pg_temp.dirty USING (object_kind, object_id)"""
+           FROM conflictdb.piece JOIN conflictdb.change USING (object_kind, object_id)"""
     ).fetchone()
     assert row == (True, True)
 
@@ -116,7 +117,7 @@ def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> Non
 def test_detection_must_read_one_snapshot(conn: Conn) -> None:
     scene_id = load(conn, *throw(PAPER, 9, 2, 2))
     with pytest.raises(StoreError, match="REPEATABLE READ"):
-        store.find_candidates(conn, scene_id)
+        store.dirty_objects(conn, scene_id)
 
 
 def test_unbounded_spans_meet_everything(conn: Conn) -> None:

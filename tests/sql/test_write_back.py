@@ -101,8 +101,6 @@ def detect(
     conn.rollback()
     refresh(conn, scene_id)
     begin(conn, scene_id)
-    store.find_candidates(conn, scene_id)
-    store.find_intersections(conn, scene_id, regions=True)
     outcome = write_run(conn, scene_id, RECORD, found(conn, pairs, **more))
     conn.commit()
     return outcome
@@ -262,8 +260,6 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
         refresh_rest(conn, scene_id)
         store.replace_scene(writer, SCENE, [square("C", 0.2)], [], merge=True)
         begin(conn, scene_id)
-        store.find_candidates(conn, scene_id)
-        store.find_intersections(conn, scene_id, regions=False)
         store.set_scene(writer, replace(SCENE, separation_m=10.0))
         store.replace_scene(writer, replace(SCENE, separation_m=10.0), AREAS[1:], TRACKS[:1], merge=False)
         write_run(conn, scene_id, RECORD, found(conn, ALL))
@@ -310,7 +306,6 @@ def test_crash_leaves_old_conflicts_and_marks(conn: Conn, dsn: str, scene_id: in
     victim = store.connect(dsn)
     refresh(victim, scene_id)
     begin(victim, scene_id)
-    store.find_candidates(victim, scene_id)
     if not crash_before_write:
         write_run(victim, scene_id, RECORD, found(victim, {}))
     victim.close()

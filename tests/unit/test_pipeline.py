@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,15 +11,14 @@ from workloads import PAPER, throw
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.kernel.library import SHARE
 from conflictdb.methods import Method
+from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import Funnel, PairSource, run_scene
 from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
 
 SCENE, AREAS, TRACKS = throw(PAPER, 3, 6, 6)
 SCENE = replace(SCENE, nearest_m=20_000.0)
@@ -32,14 +32,12 @@ class Chunked:
     footprint: NDArray[np.object_]
     chunks: int
 
-    def find_candidates(self) -> int:
-        return len(candidates(self.pieces)[0])
-
-    def intersections(self, *, regions: bool) -> Iterator[tuple[Pieces, Pairs]]:
-        pairs = intersections(self.pieces, *candidates(self.pieces), regions=regions)
-        objects = self.pieces.object_id[pairs.a] + self.pieces.object_id[pairs.b]
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        a, b = candidates(self.pieces)
+        objects = self.pieces.object_id[a] + self.pieces.object_id[b]
         for chunk in range(self.chunks):
-            yield self.pieces, pairs.take(np.flatnonzero(objects % self.chunks == chunk))
+            rows = np.flatnonzero(objects % self.chunks == chunk)
+            yield self.pieces, PieceRows(a[rows]), PieceRows(b[rows])
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return self.footprint[area_ids]
@@ -61,6 +59,15 @@ def rows(conflicts: Conflicts) -> set[str]:
     return set(told)
 
 
+def run(scene: Scene, source: PairSource, **how: Any) -> tuple[Conflicts, Funnel]:
+    """What becomes of all chunks."""
+    parts, summed = [], Funnel()
+    for found, funnel in run_scene(scene, plane_of(scene), source, **how):
+        parts.append(found)
+        summed.add(funnel)
+    return Conflicts.concatenate(parts), summed
+
+
 def counts(funnel: Funnel) -> dict[str, int]:
     found = {column.name: getattr(funnel, column.name) for column in fields(funnel) if column.name.endswith("_pairs")}
     return found | funnel.effort.counts()
@@ -71,8 +78,8 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
     """Also one without any pair."""
     scene = replace(SCENE, method=method)
     told: list[tuple[int, int]] = []
-    whole, funnel = run_scene(scene, plane_of(scene), source(1))
-    parts, summed = run_scene(scene, plane_of(scene), source(20), progress=lambda *done: told.append(done))
+    whole, funnel = run(scene, source(1))
+    parts, summed = run(scene, source(20), progress=lambda *done: told.append(done))
     assert len(whole) > 5
     assert rows(parts) == rows(whole)
     assert counts(summed) == counts(funnel)
@@ -85,8 +92,8 @@ def test_who_solves_the_pairs_does_not_matter() -> None:
     scene, areas, tracks = throw(PAPER, 3, 140, 140)
     batch = AreaBatch.of(areas)
     pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
-    alone, funnel = run_scene(scene, plane_of(scene), pieces)
+    alone, funnel = run(scene, pieces)
     assert funnel.solved_pairs > 2 * SHARE
-    shared, effort = run_scene(scene, plane_of(scene), pieces, jobs=3)
+    shared, effort = run(scene, pieces, jobs=3)
     assert rows(shared) == rows(alone)
     assert counts(effort) == counts(funnel)

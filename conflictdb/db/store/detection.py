@@ -1,10 +1,10 @@
-"""What a detection works on: marks and pieces (transaction 1), pairs of pieces (transaction 2).
+"""What a detection works on: marks and pieces (transaction 1); whole areas (transaction 2).
 
 Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
 calls:
 
     begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
-    begin_locked; find_candidates, find_intersections, intersecting_pairs; what `writing` does; commit
+    begin_locked; what `pairs` and `writing` do; commit
 """
 
 from collections.abc import Sequence
@@ -16,8 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
@@ -28,12 +27,6 @@ _AREA_COLUMNS = [
 ]  # fmt: skip
 _TRACK_COLUMNS = [
     ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
-]  # fmt: skip
-_PIECE_COLUMNS = [
-    ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("part", "i4"),
-    ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"), ("ceiling_m", "f8"),
-    ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"), ("end_lon_deg", "f8"),
-    ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
 
 
@@ -158,93 +151,3 @@ def _changed_shapes(pieces: Pieces) -> copy_binary.Ragged:
     length = np.zeros(len(pieces), dtype=np.int64)
     length[changed] = np.diff(wkb.offset)
     return copy_binary.Ragged(wkb.data, copy_binary.offsets(length), ~changed)
-
-
-def find_candidates(conn: psycopg.Connection[Any], scene_id: int) -> int:
-    """Stage 1: find the pairs of pieces, one of a changed object at least, whose boxes meet; returns how many.
-
-    They stay in the database, for `find_intersections`.
-    """
-    return int(call(conn, "_find_candidates", scene_id)[0])
-
-
-def find_intersections(conn: psycopg.Connection[Any], scene_id: int, regions: bool) -> int:
-    """Stage 2: find the candidates whose hulls meet, and where if `regions`; returns how many.
-
-    They stay in the database, for `intersecting_pairs`.
-    """
-    return int(call(conn, "_find_intersections", scene_id, regions)[0])
-
-
-def intersecting_pairs(conn: psycopg.Connection[Any], scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
-    """Return the pieces that occur in pairs that passed stage 2, and these pairs.
-
-    Pieces come without hulls. Order, and which piece is a and which b, follow kind, key, part and turn, not the
-    database's numbering.
-    """
-    columns, strings = copy_binary.receive(
-        conn, "_intersecting_pieces", [scene_id], _PIECE_COLUMNS, ["shape", "shape_to"]
-    )
-    order = np.argsort(columns["rank"])
-    pieces = _pieces(columns, strings["shape"], strings["shape_to"]).take(order)
-    pair_columns = [("a", "i8"), ("b", "i8")]
-    region: list[bytes] = []
-    if regions:
-        pairs, ragged = copy_binary.receive(conn, "_intersecting_regions", [], pair_columns, ["region"])
-        region = ragged["region"]
-    else:
-        pairs, _ = copy_binary.receive(conn, "_intersecting_pairs", [], pair_columns)
-    by_id = np.argsort(pieces.piece_id)
-    ids = pieces.piece_id[by_id]
-    first, second = (by_id[np.searchsorted(ids, pairs[name])] for name in ("a", "b"))
-    a, b = np.minimum(first, second), np.maximum(first, second)
-    sequence = np.lexsort((b, a))
-    region_xy, region_offset = _regions([region[i] for i in sequence.tolist()] if regions else [], len(a))
-    return pieces, Pairs(PieceRows(a[sequence]), PieceRows(b[sequence]), region_xy, region_offset)
-
-
-def _regions(wkb: list[bytes], n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices of regions of any geometry type, and offsets; none where there is no region."""
-    present = np.array([bool(item) for item in wkb], dtype=np.bool_)
-    count = np.zeros(n, dtype=np.int64)
-    if not present.any():
-        return np.empty((0, 2)), copy_binary.offsets(count)
-    xy, of = shapely.get_coordinates(shapely.from_wkb([item for item in wkb if item]), return_index=True)
-    count[np.flatnonzero(present)] = np.bincount(of, minlength=int(present.sum()))
-    return xy, copy_binary.offsets(count)
-
-
-def _pieces(columns: dict[str, NDArray[Any]], shapes: list[bytes], changed: list[bytes]) -> Pieces:
-    if any(changed):
-        start, ring = copy_binary.vertices(shapes, copy_binary.WKB_POLYGON)
-        end, _ = copy_binary.vertices([b or a for a, b in zip(shapes, changed, strict=True)], copy_binary.WKB_POLYGON)
-        # Opened together: what is a line or a point at one end only keeps all its vertices.
-        both, shape_offset = copy_binary.open_rings(np.concatenate([start, end], axis=1), ring)
-        shape_xy, shape_to_xy = (np.ascontiguousarray(half) for half in np.split(both, 2, axis=1))
-    else:
-        shape_xy, shape_offset = decode_rings(shapes)
-        shape_to_xy = shape_xy
-    n = len(columns["piece_id"])
-    return Pieces(
-        piece_id=columns["piece_id"],
-        kind=columns["kind"].astype(np.int8),
-        object_id=columns["object_id"],
-        version=columns["version"],
-        part=columns["part"],
-        turn=columns["turn"],
-        start_us=copy_binary.microseconds(columns["start"]),
-        end_us=copy_binary.microseconds(columns["end"]),
-        end_inclusive=columns["end_inclusive"],
-        floor_m=columns["floor_m"],
-        ceiling_m=columns["ceiling_m"],
-        hull_xy=np.empty((0, 2)),
-        hull_offset=np.zeros(n + 1, dtype=np.int64),
-        shape_xy=shape_xy,
-        shape_to_xy=shape_to_xy,
-        shape_offset=shape_offset,
-        leg_start_us=copy_binary.microseconds(columns["leg_start"]),
-        leg_end_us=copy_binary.microseconds(columns["leg_end"]),
-        leg_start_deg=np.stack([columns["start_lon_deg"], columns["start_lat_deg"]], axis=1),
-        leg_end_deg=np.stack([columns["end_lon_deg"], columns["end_lat_deg"]], axis=1),
-        bearing_deg=columns["bearing_deg"],
-    )

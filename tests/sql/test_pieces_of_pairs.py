@@ -1,4 +1,4 @@
-"""Stage 2 keeps exactly the candidates whose hulls share a point, and says where; pieces come back to the bit."""
+"""Pairs of the database through stage 2: the candidates whose hulls share a point; pieces come back to the bit."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,7 +13,9 @@ from workloads import PAPER, SEAM, Workload, throw
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
+from conflictdb.db.detect import _SceneSource
 from conflictdb.model import Area, EarthModel, Scene
+from conflictdb.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
 PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
@@ -21,11 +23,8 @@ PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
 
 def intersecting(conn: Conn, scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
     store.begin_snapshot(conn)
-    store.find_candidates(conn, scene_id)
-    count = store.find_intersections(conn, scene_id, regions)
-    pieces, pairs = store.intersecting_pairs(conn, scene_id, regions=regions)
-    assert len(pairs) == count
-    return pieces, pairs
+    ((pieces, a, b),) = _SceneSource(conn, scene_id).candidates()
+    return pieces, intersections(pieces, a, b, regions=regions)
 
 
 @pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
@@ -34,8 +33,10 @@ def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) ->
     refresh(conn, scene_id)
     pieces, pairs = intersecting(conn, scene_id)
     hull = {p.piece_id: p.hull for p in stored_pieces(conn, scene_id)}
-    candidates = conn.execute("SELECT a_piece_id, b_piece_id FROM pg_temp.candidate").fetchall()
-    wanted = {frozenset(pair) for pair in candidates if hull[pair[0]].intersects(hull[pair[1]])}
+    dirty = store.dirty_objects(conn, scene_id)
+    candidates = store.candidates(conn, scene_id, dirty, slice(0, len(dirty.number)))
+    both_ids = zip(candidates.a.tolist(), candidates.b.tolist(), strict=True)
+    wanted = {frozenset(pair) for pair in both_ids if hull[pair[0]].intersects(hull[pair[1]])}
     ids = pieces.piece_id
     found = [frozenset((int(ids[a]), int(ids[b]))) for a, b in zip(pairs.a, pairs.b, strict=True)]
     assert set(found) == wanted
@@ -86,7 +87,7 @@ def test_pieces_come_back_as_they_were_stored(conn: Conn, workload: Workload) ->
     for name in ("version", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
     assert made.changes == found.changes == bool(workload.changing_share)
-    for name in ("shape_xy", "shape_to_xy", "shape_offset"):
+    for name in ("hull_xy", "hull_offset", "shape_xy", "shape_to_xy", "shape_offset"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
     for name in ("leg_start_us", "leg_end_us", "leg_start_deg", "leg_end_deg", "bearing_deg"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
@@ -129,5 +130,5 @@ def test_touching_counts_and_the_smallest_gap_does_not(conn: Conn) -> None:
 def test_nothing_meets_nothing(conn: Conn) -> None:
     scene_id = load(conn, PLAIN, [], [])
     refresh(conn, scene_id)
-    pieces, pairs = intersecting(conn, scene_id)
-    assert (len(pieces), len(pairs), len(pairs.region_xy)) == (0, 0, 0)
+    store.begin_snapshot(conn)
+    assert not list(_SceneSource(conn, scene_id).candidates())
