@@ -1,6 +1,9 @@
 """Benchmarks of whole detections run, at sizes that take seconds, and say what detections did."""
 
+from pathlib import Path
+
 import growth
+import peers
 import psycopg
 import pytest
 import study
@@ -43,3 +46,19 @@ def test_growth_measures_a_scene_in_a_process_of_its_own(server_dsn: str, series
     assert f"| 40 | {row['pieces']:,} |" in growth.table([row])
     with psycopg.connect(server_dsn) as conn:
         assert conn.execute("SELECT 1 FROM pg_database WHERE datname = %s", [name]).fetchone() is None
+
+
+def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
+    """What joins swept hulls misses nothing and times nothing; the paper's pipeline has periods that are off."""
+    with fresh_database(server_dsn) as dsn:
+        rows = peers.compare(dsn, Kind.MIXED, 200, 1, Path(), ["paper", "postgis"])
+    by_peer = {row["peer"]: row for row in rows}
+    assert len(rows) == len(by_peer) == 6
+    for name in ("conflictdb", "conflictdb in memory", "its stages 1 and 2", "PostGIS, ST_Intersects"):
+        assert by_peer[name]["missed"] == 0
+    assert by_peer["conflictdb"]["false"] == by_peer["conflictdb in memory"]["false"] == 0
+    assert by_peer["PostGIS, ST_Intersects"]["reported"] == by_peer["its stages 1 and 2"]["reported"]
+    assert by_peer["PostGIS, ST_CPAWithin"]["meet"] < by_peer["conflictdb"]["meet"]  # tracks alone
+    assert by_peer["the paper in Python"]["reported"] > 0.8 * by_peer["conflictdb"]["reported"]
+    assert 0.0 < by_peer["the paper in Python"]["end_median_s"] < 3600.0
+    assert "| mixed 200 | conflictdb |" in peers.table(rows)
