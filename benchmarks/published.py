@@ -270,7 +270,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
 
 def whole_legs() -> "patch._patch_dict":
     """Return a context in which every leg becomes one piece."""
-    return patch.multiple("conflictdb.pieces.cutting", SLICE_LENGTH_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
+    return patch.multiple("conflictdb.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
 
 
 def hulls_s(answer: Conflicts, n: int) -> Floats:

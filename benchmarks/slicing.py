@@ -2,14 +2,16 @@
 
     ./.venv/bin/python benchmarks/slicing.py [--areas 200] [--tracks 200]
 
-For each workload and slice length (in haven lengths), the median over the runs of one detection with method window: the
-stages that slices touch. The numbers decide SLICE_LENGTH_HAVENS in conflictdb/pieces/cutting.py.
+For each workload and length of a leg (in haven lengths) up to which it is one slice, the median over the runs of one
+detection with method window: the stages that slices touch. The numbers decide WHOLE_LEG_HAVENS in
+conflictdb/pieces/cutting.py. *sparse* has some three candidates an object, the others a hundred.
 """
 
 import argparse
 import statistics
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
@@ -21,8 +23,12 @@ from conflictdb import Method
 from conflictdb.io import scene_text
 from conflictdb.pieces import cutting
 
-WIDTHS = (14, 8, 8, 8, 9, 7, 7, 7)
-LENGTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 1e9)  # the last: one slice per leg
+WIDTHS = (14, 8, 8, 8, 8, 9, 7, 7, 7)
+LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e9)  # the last: one slice per leg
+# Ships and closed areas of some miles, in a sea so wide that most meet nobody.
+SPARSE = replace(
+    PAPER, name="sparse", window=3.0, leg=(15.0, 40.0), around_area=(4.0, 12.0), around_haven=(0.4, 1.6), odd_share=0.6
+)
 
 
 def main() -> None:
@@ -32,18 +38,18 @@ def main() -> None:
     parser.add_argument("--tracks", type=int, default=200)
     parser.add_argument("--runs", type=int, default=3)
     args = parser.parse_args()
-    chosen = cutting.SLICE_LENGTH_HAVENS
-    for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
+    chosen = cutting.WHOLE_LEG_HAVENS
+    for workload in (SPARSE, PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
         scene, areas, tracks = throw(workload, 1, args.areas, args.tracks)
         print(f"\n{workload.name}: {len(areas)} areas, {len(tracks)} tracks; seconds")
-        heads = ("slice, havens", "boxes", "hulls", "windows", "pieces s", "1-2 s", "3-4 s", "all s")
+        heads = ("leg, havens", "pieces", "boxes", "hulls", "windows", "pieces s", "1-2 s", "3-4 s", "all s")
         print(" ".join(f"{head:>{width}}" for head, width in zip(heads, WIDTHS, strict=True)))
         with tempfile.TemporaryDirectory() as folder, conflictdb.connect() as db:
             path = Path(folder, "scene.geojson")
             path.write_text("".join(scene_text(scene, areas, tracks)))
             name = db.load(path, "slicing")
             for length in LENGTHS:
-                cutting.SLICE_LENGTH_HAVENS = length
+                cutting.WHOLE_LEG_HAVENS = length
                 runs = [db.detect(name, method=Method.WINDOW, full=True, jobs=1) for _ in range(args.runs)]
                 times = [
                     statistics.median(column)
@@ -52,12 +58,14 @@ def main() -> None:
                         strict=True,
                     )
                 ]
-                run = runs[0]
+                run, (pieces,) = runs[0], db.connection.execute("SELECT count(*) FROM conflictdb.piece").fetchone()
+                db.connection.rollback()
                 label = "one per leg" if length == LENGTHS[-1] else f"{length:g}"
                 mark = " <- used" if length == chosen else ""
                 print(
-                    f"{label:>14} {run.candidate_pairs:>8,} {run.intersecting_pairs:>8,} {run.window_pairs:>8,} "
-                    f"{times[0]:>9.2f} {times[1]:>7.2f} {times[2]:>7.2f} {times[3]:>7.2f}{mark}"
+                    f"{label:>14} {pieces:>8,} {run.candidate_pairs:>8,} {run.intersecting_pairs:>8,} "
+                    f"{run.window_pairs:>8,} {times[0]:>9.2f} {times[1]:>7.2f} {times[2]:>7.2f} {times[3]:>7.2f}{mark}",
+                    flush=True,
                 )
 
 

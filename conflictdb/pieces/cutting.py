@@ -25,9 +25,11 @@ from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.pieces.convex import convex_parts, is_thread
 from conflictdb.results import Kind
 
-# A slice is about this many haven lengths long: shorter ones cost more pieces and windows than their boxes save
-# (benchmarks/slicing.py).
-SLICE_LENGTH_HAVENS: Final = 4.0
+# A leg that is so many times as long as its haven (with the scene's reach around it) is one slice, one n times longer
+# the square root of n. Of n slices the boxes of a leg take up area in proportion to 1 / n, so that n pieces and what
+# meets their boxes cost c n + d / n, least at a root of how far the leg goes. How dense a scene is counts for little:
+# the cost is flat about its least (benchmarks/slicing.py). Smaller: more pieces. Larger: more candidates.
+WHOLE_LEG_HAVENS: Final = 8.0
 MAX_SLICES: Final = 16
 # The chord deviation that pads a hull is at most this share of the haven's reach; else the leg is cut into shorter
 # slices, until that has added so many to a track. Only havens of hundreds of kilometres close to a pole come near it.
@@ -127,7 +129,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
     legs = _legs(plane, tracks)
-    count = _slice_counts(legs)
+    count = _slice_counts(legs, scene.reach_m)
     straight = np.bincount(legs.track, count)
     while True:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
@@ -269,7 +271,7 @@ def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
     return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 
-def _slice_counts(legs: _Legs) -> NDArray[np.int64]:
+def _slice_counts(legs: _Legs, reach_m: float) -> NDArray[np.int64]:
     """Return (m,) in how many slices each leg is cut: by its length against its haven's (the mean of both ends)."""
     radius = np.hypot(legs.outline_m[:, 0], legs.outline_m[:, 1])
     first = legs.outline_offset[:-1]
@@ -277,9 +279,10 @@ def _slice_counts(legs: _Legs) -> NDArray[np.int64]:
     if legs.outline_to_m is not legs.outline_m:
         radius_to = np.hypot(legs.outline_to_m[:, 0], legs.outline_to_m[:, 1])
         haven = 0.5 * haven + np.maximum.reduceat(radius_to, first)
+    whole_m = WHOLE_LEG_HAVENS * (haven + reach_m)
     with np.errstate(divide="ignore", invalid="ignore"):
-        wanted = np.ceil(legs.length_m / (SLICE_LENGTH_HAVENS * haven + legs.length_m / MAX_SLICES))
-    wanted = np.where(legs.length_m > 0.0, np.maximum(wanted, 1.0), 1.0).astype(np.int64)
+        wanted = np.sqrt(np.where(legs.length_m > 0.0, legs.length_m / whole_m, 0.0))
+    wanted = np.clip(np.ceil(wanted), 1.0, MAX_SLICES).astype(np.int64)
     return np.minimum(wanted, legs.end_us - legs.start_us)
 
 

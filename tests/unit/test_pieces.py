@@ -18,7 +18,7 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.errors import InvalidInput
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces, check_plane, track_pieces
+from conflictdb.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
 
 
 def hull(pieces: Pieces, k: int) -> shapely.Polygon:
@@ -97,6 +97,15 @@ def test_hulls_hold_any_leg(
     except InvalidInput:
         return  # reaches over the pole
     assert_holds_the_motion(scene, track)
+
+
+@pytest.mark.parametrize(("havens", "slices"), [(0.5, 1), (7.9, 1), (8.2, 2), (31.0, 2), (33.0, 3), (1e4, MAX_SLICES)])
+def test_a_leg_has_as_many_slices_as_the_root_of_its_length(havens: float, slices: int) -> None:
+    """Eight havens long are one slice; the haven here is 200 m across, with the tolerance of a metre."""
+    track = scenes.track("T", [(0.0, 0.0), (havens * 201.0 / 111_319.49, 0.0)], [0, 1e5], 100.0, 100.0, 0.0, 0.0)
+    assert len(track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track]))) == slices
+    wide = Scene("s", separation_m=2e6)
+    assert len(track_pieces(wide, plane_of(wide), TrackBatch.of([track]))) == 1
 
 
 def test_slices_follow_each_other_without_a_gap() -> None:
