@@ -33,6 +33,8 @@ WGS84_FLATTENING: Final = 1.0 / 298.257223563
 
 # Newton steps from conformal to geographic latitude: two reach the last digit for WGS84 (Karney 2011), one to spare.
 _NEWTON_STEPS: Final = 3
+# A difference of latitudes, radians, over which psi differs so much that its rounding is 5e-16 of that.
+_LONG_WAY: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,13 @@ class Earth:
         ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
         half = 0.5 * ratio * (mu2 - mu1)
         z = _sinc(half) * half / np.cos(0.5 * (chi1 + chi2))
-        return ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
+        found = ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
+        # Nothing cancels over long ways, while z comes close to 1 from near one pole to near the other.
+        is_long = np.abs(mu2 - mu1) > _LONG_WAY
+        if not is_long.any():
+            return found
+        way = np.where(is_long, mu2 - mu1, 1.0)
+        return np.where(is_long, (np.arcsinh(np.tan(chi2)) - np.arcsinh(np.tan(chi1))) / way, found)
 
     def isometric_series(self, mu: Floats, order: int) -> list[Floats]:
         """Return g_1 to g_order, (n,) each, such that psi(mu + d) = psi(mu) + sum of g_k d^k, up to order <= 12.

@@ -4,6 +4,8 @@
 #include <stdbool.h>
 
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
+/* A difference of latitudes, radians, over which psi differs so much that its rounding is 5e-16 of that. */
+static const double LONG_WAY = 0.5;
 
 void earth_direction(double bearing_deg, double *east, double *north) {
     double quarter = nearbyint(bearing_deg / 90.0), rest = RADIANS * (bearing_deg - 90.0 * quarter);
@@ -86,8 +88,11 @@ static double conformal_stretch(const KernelPlane *earth, double mu1, double mu2
 }
 
 double earth_stretch(const KernelPlane *earth, double mu1, double mu2) {
+    double chi1 = earth_conformal(earth, mu1), chi2 = earth_conformal(earth, mu2);
+    /* Nothing cancels over long ways, while z comes close to 1 from near one pole to near the other. */
+    if (fabs(mu2 - mu1) > LONG_WAY) return (asinh(tan(chi2)) - asinh(tan(chi1))) / (mu2 - mu1);
     double ratio = conformal_stretch(earth, mu1, mu2), half = 0.5 * ratio * (mu2 - mu1);
-    double secant = 1.0 / cos(0.5 * (earth_conformal(earth, mu1) + earth_conformal(earth, mu2)));
+    double secant = 1.0 / cos(0.5 * (chi1 + chi2));
     double z = sinc(half) * half * secant;
     return ratio * (z == 0.0 ? 1.0 : atanh(z) / z) * sinc(half) * secant;
 }

@@ -8,9 +8,11 @@ import pytest
 import scenes
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, SEAM, throw
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.registry import plane_of
@@ -99,6 +101,25 @@ def test_vertices_near_cardinal_bearings_agree_with_the_oracle(earth: EarthModel
         rows = shapes.take(np.zeros(3, np.int64))
         expected = oracle_plane(scene, track, 0, seconds)
         assert shape_error_m(earth, rows.positions(seconds), expected) < 10 * ROUNDING_M, bearing
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+def test_legs_from_near_one_pole_to_near_the_other_lose_no_digits(earth: EarthModel) -> None:
+    """By symmetry they cross the equator at half their longitude and time: where a metre is a metre of the plane."""
+    scene, figure = Scene("s", earth=earth), earth_of(earth)
+    plane = plane_of(scene)
+    off = []
+    for lat in np.linspace(88.0, 89.0, 21):
+        track = scenes.track("T", [(-179.0, -lat), (0.9, lat)], [0, 36000], 0.5, 0.5, 0.5, 0.5)
+        track = replace(track, outline_m=np.zeros((1, 2)))
+        pieces = track_pieces(scene, plane, TrackBatch.of([track])).take(np.array([0]))
+        pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
+        one = np.zeros(1, np.int64)
+        movement = Movement(kernel.Scene(plane.kernel_plane, pieces), one, pieces.leg_start_us, np.zeros((2, 1)), 1)
+        for found in (movement, havens(scene, pieces, one, pieces.leg_start_us)):
+            x, y = found.positions(np.array([18000.0]))[:, 0, 0]
+            off.append(np.hypot(x - figure.radius_m * np.radians(-89.05), y))
+    assert max(off) < 6e-8
 
 
 def test_tiny_leg_keeps_its_heading() -> None:
