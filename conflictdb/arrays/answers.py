@@ -34,6 +34,12 @@ class Contacts:
         return len(self.pair)
 
     @classmethod
+    def none(cls) -> Self:
+        """Return no contacts."""
+        times = np.empty(0)
+        return cls(np.empty(0, np.int64), times, times, times, np.empty(0, np.int8), np.empty(0, np.bool_))
+
+    @classmethod
     def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
         """Return all contacts in one, sorted by pair and start; at least one batch."""
         columns = [np.concatenate([getattr(batch, column.name) for batch in batches]) for column in fields(cls)]

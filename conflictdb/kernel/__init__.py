@@ -7,7 +7,8 @@ on that pair alone: not on its company, nor on how many threads there are.
 `build.py` makes the library; ./run and the wheel's build do that by themselves. docs/explanation/kernel.md says more.
 """
 
-from conflictdb.kernel.scene import Outcome, Plane, Scene, Solution, Work
+from conflictdb.kernel.contacts import Guess, Questions, contacts
+from conflictdb.kernel.scene import Plane, Scene, Work
 from conflictdb.kernel.slices import Hulls, hulls
 
-__all__ = ["Hulls", "Outcome", "Plane", "Scene", "Solution", "Work", "hulls"]
+__all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "contacts", "hulls"]

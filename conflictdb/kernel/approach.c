@@ -221,8 +221,15 @@ typedef struct {
     double at;
 } Moment;
 
+/* The instant so many seconds after another, no further than numbers of microseconds go. */
+static int64_t later_us(int64_t us, double s) {
+    int64_t more = llrint(least(most(s * 1e6, -0x1p61), 0x1p61));
+    if (more > 0 ? us > INT64_MAX - more : us < INT64_MIN - more) return more > 0 ? INT64_MAX : INT64_MIN;
+    return us + more;
+}
+
 static void take_earlier(const Search *search, Moment *moment, int64_t i, double at) {
-    int64_t at_us = search->pairs->zero_us[i] + llrint(at * 1e6);
+    int64_t at_us = later_us(search->pairs->zero_us[i], at);
     if (moment->pair < 0 || at_us < moment->at_us) *moment = (Moment){i, at_us, at};
 }
 
@@ -315,8 +322,8 @@ static KernelStatus check_groups(const KernelPairs *pairs, const KernelGroups *g
     if (!groups->offset || (groups->count > 0 && !groups->wanted_m)) return KERNEL_NULL;
     if (groups->offset[0] != 0) return KERNEL_BAD_OFFSET;
     for (int64_t g = 0; g < groups->count; g++) {
-        int64_t size = groups->offset[g + 1] - groups->offset[g];
         if (groups->offset[g + 1] < groups->offset[g]) return KERNEL_BAD_OFFSET;
+        int64_t size = groups->offset[g + 1] - groups->offset[g];
         *largest = size > *largest ? size : *largest;
     }
     return groups->offset[groups->count] == pairs->count ? KERNEL_OK : KERNEL_BAD_OFFSET;
@@ -329,7 +336,7 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
     int64_t largest;
     if (!scene || !pairs || !groups || !work) return KERNEL_NULL;
     if (groups->count > 0 && (!pair || !at_s || !distance_m || !error_m || !a_deg || !b_deg)) return KERNEL_NULL;
-    *work = (KernelWork){0, 0, 0};
+    *work = (KernelWork){0, 0, 0, 0};
     Search search = {.scene = scene, .pairs = pairs, .pair = {.work = work}, .met = -1};
     KernelStatus status = border_begin(scene, pairs, &search.pair, &memory);
     if (status != KERNEL_OK) return status;

@@ -2,7 +2,7 @@
 #ifndef CONFLICTDB_APPROACH_H
 #define CONFLICTDB_APPROACH_H
 
-#include "contact.h"
+#include "encounter.h"
 
 /* How far apart a pair is in the middle of a time, and what it is nowhere below during it; metres on the earth. */
 typedef struct {

@@ -172,35 +172,3 @@ KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounte
     lay_out(pair, *memory, largest);
     return KERNEL_OK;
 }
-
-KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, double separation_m, double margin_m,
-                             int8_t *outcome, double *start_s, double *end_s, double *error_s, KernelWork *work) {
-    double *memory;
-    Encounter pair = {.separation_m = separation_m, .margin_m = margin_m, .work = work};
-    if (!work || (pairs && pairs->count > 0 && (!outcome || !start_s || !end_s || !error_s))) return KERNEL_NULL;
-    *work = (KernelWork){0, 0, 0};
-    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
-    if (status != KERNEL_OK) return status;
-    for (int64_t i = 0; i < pairs->count; i++) {
-        Contact found = {KERNEL_UNDECIDED, 0.0, 0.0, 0.0};
-        if (border_meet(scene, pairs, i, &pair)) found = encounter_contact(&pair, pairs->low_s[i], pairs->high_s[i]);
-        outcome[i] = (int8_t)found.outcome, start_s[i] = found.start, end_s[i] = found.end, error_s[i] = found.error;
-    }
-    free(memory);
-    return KERNEL_OK;
-}
-
-KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, double margin_m, int8_t *outcome) {
-    double *memory;
-    KernelWork work = {0, 0, 0};
-    Encounter pair = {.margin_m = margin_m, .work = &work};
-    if (pairs && pairs->count > 0 && !outcome) return KERNEL_NULL;
-    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
-    if (status != KERNEL_OK) return status;
-    for (int64_t i = 0; i < pairs->count; i++) {
-        bool is_there = border_meet(scene, pairs, i, &pair);
-        outcome[i] = (int8_t)(is_there ? encounter_depth(&pair, pairs->low_s[i], pairs->high_s[i]) : KERNEL_UNDECIDED);
-    }
-    free(memory);
-    return KERNEL_OK;
-}

@@ -2,7 +2,7 @@
 #ifndef CONFLICTDB_BORDER_H
 #define CONFLICTDB_BORDER_H
 
-#include "contact.h"
+#include "encounter.h"
 
 KernelStatus border_check_plane(const KernelPlane *plane);
 

@@ -26,15 +26,17 @@ enum { MAX_WINDOWS = 6, LEAST_WINDOWS_APART = 3 };
 enum { MAX_HALVINGS = 12 };
 /* The zone is left where the polygons are nearer than at the smallest scale by this share of the separation. */
 static const double INTO_SHARE = 1e-3;
+/* Halvings that bring the bounds of a pair that is only close nearer: with more, they are narrower. */
+enum { CLOSE_STEPS = 3 };
 static const double HALF_PI = 0x1.921fb54442d18p0;
 
-static const Contact UNDECIDED = {KERNEL_UNDECIDED, 0.0, 0.0, 0.0};
-static const Contact SEPARATED = {KERNEL_SEPARATED, 0.0, 0.0, 0.0};
+static const Contact UNDECIDED = {IS_UNDECIDED, IS_EITHER, 0.0, 0.0, 0.0};
+static const Contact SEPARATED = {IS_SEPARATED, IS_EITHER, 0.0, 0.0, 0.0};
 
-/* A time of an encounter in which it is in conflict in the middle, and outside of which it is apart. depth: how much
- * too near it is in the middle, < 0; touch: what rounding is worth, at the largest scale; plane metres. */
+/* A time of an encounter in which it is in contact at the witness, and outside of which it is apart. depth: how much
+ * too near it is at the witness, < 0; touch: what rounding is worth, at the largest scale; plane metres. */
 typedef struct {
-    double low, high, start, middle, end, depth, largest, smallest, touch;
+    double low, high, start, witness, end, depth, largest, smallest, touch;
 } Window;
 
 /* One side of a window, and the proven end of the conflict there. */
@@ -43,92 +45,86 @@ typedef struct {
     double outer, inner;
 } End;
 
-static void place(Encounter *pair, double t, Polygon *a, Polygon *b) {
-    mover_place(&pair->a, t, a);
-    mover_place(&pair->b, t, b);
-}
-
-static Bounds bounds_of(const Encounter *pair, double t0, double t1) {
-    Bounds a = mover_bounds(&pair->a, t0, t1), b = mover_bounds(&pair->b, t0, t1);
-    return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
-}
-
-void encounter_place(Encounter *pair, double t) {
-    place(pair, t, &pair->a_now, &pair->b_now);
-    if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
-    if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
-}
-
-/* The gap between touching polygons at an instant, and its axis. */
-static Gap gap_at(Encounter *pair, double t) {
-    pair->work->evaluations++;
-    encounter_place(pair, t);
-    return polygon_separation(&pair->a_now, &pair->b_now);
-}
-
-static Gap plane_distance_at(Encounter *pair, double t) {
-    Vector from, to;
-    pair->work->evaluations++;
-    encounter_place(pair, t);
-    return polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
-}
-
 /* A bound from above on how much further apart than wanted the pair is, plane metres. */
 static double depth_at(Encounter *pair, double t, double smallest) {
-    if (pair->separation_m == 0.0) return gap_at(pair, t).gap;
-    return plane_distance_at(pair, t).gap - pair->separation_m * smallest;
+    if (pair->separation_m == 0.0) return encounter_gap(pair, t).gap;
+    return encounter_plane_distance(pair, t).gap - pair->separation_m * smallest;
 }
 
 /* How much further apart than wanted the pair is, metres on the earth. */
-static double excess_at(Encounter *pair, double t) {
-    pair->work->evaluations++;
-    encounter_place(pair, t);
-    return plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin) - pair->separation_m;
-}
+static double excess_at(Encounter *pair, double t) { return encounter_clearance_m(pair, t, INFINITY); }
 
-/* The share of a time outside of which the pair is apart: u > v if it is throughout. The polygons are those of its ends;
- * slack: what gaps between vertices on their chords must exceed, plane metres. */
+/* The share of a time outside of which the pair is apart: u > v if it is throughout. */
 typedef struct {
     double u, v;
 } Share;
 
-static void narrow_by_edges(Share *share, const Polygon *mine0, const Polygon *mine1, const Polygon *other0,
-                            const Polygon *other1, bool stands_still, double slack) {
+/* Below which gaps, plane metres, a pair may be within the margin, in contact, and in contact beyond the margin; and the
+ * shares of a time outside of which it is not. */
+typedef struct {
+    double near, touch, deep;
+} Levels;
+typedef struct {
+    Share near, touch, deep;
+} Shares;
+
+static bool is_none(Share share) { return share.u > share.v; }
+
+static void narrow(Share *share, double g0, double g1) {
+    if (g0 > 0.0) share->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), share->u);
+    else if (g1 > 0.0) share->v = least(g0 / (g0 - g1), share->v);
+}
+
+/* Narrow by the normals of the edges of `mine`; the polygons are those of both ends of the time. */
+static void narrow_by_edges(Shares *shares, const Polygon *mine0, const Polygon *mine1, const Polygon *other0,
+                            const Polygon *other1, bool stands_still, Levels levels) {
     int64_t n = mine0->count;
     for (int64_t k = 0; k < n && n > 1; k++) {
         int64_t m = edge_end(mine0, k);
         double nx = (mine0->y[m] + mine1->y[m]) - (mine0->y[k] + mine1->y[k]);
         double ny = (mine0->x[k] + mine1->x[k]) - (mine0->x[m] + mine1->x[m]);
-        double wanted = slack * sqrt(nx * nx + ny * ny), own0, own1;
+        double length = sqrt(nx * nx + ny * ny), own0, own1;
         if (stands_still && n > 2) {
             own0 = own1 = nx * mine0->x[k] + ny * mine0->y[k]; /* the edge itself is the furthest */
         } else {
             own0 = most_along(nx, ny, mine0), own1 = most_along(nx, ny, mine1);
         }
-        double g0 = least_along(nx, ny, other0) - own0 - wanted, g1 = least_along(nx, ny, other1) - own1 - wanted;
-        if (g0 > 0.0) share->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), share->u);
-        else if (g1 > 0.0) share->v = least(g0 / (g0 - g1), share->v);
-        if (share->u > share->v) return;
+        double g0 = least_along(nx, ny, other0) - own0, g1 = least_along(nx, ny, other1) - own1;
+        if (!(most(g0, g1) > levels.deep * length)) continue;
+        narrow(&shares->deep, g0 - levels.deep * length, g1 - levels.deep * length);
+        narrow(&shares->touch, g0 - levels.touch * length, g1 - levels.touch * length);
+        narrow(&shares->near, g0 - levels.near * length, g1 - levels.near * length);
+        if (is_none(shares->near)) return;
     }
 }
 
-static Share clear_share(const Encounter *pair, double slack) {
-    Share share = {0.0, 1.0};
+static Shares shares_of(const Encounter *pair, Levels levels) {
+    Shares shares = {{0.0, 1.0}, {0.0, 1.0}, {0.0, 1.0}};
     bool a_stands = pair->a.body->motion == STANDS_STILL, b_stands = pair->b.body->motion == STANDS_STILL;
-    narrow_by_edges(&share, &pair->a0, &pair->a1, &pair->b0, &pair->b1, a_stands, slack);
-    if (share.u > share.v) return share;
-    narrow_by_edges(&share, &pair->b0, &pair->b1, &pair->a0, &pair->a1, b_stands, slack);
-    return share;
+    narrow_by_edges(&shares, &pair->a0, &pair->a1, &pair->b0, &pair->b1, a_stands, levels);
+    if (is_none(shares.near)) return shares;
+    narrow_by_edges(&shares, &pair->b0, &pair->b1, &pair->a0, &pair->a1, b_stands, levels);
+    return shares;
 }
 
-/* The extent of the polygons at both ends of a time, which are put there. */
-static Extent extent_over(Encounter *pair, double start, double end) {
-    Extent extent = extent_none();
-    place(pair, start, &pair->a0, &pair->b0);
-    place(pair, end, &pair->a1, &pair->b1);
-    extent_add(&extent, &pair->a0, pair->a.origin), extent_add(&extent, &pair->a1, pair->a.origin);
-    extent_add(&extent, &pair->b0, pair->a.origin), extent_add(&extent, &pair->b1, pair->a.origin);
-    return extent;
+/* How many plane metres a distance may take up, or a depth (< 0) takes up at least. */
+static double span_of(const Encounter *pair, double distance_m, double largest, double smallest) {
+    if (distance_m > 0.0) return plane_span_m(pair->plane, distance_m, largest);
+    return distance_m * smallest;
+}
+
+/* slack: how far vertices leave their chords, and what rounding is worth, plane metres. */
+static Levels levels_of(const Encounter *pair, double slack, double largest, double smallest) {
+    double wanted_m = pair->separation_m;
+    return (Levels){slack + span_of(pair, wanted_m + pair->margin_m, largest, smallest),
+                    slack + span_of(pair, wanted_m, largest, smallest),
+                    slack + span_of(pair, wanted_m - pair->deep_m, largest, smallest)};
+}
+
+/* Whether a pair with this gap in the plane is deeper in contact than the margin, beyond doubt. */
+static bool is_deep(const Encounter *pair, double gap, double largest, double smallest) {
+    double wanted_m = pair->separation_m - pair->deep_m - KERNEL_TOUCH_M;
+    return gap < wanted_m * (wanted_m > 0.0 ? smallest : largest);
 }
 
 /* Whether the pair is in conflict all the way from p, by `touch` or more, to q, by `depth` (< 0).
@@ -146,7 +142,7 @@ static bool holds(Encounter *pair, const Window *window, double p, double q, dou
     while (top > 0) {
         part = stack[--top];
         double first = least(part.p, part.q), last = most(part.p, part.q);
-        double way = 2.0 * bounds_of(pair, first, last).spread * (last - first), limit = -touch - way;
+        double way = 2.0 * encounter_bounds(pair, first, last).spread * (last - first), limit = -touch - way;
         if (part.fp <= limit || part.fq <= limit || most(part.fp, part.fq) <= -touch - 0.5 * way) continue;
         if (part.halvings + 1 >= MAX_HALVINGS) return false;
         double middle = 0.5 * (part.p + part.q), f = depth_at(pair, middle, window->smallest);
@@ -160,7 +156,7 @@ static bool holds(Encounter *pair, const Window *window, double p, double q, dou
     return true;
 }
 
-static double measured_gap(void *pair, double t) { return gap_at(pair, t).gap; }
+static double measured_gap(void *pair, double t) { return encounter_gap(pair, t).gap; }
 static double measured_excess(void *pair, double t) { return excess_at(pair, t); }
 
 /* The plane distance less a level, as a measure. */
@@ -171,34 +167,34 @@ typedef struct {
 
 static double measured_distance(void *of, double t) {
     Level *level = of;
-    return plane_distance_at(level->pair, t).gap - level->level;
+    return encounter_plane_distance(level->pair, t).gap - level->level;
 }
 
 /* Whether the pair stays apart between two instants, at the second of which the gap has this axis: the chord along it,
  * less how far vertices leave theirs. */
 static bool stays_apart(Encounter *pair, double limit, double outer, Vector axis, double touch) {
     if (limit == outer) return true;
-    place(pair, limit, &pair->a_now, &pair->b_now);
+    encounter_put(pair, limit, &pair->a_now, &pair->b_now);
     double along = gap_along(axis, &pair->a_now, &pair->b_now), h = fabs(outer - limit);
-    double acceleration = bounds_of(pair, least(limit, outer), most(limit, outer)).acceleration;
+    double acceleration = encounter_bounds(pair, least(limit, outer), most(limit, outer)).acceleration;
     return along - touch >= 0.5 * acceleration * h * h;
 }
 
 /* The end of a touch between a window's limit and its middle. */
 static End touch_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
-    double gap = gap_at(pair, limit).gap, touch = window->touch;
+    double gap = encounter_gap(pair, limit).gap, touch = window->touch;
     /* In touch since before the window, or until after it: only where the window is all there is. */
     if (is_all && gap < -touch) {
-        end.is_proven = holds(pair, window, limit, window->middle, window->depth);
+        end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
     }
     if (!(gap > touch)) return end;
-    Root root = root_between(measured_gap, pair, limit, gap, window->middle, window->depth, touch);
+    Root root = root_between(measured_gap, pair, limit, gap, window->witness, window->depth, touch);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
-    end.is_proven = stays_apart(pair, limit, root.outer, gap_at(pair, root.outer).axis, touch) &&
-                    holds(pair, window, root.inner, window->middle, window->depth);
+    end.is_proven = stays_apart(pair, limit, root.outer, encounter_gap(pair, root.outer).axis, touch) &&
+                    holds(pair, window, root.inner, window->witness, window->depth);
     return end;
 }
 
@@ -213,10 +209,10 @@ static bool closes_in(Encounter *pair, const Window *window, double limit, doubl
     double first = least(limit, end), last = most(limit, end), length = last - first, middle = 0.5 * (first + last);
     Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
     Vector v = {vb.x - va.x, vb.y - va.y};
-    double spread = bounds_of(pair, first, last).spread, at_limit = plane_distance_at(pair, limit).gap;
-    Gap at_end = plane_distance_at(pair, end);
+    double spread = encounter_bounds(pair, first, last).spread, at_limit = encounter_plane_distance(pair, limit).gap;
+    Gap at_end = encounter_plane_distance(pair, end);
     if (!(at_end.gap > 0.0)) return false;
-    double closing = (limit < window->middle ? -1.0 : 1.0) * (at_end.axis.x * v.x + at_end.axis.y * v.y);
+    double closing = (limit < window->witness ? -1.0 : 1.0) * (at_end.axis.x * v.x + at_end.axis.y * v.y);
     double across = fabs(at_end.axis.x * v.y - at_end.axis.y * v.x), speed = most(norm(va), norm(vb)) + spread;
     double furthest_m = (most(at_limit, at_end.gap) + 2.0 * spread * length) / window->smallest;
     double ratio = plane_span_m(pair->plane, furthest_m, window->largest) / at_end.gap;
@@ -227,18 +223,12 @@ static bool closes_in(Encounter *pair, const Window *window, double limit, doubl
     return aside < HALF_PI && slowest > spread + drift + turned;
 }
 
-/* How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth. */
-static double certainty_margin_m(const Encounter *pair) {
-    if (!(pair->separation_m > plane_short_m(pair->plane))) return KERNEL_TOUCH_M;
-    return KERNEL_TOUCH_M + plane_distance_error_m(pair->plane, pair->separation_m);
-}
-
 /* The end of a loss of separation between a window's limit and its middle. */
 static End separation_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
     double at_limit = depth_at(pair, limit, window->smallest), touch = window->touch;
     if (is_all && at_limit < -touch) {
-        end.is_proven = holds(pair, window, limit, window->middle, window->depth);
+        end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
     }
     /* The zone ends where the polygons are just nearer than the separation at the smallest scale. */
@@ -246,27 +236,45 @@ static End separation_end(Encounter *pair, const Window *window, double limit, b
     if (!(at_limit > touch) || !(window->depth + into < 0.0)) return end;
     Level level = {pair, wanted - into};
     double deepest = least(window->depth + into, -1e-9);
-    Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->middle, deepest, 0.5 * into);
+    Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->witness, deepest, 0.5 * into);
     if (!zone.is_found || !closes_in(pair, window, limit, zone.inner)) return end;
     /* In the zone the distance on the earth is brought to what is wanted. */
-    double doubt = certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
+    double doubt = encounter_certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
     if (!(gap > doubt) || !(within < -doubt)) return end;
     Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
-    end.is_proven = holds(pair, window, zone.inner, window->middle, window->depth);
+    end.is_proven = holds(pair, window, zone.inner, window->witness, window->depth);
     return end;
 }
 
-static Contact contact_in_window(Encounter *pair, const Window *window) {
-    if (!(window->depth < -(pair->margin_m + KERNEL_TOUCH_M) * window->largest)) return UNDECIDED;
+/* The contact of a window, if it can be told. */
+static Contact contact_in_window(Encounter *pair, const Window *window, Depth depth) {
     End (*end_of)(Encounter *, const Window *, double, bool) = pair->separation_m == 0.0 ? touch_end : separation_end;
     End start = end_of(pair, window, window->start, window->start <= window->low);
     if (!start.is_proven) return UNDECIDED;
     End end = end_of(pair, window, window->end, window->end >= window->high);
     if (!end.is_proven) return UNDECIDED;
     double error = most(fabs(start.inner - start.outer), fabs(end.inner - end.outer));
-    return (Contact){KERNEL_CONTACT, start.outer, end.outer, error};
+    return (Contact){IS_IN_CONTACT, depth, start.outer, end.outer, error};
+}
+
+/* How far towards a limit from a witness the pair is known to be at most so far apart, plane metres. */
+static double close_until(Encounter *pair, double limit, double witness, double level) {
+    if (encounter_plane_distance(pair, limit).gap <= level) return limit;
+    for (int step = 0; step < CLOSE_STEPS; step++) {
+        double middle = 0.5 * (limit + witness);
+        *(encounter_plane_distance(pair, middle).gap <= level ? &witness : &limit) = middle;
+    }
+    return witness;
+}
+
+/* A pair that is apart, but may be within the margin from start to end, if it is so at the witness. */
+static Contact close_in(Encounter *pair, double start, double end, double witness, double smallest) {
+    double level = (pair->separation_m + pair->margin_m) * smallest;
+    if (!(encounter_plane_distance(pair, witness).gap <= level)) return UNDECIDED;
+    double first = close_until(pair, start, witness, level), last = close_until(pair, end, witness, level);
+    return (Contact){IS_CLOSE, IS_SHALLOW, start, end, most(first - start, end - last)};
 }
 
 /* The times in which gaps that are linear in time are below a level: those that close have closed by `first`, those
@@ -306,10 +314,11 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     Extent extent = extent_none();
     encounter_place(pair, middle);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
-    double largest = plane_largest_scale(pair->plane, &extent);
-    double slack = departure + KERNEL_TOUCH_M * largest, apart = slack + pair->margin_m * largest;
+    double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
+    double slack = departure + KERNEL_TOUCH_M * largest;
+    Levels levels = levels_of(pair, slack, largest, smallest);
     Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
-    Below perhaps = {low - middle, high - middle}, surely = perhaps, near = perhaps;
+    Below perhaps = {low - middle, high - middle}, surely = perhaps, near = perhaps, deep = perhaps;
     for (int turn = 0; turn < 2; turn++) {
         const Polygon *mine = turn ? &pair->b_now : &pair->a_now, *other = turn ? &pair->a_now : &pair->b_now;
         Vector v = turn ? (Vector){va.x - vb.x, va.y - vb.y} : (Vector){vb.x - va.x, vb.y - va.y};
@@ -317,61 +326,58 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
             if (!edge_gap(mine, other, k, v, &gap, &rate)) continue;
             take_gap(&perhaps, gap, rate, slack);
             take_gap(&surely, gap, rate, -slack);
-            take_gap(&near, gap, rate, apart);
+            take_gap(&near, gap, rate, levels.near);
+            take_gap(&deep, gap, rate, levels.deep);
         }
     }
-    /* They never touch: are they further apart than the margin throughout? */
-    if (perhaps.first > perhaps.last && near.first > near.last) return SEPARATED;
+    if (near.first > near.last) return SEPARATED;
+    if (perhaps.first > perhaps.last)
+        return close_in(pair, middle + near.first, middle + near.last, middle + 0.5 * (near.first + near.last), smallest);
     if (!(surely.first < surely.last)) return UNDECIDED;
-    double at = 0.5 * (surely.first + surely.last);
+    bool is_shallow = deep.first > deep.last;
+    double at = is_shallow ? 0.5 * (surely.first + surely.last) : 0.5 * (deep.first + deep.last);
     double deepest = widest_then(&pair->a_now, &pair->b_now, (Vector){vb.x - va.x, vb.y - va.y}, at, -INFINITY);
     deepest = widest_then(&pair->b_now, &pair->a_now, (Vector){va.x - vb.x, va.y - vb.y}, at, deepest);
     /* Polygons without any edge have no depth. */
-    if (!(deepest < -apart) || deepest == -INFINITY) return UNDECIDED;
+    if (deepest == -INFINITY) return UNDECIDED;
+    Depth depth = is_deep(pair, deepest + departure, largest, smallest) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
     double error = most(surely.first - perhaps.first, perhaps.last - surely.last);
-    return (Contact){KERNEL_CONTACT, middle + perhaps.first, middle + perhaps.last, error};
+    return (Contact){IS_IN_CONTACT, depth, middle + perhaps.first, middle + perhaps.last, error};
 }
 
-Contact encounter_contact(Encounter *pair, double low, double high) {
-    bool touches = pair->separation_m == 0.0;
-    if (!pair->a.body->is_sound || !pair->b.body->is_sound || !(high > low)) return UNDECIDED;
-    if (pair->a.body->count < 3 && pair->b.body->count < 3) return UNDECIDED;
-    Bounds bounds = bounds_of(pair, low, high);
-    double departure = 0.5 * bounds.spread * (high - low);
+Contact certain_contact(Encounter *pair, double low, double high) {
+    bool touches = pair->separation_m == 0.0, is_apart = false, is_shallow = false;
+    if (!(high > low) || (pair->a.body->count < 3 && pair->b.body->count < 3)) return UNDECIDED;
+    Bounds bounds = encounter_bounds(pair, low, high);
+    double departure = 0.5 * bounds.spread * (high - low), start = low, end = high;
     /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
-    Window window = {.low = low, .high = high, .start = low, .end = high};
     for (int round = 1; round <= MAX_WINDOWS; round++) {
-        Extent extent = extent_over(pair, window.start, window.end);
-        double h = window.end - window.start;
-        window.largest = plane_largest_scale(pair->plane, &extent), window.touch = KERNEL_TOUCH_M * window.largest;
-        double wanted = (pair->margin_m + KERNEL_TOUCH_M) * window.largest;
-        if (!touches) {
-            window.smallest = plane_smallest_scale(pair->plane, &extent);
-            wanted = plane_span_m(pair->plane, pair->separation_m + pair->margin_m, window.largest) + window.touch;
-        }
+        Extent extent = encounter_extent(pair, start, end);
+        double h = end - start, largest = plane_largest_scale(pair->plane, &extent);
+        double smallest = plane_smallest_scale(pair->plane, &extent), touch = KERNEL_TOUCH_M * largest;
         pair->work->windows++;
-        Share share = clear_share(pair, bounds.acceleration * h * h / 8.0 + wanted);
-        if (share.u > share.v) return SEPARATED;
-        window.end = window.start + share.v * h, window.start = window.start + share.u * h;
-        window.middle = 0.5 * (window.start + window.end);
-        window.depth = depth_at(pair, window.middle, window.smallest);
-        if (window.depth < -2.0 * window.touch && (touches || round >= LEAST_WINDOWS_APART))
-            return contact_in_window(pair, &window);
+        Shares shares = shares_of(pair, levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, largest, smallest));
+        if (is_none(shares.near)) return SEPARATED;
+        /* What is proven of a time holds in the shorter ones that follow. */
+        is_apart = is_apart || is_none(shares.touch), is_shallow = is_shallow || is_none(shares.deep);
+        Share likely = is_apart ? shares.near : is_shallow ? shares.touch : shares.deep;
+        double witness = start + 0.5 * (likely.u + likely.v) * h, near_start = start + shares.near.u * h;
+        end = start + shares.near.v * h;
+        if (is_apart) {
+            Contact close = close_in(pair, near_start, end, witness, smallest);
+            if (close.outcome != IS_UNDECIDED) return close;
+        } else {
+            Window window = {.low = low, .high = high, .largest = largest, .smallest = smallest, .touch = touch};
+            window.start = start + shares.touch.u * h, window.end = start + shares.touch.v * h, window.witness = witness;
+            window.depth = depth_at(pair, witness, smallest);
+            if (window.depth < -2.0 * touch && (touches || round >= LEAST_WINDOWS_APART)) {
+                double gap = window.depth + pair->separation_m * smallest;
+                Depth depth = is_deep(pair, gap, largest, smallest) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
+                return contact_in_window(pair, &window, depth);
+            }
+        }
+        start = near_start;
     }
     return UNDECIDED;
-}
-
-KernelOutcome encounter_depth(Encounter *pair, double low, double high) {
-    if (!pair->a.body->is_sound || !pair->b.body->is_sound || !(high >= low)) return KERNEL_UNDECIDED;
-    double h = high - low;
-    Extent extent = extent_over(pair, low, high);
-    double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
-    double acceleration = bounds_of(pair, low, high).acceleration;
-    /* As a gap of minus the margin, least in the plane where the scale is. */
-    double slack = acceleration * h * h / 8.0 + KERNEL_TOUCH_M * largest - pair->margin_m * smallest;
-    Share share = clear_share(pair, slack);
-    if (share.u > share.v) return KERNEL_SEPARATED;
-    double depth = gap_at(pair, low + 0.5 * (share.u + share.v) * h).gap;
-    return depth < -(pair->margin_m + KERNEL_TOUCH_M) * largest ? KERNEL_CONTACT : KERNEL_UNDECIDED;
 }

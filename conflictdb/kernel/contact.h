@@ -1,32 +1,27 @@
-/* When two movers are nearer than a distance, proven: the method `exact`. */
+/* What is certain of a pair at once: the method `exact`, before any search. */
 #ifndef CONFLICTDB_CONTACT_H
 #define CONFLICTDB_CONTACT_H
 
-#include "motion.h"
-#include "plane.h"
+#include "encounter.h"
 
-/* Two movers, and room for their polygons at the ends of a time and, convex, at an instant of it. */
-typedef struct {
-    const KernelPlane *plane;
-    Mover a, b;
-    double separation_m, margin_m;
-    Polygon a0, b0, a1, b1, a_now, b_now, spare;
-    KernelWork *work;
-} Encounter;
+typedef enum {
+    IS_UNDECIDED,  /* neither of these is proven: a touch, several contacts, polygons without an inside */
+    IS_SEPARATED,  /* further apart than wanted by more than the margin, throughout */
+    IS_CLOSE,      /* apart, but within the margin at some instant */
+    IS_IN_CONTACT  /* nearer than wanted from start to end; at any other instant not */
+} Outcome;
 
-/* Instants in seconds from the pair's zero (see kernel.h). */
+/* Whether a pair in contact is nearer than wanted by more than the margin at some instant. */
+typedef enum { IS_EITHER, IS_SHALLOW, IS_DEEP } Depth;
+
+/* Instants in seconds from the pair's zero. The true ends lie within, by error at most at either end. */
 typedef struct {
-    KernelOutcome outcome;
+    Outcome outcome;
+    Depth depth;
     double start, end, error;
 } Contact;
 
-/* Put both polygons where they are at an instant, convex, in a_now and b_now. */
-void encounter_place(Encounter *pair, double t);
-
-/* When they are nearer than separation_m, or touch where that is 0, during [low, high]. */
-Contact encounter_contact(Encounter *pair, double low, double high);
-
-/* Whether they overlap by more than the margin during [low, high]. */
-KernelOutcome encounter_depth(Encounter *pair, double low, double high);
+/* What is certain of a pair whose pieces can be, during [low, high]. */
+Contact certain_contact(Encounter *pair, double low, double high);
 
 #endif

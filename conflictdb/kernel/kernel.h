@@ -1,8 +1,9 @@
 /* When two moving polygons touch, or come nearer to each other than a distance: one pair at a time, with proofs.
  *
  * Two pieces of a scene are convex polygons that stand still, or ride along a leg as havens. For a pair of them during
- * [low_s, high_s] the kernel proves one of two things, or says that it could not (KernelOutcome). What is proven holds
- * for the motion itself: no step samples, and rounding is allowed for. docs/explanation/kernel.md says how.
+ * [low_s, high_s] the kernel tells every contact, and proves that there is no other, or says that it could not
+ * (KernelVerdict). What is proven holds for the motion itself: no step samples, and rounding is allowed for.
+ * docs/explanation/kernel.md says how.
  *
  * Units are metres, seconds and degrees at this border; "plane metres" are coordinates of the plane in which the legs
  * and edges are straight. Instants are microseconds since 1970.
@@ -17,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 5
+#define KERNEL_ABI 6
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -47,17 +48,16 @@ typedef enum {
     KERNEL_BAD_PLANE = 4,   /* no such plane, or an earth of no size */
     KERNEL_BAD_OFFSET = 5,  /* the offsets of vertices do not begin at 0, decrease, or end beyond the vertices */
     KERNEL_BAD_PIECE = 6,   /* the number of a pair's piece is none of the scene's */
-    KERNEL_BAD_DISTANCE = 7, /* a separation or margin that is negative or no number */
+    KERNEL_BAD_DISTANCE = 7, /* a separation or tolerance that is negative or no number */
     KERNEL_BAD_RANGE = 8     /* a range of pieces that is not within them */
 } KernelStatus;
 
-/* What is known of a pair during its time. */
+/* What is known of a contact (conflictdb.results.Verdict). */
 typedef enum {
-    KERNEL_UNDECIDED = 0, /* neither of these is proven: grazing, several contacts, a polygon without an inside */
-    KERNEL_SEPARATED = 1, /* further apart than wanted by more than the margin, throughout */
-    KERNEL_CONTACT = 2    /* nearer than wanted from start_s to end_s, by more than the margin at some instant; at any
-                             other instant not. The true ends lie within, by error_s at most at either end. */
-} KernelOutcome;
+    KERNEL_CONFLICT = 0,  /* nearer than wanted, by more than the tolerance at some instant */
+    KERNEL_GRAZING = 1,   /* the least clearance is within the tolerance of zero: too close to call */
+    KERNEL_UNRESOLVED = 2 /* neither is proven, nor that they stay apart: the time in which they might meet */
+} KernelVerdict;
 
 typedef enum { KERNEL_MERCATOR = 0, KERNEL_GNOMONIC = 1 } KernelProjection;
 
@@ -103,9 +103,34 @@ typedef struct {
     const double *low_s, *high_s;
 } KernelPairs;
 
-/* What was done: pairs settled by the closed form, windows of pairs, and evaluations of two polygons at an instant. */
+/* Tell where the extreme contact of a pair may be, the last or the first one between two instants, seconds; NaN where it
+ * is not known. What is told decides the work alone, no answer. */
+typedef double KernelGuess(void *of, int64_t pair, double low_s, double high_s, int32_t is_last);
+
+/* What is asked about pairs. */
 typedef struct {
-    int64_t closed_forms, windows, evaluations;
+    double separation_m;     /* the distance wanted on the earth; where it is 0, contact is touching */
+    double tolerance_m;      /* closeness that is too close to call */
+    const double *beyond_s;  /* (count,) the first instant that is no longer in a pair's span, infinite where the last one
+                                is; NULL: infinite for all */
+    const int64_t *company;  /* (count,) how many pairs share the work that may be done for two objects; NULL: 1 each */
+    KernelGuess *guess;      /* NULL, or whom to ask; then all pairs are searched */
+    void *guess_of;
+} KernelQuestion;
+
+/* A time during which a pair is in contact, or might be. */
+typedef struct {
+    int64_t pair;
+    double start_s, end_s; /* seconds from the pair's zero; the true contact lies within */
+    double error_s;        /* by which either true end may lie inside, at most */
+    int32_t verdict;       /* KernelVerdict */
+    int32_t touches;       /* whether they are nearer than wanted during it, not only within the tolerance of that */
+} KernelContact;
+
+/* What was done: pairs settled by the closed form, windows of pairs, evaluations of two polygons at an instant, and pairs
+ * taken apart by branch and bound. */
+typedef struct {
+    int64_t closed_forms, windows, evaluations, searched_pairs;
 } KernelWork;
 
 /* Pieces as functions of time: numbers, the instant that each counts its seconds from, and the plane point that it counts
@@ -153,20 +178,15 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
 /* Free a scene, or nothing (NULL). */
 void kernel_scene_free(KernelScene *scene);
 
-/* Find when pairs are nearer than separation_m on the earth; where that is 0, when they touch.
+/* Find all contacts of pairs, in the order of pairs and of time. A pair with a piece that cannot be is unresolved.
  *
- * margin_m : by how much a pair must be deeper than wanted to meet, or further than wanted to be apart; at least
- *     KERNEL_TOUCH_M
- * outcome : (count,) KernelOutcome; start_s, end_s, error_s : (count,) seconds, of meaning where pairs meet
+ * contacts : made here, for kernel_contacts_free
  */
-KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, double separation_m, double margin_m,
-                             int8_t *outcome, double *start_s, double *end_s, double *error_s, KernelWork *work);
+KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
+                             KernelContact **contacts, int64_t *count, KernelWork *work);
 
-/* Find whether pairs that touch overlap by more than margin_m, metres on the earth.
- *
- * outcome : (count,) KERNEL_CONTACT: by more, at some instant; KERNEL_SEPARATED: by less, at every instant
- */
-KernelStatus kernel_depths(const KernelScene *scene, const KernelPairs *pairs, double margin_m, int8_t *outcome);
+/* Free contacts, or nothing (NULL). */
+void kernel_contacts_free(KernelContact *contacts);
 
 /* Find where pairs meet at the instants low_s: where they overlap a point of both, else the middle between their nearest
  * points in the plane.
@@ -181,6 +201,7 @@ KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs,
  * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be
  */
 KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
+
 /* Tell what each piece of a scene is: (its count,) KernelState. */
 KernelStatus kernel_states(const KernelScene *scene, int8_t *state);
 

@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 5
+ABI: Final = 6
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -23,7 +23,7 @@ _STATUS: Final = {
     4: "there is no such plane",
     5: "the offsets of vertices do not begin at 0, decrease, or do not end with the vertices",
     6: "the number of a pair's piece is none of the pieces'",
-    7: "a separation or margin is negative, or no number",
+    7: "a separation or tolerance is negative, or no number",
     8: "a range of pieces is not within them",
 }
 _POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
@@ -33,8 +33,8 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_fingerprint": (),
     "kernel_scene_make": (_POINTER,) * 3,
     "kernel_scene_free": (_POINTER,),
-    "kernel_contacts": (_POINTER, _POINTER, _NUMBER, _NUMBER, *[_POINTER] * 5),
-    "kernel_depths": (_POINTER, _POINTER, _NUMBER, _POINTER),
+    "kernel_contacts": (_POINTER,) * 6,
+    "kernel_contacts_free": (_POINTER,),
     "kernel_meetings": (_POINTER,) * 3,
     "kernel_distances": (_POINTER,) * 3,
     "kernel_approaches": (_POINTER,) * 10,
@@ -43,7 +43,10 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
 }
-_RETURNS: Final[dict[str, Any]] = {"kernel_fingerprint": ctypes.c_char_p, "kernel_scene_free": None}
+_RETURNS: Final[dict[str, Any]] = {
+    "kernel_fingerprint": ctypes.c_char_p,
+    **dict.fromkeys(("kernel_scene_free", "kernel_contacts_free"), None),
+}
 # Rows that a thread takes at once: milliseconds of work.
 SHARE: Final = 2048
 

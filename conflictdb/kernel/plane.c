@@ -195,3 +195,15 @@ void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b,
     Vector place = place_on_side(plane, vertex, start, side, origin);
     *from = facing.vertices == a ? vertex : place, *to = facing.vertices == a ? place : vertex;
 }
+
+double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m) {
+    Vector from, to;
+    Extent extent = extent_none();
+    Gap gap = polygon_distance(a, b, &from, &to);
+    if (gap.gap > plane_short_m(plane)) {
+        extent_add(&extent, a, origin), extent_add(&extent, b, origin);
+        double largest = plane_largest_scale(plane, &extent), beyond = gap.gap - plane_span_m(plane, within_m, largest);
+        if (beyond > 0.0) return within_m + beyond / largest;
+    }
+    return plane_metres(plane, a, b, origin, gap.gap, from, to);
+}

@@ -53,6 +53,9 @@ double plane_short_m(const KernelPlane *plane);
  * those that overlap their depth. Never overstated; understated by plane_distance_error_m at most. */
 double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
 
+/* The same where it is at most within_m; else any number above that. */
+double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m);
+
 /* The same, where the separation in the plane is known, and its nearest points or middles. */
 double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap, Vector from,
                     Vector to);

@@ -14,6 +14,10 @@ static const double MOST_TOUCHES = 3.0;
 /* Instants nearer to each other than so many spacings of float64 are not told apart. */
 static const double RESOLVED_SPACINGS = 4.0;
 
+/* Crossings are bracketed to this, seconds: a hundredth of what a timestamp can tell. With more, ends may be rounded to
+ * other microseconds. */
+static const double BRACKET_S = 1e-8;
+
 /* Instants between which a measure falls, and its values there. */
 typedef struct {
     double outside, gap, inside, depth;
@@ -79,4 +83,27 @@ Root root_between(Measure *measure, void *of, double outside, double gap, double
         .inner = inner.is_found ? inner.at : inner.left.inside,
         .is_found = !outer.is_wide && !inner.is_wide && above > touch && below < -touch,
     };
+}
+
+Crossing crossing_between(Measure *measure, void *of, double level, double outside, double inside) {
+    double above = measure(of, outside) - level, below = measure(of, inside) - level;
+    if (!(above > 0.0)) return (Crossing){outside, outside};
+    int side = 0;
+    for (int step = 0; step < MAX_STEPS && fabs(outside - inside) > BRACKET_S && resolved(outside, inside); step++) {
+        /* Every third step is bisection; the others step over by less than a bracket, so that the other end follows. */
+        double width = inside - outside, share = step % 3 < 2 ? above / (above - below) : 0.5;
+        if (!isfinite(share)) share = 0.5;
+        else if (step % 3 < 2) share += 0.4 * BRACKET_S / fabs(width) * (side > 0 ? 1.0 : -1.0);
+        double at = outside + share * width;
+        if (!((at - outside) * (at - inside) < 0.0)) at = outside + 0.5 * width;
+        double found = measure(of, at) - level;
+        if (found > 0.0) {
+            if (side == 1) below *= 0.5;
+            outside = at, above = found, side = 1;
+        } else {
+            if (side == -1) above *= 0.5;
+            inside = at, below = found, side = -1;
+        }
+    }
+    return (Crossing){outside, inside};
 }

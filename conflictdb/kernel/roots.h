@@ -17,4 +17,13 @@ typedef struct {
  * to where it is beyond doubt on either side, by one to three times `touch`. */
 Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch);
 
+/* Instants at which a measure is above a level, and at most it, as near to each other as is useful. */
+typedef struct {
+    double outer, inner;
+} Crossing;
+
+/* Where a measure falls from above a level at `outside` to at most it at `inside`: no wider than BRACKET_S of roots.c,
+ * or than instants can be told apart. Where it is not above the level at `outside`, that is both. */
+Crossing crossing_between(Measure *measure, void *of, double level, double outside, double inside);
+
 #endif

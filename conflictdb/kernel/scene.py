@@ -1,4 +1,4 @@
-"""Scenes of the kernel: the pieces of a batch, prepared, and when pairs of them touch or are near."""
+"""Scenes of the kernel: the pieces of a batch, prepared, and pairs of them."""
 
 import ctypes
 import weakref
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth, Floats
-from conflictdb.kernel.library import Held, check, library, shared
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth
+from conflictdb.kernel.library import Held, check, library
 
 _MERCATOR, _GNOMONIC = 0, 1
 
@@ -57,19 +57,12 @@ class Plane(ctypes.Structure):
 
 @dataclass(slots=True)
 class Work:
-    """What was done: pairs by closed form, windows of pairs, and evaluations of two polygons at an instant."""
+    """What was done: pairs by closed form, windows, evaluations of two polygons at an instant, and pairs searched."""
 
     closed_forms: int = 0
     windows: int = 0
     evaluations: int = 0
-
-
-class Outcome(IntEnum):
-    """What is proven of a pair (KernelOutcome)."""
-
-    UNDECIDED = 0  # nothing
-    SEPARATED = 1  # further apart than wanted by more than the margin, throughout
-    CONTACT = 2  # nearer than wanted, by more than the margin at some instant
+    searched_pairs: int = 0
 
 
 class State(IntEnum):
@@ -80,25 +73,6 @@ class State(IntEnum):
     CONVEX = 2  # its vertices stay in convex position
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """What is known of n pairs during the time they were asked about.
-
-    outcome : (n,) int8, `Outcome`
-    start_s, end_s : (n,) seconds; where the outcome is CONTACT the one contact lies between them, else they are 0
-    error_s : (n,) seconds by which the contact may begin later, or end earlier
-    """
-
-    outcome: NDArray[np.int8]
-    start_s: Floats
-    end_s: Floats
-    error_s: Floats
-
-    def ended(self, outcome: Outcome) -> NDArray[np.bool_]:
-        """Return (n,) where the kernel ended in this way."""
-        return self.outcome == outcome
-
-
 class Scene:
     """The pieces of a batch as the kernel works on them.
 
@@ -107,7 +81,7 @@ class Scene:
     """
 
     def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
-        """Prepare the pieces that pairs a, b have, or all; what cannot be leaves its pairs undecided.
+        """Prepare the pieces that pairs a, b have, or all; what cannot be leaves its pairs unresolved.
 
         That is what has no vertices, no leg that takes time, or a number that is none.
         """
@@ -125,56 +99,6 @@ class Scene:
         found = np.empty(self.count, np.int8)
         check(library().kernel_states(self.handle, found.ctypes.data))
         return found
-
-    def contacts(
-        self,
-        a: _Ints,
-        b: _Ints,
-        zero_us: _Ints,
-        low_s: Floats,
-        high_s: Floats,
-        separation_m: float,
-        margin_m: float,
-        work: Work,
-        threads: int = 1,
-    ) -> Solution:
-        """Return when pairs of pieces a and b are nearer than a separation; where that is 0, when they touch.
-
-        a, b : (n,) numbers of pieces
-        zero_us : (n,) what each pair's seconds count from
-        low_s, high_s : (n,) each pair's time, within what both pieces have
-        margin_m : by how much a pair must be deeper than wanted to meet, or further than wanted to be apart, metres on
-            the earth; at least TOUCH_M
-        work : counts what is done
-        """
-        n = len(a)
-        found = Solution(np.empty(n, np.int8), np.empty(n), np.empty(n), np.empty(n))
-        pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
-
-        def solve(rows: slice) -> HeldWork:
-            done = HeldWork()
-            columns = [getattr(found, column.name)[rows].ctypes.data for column in fields(found)]
-            held = HeldPairs.of(pairs, rows)
-            status = library().kernel_contacts(
-                self.handle, ctypes.byref(held), separation_m, margin_m, *columns, ctypes.byref(done)
-            )
-            check(status)
-            return done
-
-        for done in shared(solve, n, threads):
-            work.closed_forms += done.closed_forms
-            work.windows += done.windows
-            work.evaluations += done.evaluations
-        return found
-
-    def depths(
-        self, a: _Ints, b: _Ints, zero_us: _Ints, low_s: Floats, high_s: Floats, margin_m: float
-    ) -> NDArray[np.int8]:
-        """Return (n,) whether pairs overlap by more than a margin: CONTACT at some instant, SEPARATED at none."""
-        outcome = np.empty(len(a), np.int8)
-        held = HeldPairs.of(HeldPairs.arrays(a, b, zero_us, low_s, high_s), slice(0, len(a)))
-        check(library().kernel_depths(self.handle, ctypes.byref(held), margin_m, outcome.ctypes.data))
-        return outcome
 
 
 class HeldPieces(Held):
@@ -249,4 +173,4 @@ class HeldPairs(Held):
 class HeldWork(ctypes.Structure):
     """KernelWork."""
 
-    _fields_ = tuple((name, ctypes.c_int64) for name in ("closed_forms", "windows", "evaluations"))
+    _fields_ = tuple((column.name, ctypes.c_int64) for column in fields(Work))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from conflictdb.stage4.contacts import Effort
+from conflictdb.stage4.effort import Effort
 
 # Told how many pairs stage 4 has decided, and of how many.
 Progress = Callable[[int, int], None]

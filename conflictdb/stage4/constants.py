@@ -14,9 +14,6 @@ TOUCH_M: Final = 5e-8
 # share of 1e-8 at 89 degrees of latitude. With more, a distance may be found too large; with less, more pairs are
 # measured along geodesics, which is slower.
 SHORT_M: Final = 1e-3
-# Where a contact ends the pair is this far apart on the outer side: clear of a touch beyond rounding. With less, an end
-# may lie within rounding; with more, contacts are stated longer than they are.
-CLEAR_M: Final = 3.0 * TOUCH_M
 # A distance that is more than this above what is asked need not be known, so that cheaper bounds will do. With less,
 # more intervals are split; with more, more distances are measured along geodesics.
 NEAR_M: Final = 100.0
@@ -29,12 +26,6 @@ SHORTEST_INTERVAL_S: Final = 1e-6
 # Ends are bracketed to this: a hundredth of what a timestamp can tell. With more, ends may be rounded to other
 # microseconds.
 BRACKET_S: Final = 1e-8
-# A contact that begins this close to an instant that no longer belongs to the span counts only if it is beyond doubt at
-# that instant: half a microsecond, since it would be rounded to it.
-END_RESOLUTION_S: Final = 5e-7
-# A guess of the published programs is bracketed within these steps; failing that, within the whole window. They decide
-# the cost alone.
-GUESS_BRACKETS_S: Final = (1e-3, 0.1, 10.0)
 
 # --- Work that is done at most ---------------------------------------------------------------------------------------
 

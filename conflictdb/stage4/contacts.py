@@ -1,18 +1,17 @@
 """Stage 4: when exactly do two pieces interfere.
 
-Method `exact` asks the kernel, which decides nearly all pairs, and takes the rest apart (`stage4.search`); method `nlp`
-takes every pair apart, and asks the published programs where to look.
+The kernel decides. With method `nlp` it searches every pair, and asks the published programs where to look.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
-from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
@@ -20,34 +19,18 @@ from conflictdb.kernel.meeting import distances
 from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
+from conflictdb.results import Verdict
 from conflictdb.stage4.constants import PAIRS_AT_ONCE, TOUCH_M
-from conflictdb.stage4.encounters import group_by_shape, short_m
-from conflictdb.stage4.exact import Meetings, certain_contacts
-from conflictdb.stage4.search import CONFLICT, GRAZING, UNRESOLVED, Programs, nothing, search
+from conflictdb.stage4.effort import Effort
+from conflictdb.stage4.encounters import short_m
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "static_verdicts"]
 
+CONFLICT: Final = Verdict.CONFLICT.code
+GRAZING: Final = Verdict.GRAZING.code
+UNRESOLVED: Final = Verdict.UNRESOLVED.code
+
 Progress = Callable[[int], None]
-
-
-@dataclass(slots=True)
-class Effort:
-    """What stage 4 did: pairs taken apart by the search, and what the kernel and the programs did."""
-
-    searched_pairs: int = 0
-    exact: kernel.Work = field(default_factory=kernel.Work)
-    programs: Programs = field(default_factory=Programs)
-
-    def add(self, other: "Effort") -> None:
-        """Count another effort in."""
-        self.searched_pairs += other.searched_pairs
-        for mine, theirs in ((self.exact, other.exact), (self.programs, other.programs)):
-            for name, count in asdict(theirs).items():
-                setattr(mine, name, getattr(mine, name) + count)
-
-    def counts(self) -> dict[str, int]:
-        """Return every count by name."""
-        return {"searched_pairs": self.searched_pairs, **asdict(self.exact), **asdict(self.programs)}
 
 
 def contacts(
@@ -72,48 +55,35 @@ def contacts(
     if solver is None:
         raise ValueError(f"method {scene.method} stops before stage 4")
     prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    questions = _questions(pieces, pairs, first_s, last_s)
     effort = Effort()
-    found = [nothing()]
+    guesses = None
+    if solver is Solver.PROGRAMS:
+        # scipy takes half a second to import.
+        from conflictdb.stage4.published.guesses import Guesses
 
-    def solve(rows: NDArray[np.int64]) -> Contacts:
-        meetings = Meetings.of(plane, pieces, prepared, pairs, rows, first_s[rows], last_s[rows], threads)
-        return _solved(scene, solver, meetings, effort)
-
-    def leave(rows: NDArray[np.int64]) -> Contacts:
-        width, verdict = last_s[rows] - first_s[rows], np.full(len(rows), UNRESOLVED, np.int8)
-        touches = np.ones(len(rows), np.bool_)
-        return Contacts(np.arange(len(rows)), first_s[rows], last_s[rows], width, verdict, touches)
-
+        guesses = Guesses(plane, scene.separation_m, pieces, pairs, questions.zero_us, effort.programs)
+    found = [Contacts.none()]
     possible = np.flatnonzero(first_s <= last_s)
     for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
-        found += [one.of_pairs(some) for some, one in isolated(rows, solve, leave, "pair of pieces")]
+        asked = questions.take(rows)
+        ask = None if guesses is None else partial(guesses.extreme_contact, rows)
+        done = kernel.contacts(prepared, asked, scene.separation_m, scene.tolerance_m, effort.exact, threads, ask)
+        found.append(done.of_pairs(rows))
         if progress:
             progress(len(rows))
     return Contacts.concatenate(found), effort
 
 
-def _solved(scene: Scene, solver: Solver, meetings: Meetings, effort: Effort) -> Contacts:
-    """Return the contacts of pairs, numbered from 0, by the solver of the scene's method."""
-    found, rest = [nothing()], np.arange(len(meetings))
-    if solver is Solver.CERTIFIED:
-        certain, rest = certain_contacts(scene, meetings, effort.exact)
-        found += certain
-    effort.searched_pairs += len(rest)
-    if rest.size:
-        found.append(_searched(scene, solver, meetings.take(rest).with_own_pieces(), effort).of_pairs(rest))
-    return Contacts.concatenate(found)
-
-
-def _searched(scene: Scene, solver: Solver, meetings: Meetings, effort: Effort) -> Contacts:
-    """Return the contacts of pairs taken apart by the search, those together whose shapes can share arrays."""
-    programs = effort.programs if solver is Solver.PROGRAMS else None
-    found = [nothing()]
-    for rows in group_by_shape(meetings.plane, meetings.pieces, meetings.pairs, np.arange(len(meetings))):
-        alike = meetings.take(rows)
-        pairs = alike.encounters(scene.separation_m)
-        contacts = search(pairs, scene.tolerance_m, alike.low_s, alike.high_s, alike.beyond_s, programs)
-        found.append(contacts.of_pairs(rows))
-    return Contacts.concatenate(found)
+def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) -> kernel.Questions:
+    """Return the pairs as the kernel is asked about them, with what of their windows (n,) lies in the shared spans."""
+    zero, end = pieces.shared_span(pairs.a, pairs.b)
+    span = (end - zero) / 1e6
+    belongs = np.ones(len(pairs), np.bool_)
+    for member in (pairs.a, pairs.b):
+        belongs &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
+    low_s, high_s = np.clip(first_s, 0.0, span), np.clip(last_s, 0.0, span)
+    return kernel.Questions(pairs.a, pairs.b, zero, low_s, high_s, np.where(belongs, np.inf, span), pairs.company)
 
 
 def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:

@@ -32,7 +32,6 @@ from conflictdb.results import Kind, Verdict
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4.contacts import contacts as contacts_of
-from conflictdb.stage4.search import nothing
 
 TOLERANCES_M = (1.0, 0.0, 1.0, 100.0)
 # Of pairs that the broad phase dismissed, so many are sampled for each that it found.
@@ -75,7 +74,7 @@ def check(workload: Workload, seed: int, objects: int) -> Count:
         (Verdict.UNRESOLVED, "unresolved"),
     ):
         setattr(total, name, int((found.verdict == verdict.code).sum()))
-    for pairs, answers in ((near, found), (far, nothing())):
+    for pairs, answers in ((near, found), (far, Contacts.none())):
         total.sampled.add(sampled(scene, pieces, pairs, answers, rng))
     return total
 

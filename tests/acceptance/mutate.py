@@ -47,7 +47,6 @@ MODULES: Final = (
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",
     "pipeline.closest_approaches", "pipeline.object_pairs", "stage3_projection", "stage4.contacts",
-    "stage4.exact", "stage4.search",
     "stage4.closest_approach", "stage4.published.linear_program", "stage4.published.nonlinear_program",
     "advice.estimates",
 )

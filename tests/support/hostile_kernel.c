@@ -80,6 +80,10 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
     free(hull), free(deviation), free(size), free(offset);
 }
 
+static double some_guess(void *of, int64_t pair, double low, double high, int32_t is_last) {
+    return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
+}
+
 static void play(int64_t calls[16], int64_t outcomes[4]) {
     static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
     const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
@@ -119,22 +123,33 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
-    double *low = block(m, 8), *high = block(m, 8), *begin = block(m, 8), *stop = block(m, 8), *error = block(m, 8);
-    int8_t *outcome = block(m, 1);
+    double *low = block(m, 8), *high = block(m, 8), *beyond = block(m, 8), *distance = block(m, 8);
+    int64_t *company = block(m, 8);
     for (int64_t i = 0; i < m; i++) {
         a[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2), b[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
         zero[i] = instant(0, hour, odd), low[i] = number(0.0, 1800.0, odd), high[i] = low[i] + number(0.0, 5400.0, odd);
     }
     KernelPairs pairs = {m, a, b, zero, low, high};
     KernelWork work;
-    double separation = below(2) ? 0.0 : number(0.0, 10.0 * size, odd), margin = below(2) ? KERNEL_TOUCH_M : number(0.0, size, odd);
-    status = kernel_contacts(scene, &pairs, separation, margin, outcome, begin, stop, error, &work);
+    for (int64_t i = 0; i < m; i++) {
+        /* A small share of the work each, else hopeless pairs take most of the time. */
+        beyond[i] = number(0.0, 5400.0, 3), company[i] = instant(1000, 100000, 3 * odd);
+    }
+    KernelQuestion question = {below(2) ? 0.0 : number(0.0, 10.0 * size, odd), below(2) ? 0.0 : number(0.0, size, odd), .company = company};
+    if (below(2)) question.beyond_s = beyond;
+    if (below(3) == 0) question.guess = some_guess;
+    KernelContact *contacts = NULL;
+    int64_t found = 0;
+    status = kernel_contacts(scene, &pairs, &question, &contacts, &found, &work);
     calls[status]++;
-    for (int64_t i = 0; status == KERNEL_OK && i < m; i++) outcomes[outcome[i]]++;
-    calls[kernel_depths(scene, &pairs, margin, outcome)]++;
+    for (int64_t i = 0, pair = -1; i < found; pair = contacts[i++].pair) {
+        if (contacts[i].pair < pair || contacts[i].pair >= m) exit(4);
+        outcomes[contacts[i].verdict]++;
+    }
+    kernel_contacts_free(contacts);
     double *degrees = block(2 * m, 8);
     calls[kernel_meetings(scene, &pairs, degrees)]++;
-    calls[kernel_distances(scene, &pairs, begin)]++;
+    calls[kernel_distances(scene, &pairs, distance)]++;
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);
     double *place_a = block(2 * groups, 8), *place_b = block(2 * groups, 8);
@@ -148,7 +163,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     free(degrees);
     kernel_scene_free(scene);
     void *blocks[] = {offset, xy, to, moves, turn, start, end, leg_start, leg_end, from_deg, to_deg, bearing,
-                      a, b, zero, low, high, begin, stop, error, outcome};
+                      a, b, zero, low, high, beyond, company, distance};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 

@@ -266,6 +266,7 @@ def test_polygons_without_any_edge_have_no_depth() -> None:
     boxes = AreaBatch.of([scenes.area(key, shapely.box(0, 0, 1, 1)) for key in ("A", "B")])
     pieces = area_pieces(scene, plane_of(scene), boxes)
     pieces = replace(pieces, shape_xy=np.repeat([[0.0, 0.0], [10.0, 0.0]], 4, axis=0))
-    prepared, pair = kernel.Scene(plane_of(scene).kernel_plane, pieces), (np.array([0]), np.array([1]))
-    found = prepared.contacts(*pair, np.zeros(1, np.int64), np.zeros(1), np.full(1, 100.0), 0.0, 1.0, kernel.Work())
-    assert found.outcome.tolist() == [kernel.Outcome.UNDECIDED]
+    zero = np.zeros(1)
+    pair = kernel.Questions(np.array([0]), np.array([1]), zero.astype(np.int64), zero, zero + 100.0, zero + np.inf)
+    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    assert len(kernel.contacts(prepared, pair, 0.0, 1.0, kernel.Work())) == 0

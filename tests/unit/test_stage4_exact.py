@@ -1,6 +1,6 @@
-"""The kernel held to the search, which shares none of its shortcuts, and to answers known by hand."""
+"""The kernel's shortcuts held to its search, which shares none of them, and to answers known by hand."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -9,57 +9,57 @@ import shapely
 from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
 
 from conflictdb import kernel
+from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel import Outcome, Solution, Work
+from conflictdb.kernel import Questions, Work
+from conflictdb.kernel.meeting import distances
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import area_pieces
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.constants import TOUCH_M
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
-from conflictdb.stage4.distance import clearance_m
-from conflictdb.stage4.encounters import Encounters, group_by_shape
-from conflictdb.stage4.exact import Meetings
-from conflictdb.stage4.search import search
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 
 
 @dataclass(frozen=True)
-class Group:
-    """Pairs whose shapes share arrays, timed from the start of their shared spans."""
+class Batch:
+    """All pairs with a track that pass stages 1 and 2, timed from the start of their shared spans."""
 
     scene: Scene
-    meetings: Meetings
+    prepared: kernel.Scene
+    questions: Questions
 
-    @property
-    def pairs(self) -> Encounters:
-        return self.meetings.encounters(self.scene.separation_m)
+    @classmethod
+    def of(cls, scene: Scene, areas: list[Area], tracks: list[Track]) -> "Batch":
+        plane = plane_of(scene)
+        pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        pairs = intersections(pieces, *candidates(pieces), regions=False)
+        pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
+        start, end = pieces.shared_span(pairs.a, pairs.b)
+        span, zero = (end - start) / 1e6, np.zeros(len(pairs))
+        return cls(
+            scene,
+            kernel.Scene(plane.kernel_plane, pieces),
+            Questions(pairs.a, pairs.b, start, zero, span, np.full(len(pairs), np.inf)),
+        )
 
-    @property
-    def span_s(self) -> Floats:
-        return self.meetings.high_s
+    def solved(self, work: Work | None = None) -> Contacts:
+        scene = self.scene
+        return kernel.contacts(self.prepared, self.questions, scene.separation_m, scene.tolerance_m, work or Work())
 
-    def solved(self, margin_m: float, work: Work | None = None) -> Solution:
-        return self.meetings.contacts(self.scene.separation_m, margin_m, work or Work())
+    def searched(self, work: Work) -> Contacts:
+        """The same without a shortcut: where somebody is asked for guesses, and has none, all pairs are searched."""
+        scene = self.scene
+        asked = (scene.separation_m, scene.tolerance_m, work)
+        return kernel.contacts(self.prepared, self.questions, *asked, guess=lambda *_: float("nan"))
 
-
-def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
-    """All pairs with a track that pass stages 1 and 2."""
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    seconds, prepared = (end - start) / 1e6, kernel.Scene(plane.kernel_plane, pieces)
-    return [
-        Group(scene, Meetings.of(plane, pieces, prepared, pairs, rows, np.zeros(len(rows)), seconds[rows]))
-        for rows in group_by_shape(plane, pieces, pairs, np.arange(len(pairs)))
-    ]
+    def clearance_m(self, pair: np.ndarray, at_s: np.ndarray) -> np.ndarray:
+        some = self.questions.take(pair)
+        return distances(self.prepared, some.a, some.b, some.zero_us, at_s) - self.scene.separation_m
 
 
 @pytest.mark.parametrize("earth", EarthModel)
@@ -70,55 +70,45 @@ def groups(scene: Scene, areas: list[Area], tracks: list[Track]) -> list[Group]:
         (HIGH_LATITUDE, 1.0, 0.0),
         (LONG_LEGS, 20.0, 0.0),
         (EQUATOR, 0.0, 0.0),
+        (EQUATOR, 1000.0, 0.0),
+        (PAPER, 1000.0, 0.0),
         (HARBOUR, 0.0, 0.0),
+        (HARBOUR, 30.0, 0.0),
         (PAPER, 0.0, 3000.0),
+        (PAPER, 1000.0, 3000.0),
         (HIGH_LATITUDE, 1.0, 1000.0),
     ],
     ids=lambda value: getattr(value, "name", value),
 )
-def test_what_is_settled_is_what_the_search_finds(
+def test_what_is_certain_is_what_the_search_finds(
     workload: object, tolerance_m: float, separation_m: float, earth: EarthModel
 ) -> None:
-    """Clear is clear, one contact is one contact, and its ends agree within both bounds; hardly anything is left."""
-    scene, areas, tracks = throw(workload, 4, 12, 12, earth, tolerance_m, separation_m)
-    total = left = solved = 0
-    for group in groups(scene, areas, tracks):
-        n = len(group.pairs)
-        solution = group.solved(max(tolerance_m, TOUCH_M))
-        found = search(group.pairs, tolerance_m, np.zeros(n), group.span_s, np.full(n, np.inf), None)
-        for row in range(n):
-            mine = np.flatnonzero(found.pair == row)
-            if solution.ended(Outcome.SEPARATED)[row]:
-                assert not len(mine)
-            if solution.ended(Outcome.CONTACT)[row]:
-                assert found.verdict[mine].tolist() == [CONFLICT]
-                allowed = solution.error_s[row] + found.error_s[mine[0]] + 1e-7
-                assert solution.start_s[row] == pytest.approx(found.start_s[mine[0]], abs=allowed)
-                assert solution.end_s[row] == pytest.approx(found.end_s[mine[0]], abs=allowed)
-        total += n
-        left += int(solution.ended(Outcome.UNDECIDED).sum())
-        solved += int(solution.ended(Outcome.CONTACT).sum())
-    assert solved >= 5
-    assert left <= 0.1 * total
+    """The same contacts with the same verdicts, ends that agree within both bounds; hardly any pair is searched."""
+    batch = Batch.of(*throw(workload, 4, 12, 12, earth, tolerance_m, separation_m))
+    work, all_work = Work(), Work()
+    certain, found = batch.solved(work), batch.searched(all_work)
+    for name in ("pair", "verdict", "touches"):
+        assert getattr(certain, name).tolist() == getattr(found, name).tolist()
+    allowed = certain.error_s + found.error_s + 1e-7
+    assert (np.abs(certain.start_s - found.start_s) <= allowed).all()
+    assert (np.abs(certain.end_s - found.end_s) <= allowed).all()
+    assert all_work.searched_pairs == len(batch.questions)
+    assert work.searched_pairs <= 0.2 * len(batch.questions)
+    assert (certain.verdict == CONFLICT).sum() >= 5
 
 
 @pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
 def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_speed(workload: object) -> None:
-    scene, areas, tracks = throw(workload, 7, 25, 25, EarthModel.WGS84, 0.0)
-    solved = 0
-    for group in groups(scene, areas, tracks):
-        solution = group.solved(TOUCH_M)
-        solved += int(solution.ended(Outcome.CONTACT).sum())
-        rows = np.flatnonzero(solution.ended(Outcome.CONTACT) & (solution.error_s > 1e-6))
-        if rows.size:
-            # By how much the gap changes in the second before and after either end.
-            some = group.pairs.take(rows)
-            every = np.arange(len(rows))
-            slow = np.zeros(len(rows), np.bool_)
-            for end in (solution.start_s[rows], solution.end_s[rows]):
-                slow |= np.abs(clearance_m(some, every, end + 1.0) - clearance_m(some, every, end - 1.0)) < 1.5
-            assert slow.all()
-    assert solved >= 50
+    batch = Batch.of(*throw(workload, 7, 25, 25, EarthModel.WGS84, 0.0))
+    found = batch.solved()
+    assert (found.verdict == CONFLICT).sum() >= 50
+    wide = np.flatnonzero(found.error_s > 1e-6)
+    if wide.size:
+        # By how much the distance changes in the second before and after either end.
+        pair, slow = found.pair[wide], np.zeros(len(wide), np.bool_)
+        for end in (found.start_s[wide], found.end_s[wide]):
+            slow |= np.abs(batch.clearance_m(pair, end + 1.0) - batch.clearance_m(pair, end - 1.0)) < 1.5
+        assert slow.all()
 
 
 def test_uniform_motion_takes_the_closed_form() -> None:
@@ -127,8 +117,7 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
     work = Work()
-    for group in groups(scene, [box], [track]):
-        group.solved(TOUCH_M, work)
+    Batch.of(scene, [box], [track]).solved(work)
     assert work.closed_forms >= 1
     assert work.windows == work.evaluations == 0
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
@@ -159,13 +148,12 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
 
 def test_answers_do_not_depend_on_the_company() -> None:
     """Each pair alone, bit for bit what it is among all others."""
-    scene, areas, tracks = throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0)
-    for group in groups(scene, areas, tracks):
-        together = group.solved(1.0)
-        for row in range(len(group.pairs)):
-            alone = replace(group, meetings=group.meetings.take(np.array([row]))).solved(1.0)
-            for name in ("outcome", "start_s", "end_s", "error_s"):
-                assert getattr(alone, name)[0] == getattr(together, name)[row]
+    batch = Batch.of(*throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0))
+    together = batch.solved()
+    for row in range(len(batch.questions)):
+        alone = Batch(batch.scene, batch.prepared, batch.questions.take(np.array([row]))).solved()
+        for name in ("start_s", "end_s", "error_s", "verdict", "touches"):
+            assert getattr(alone, name).tolist() == getattr(together, name)[together.pair == row].tolist()
 
 
 @pytest.mark.parametrize(
@@ -183,22 +171,26 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
-        assert effort.searched_pairs == 0
+        assert effort.exact.searched_pairs == 0
     if verdict is not None:
         assert (found.touches == (depth_m >= 0.0)).all()
     assert UNRESOLVED not in found.verdict
 
 
 def test_a_pair_of_points_is_left_to_the_search() -> None:
+    """Head-on on the equator: they touch in the middle, for an instant."""
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
     size = dict.fromkeys(("fore", "aft", "port", "starboard"), 0.0)
     tracks = [
         scenes.track("T", [(0, 0), (1, 0)], [0, 3600], **size),
         scenes.track("U", [(1, 0), (0, 0)], [0, 3600], **size),
     ]
-    (group,) = [g for g in groups(scene, [], tracks) if len(g.pairs)][:1]
-    solution = group.solved(TOUCH_M)
-    assert solution.ended(Outcome.UNDECIDED).all()
+    batch, work = Batch.of(scene, [], tracks), Work()
+    found = batch.solved(work)
+    assert work.searched_pairs == len(batch.questions) > 0
+    assert set(found.verdict.tolist()) == {GRAZING}
+    seconds = (batch.questions.zero_us[found.pair] - scenes.T0_US) / 1e6
+    assert (seconds + found.start_s).tolist() == pytest.approx([1800.0] * len(found), abs=1e-5)
 
 
 def test_no_pairs_are_settled_as_none() -> None:
@@ -208,4 +200,4 @@ def test_no_pairs_are_settled_as_none() -> None:
     pieces = area_pieces(scene, plane_of(scene), AreaBatch.of([box]))
     none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
     found, effort = contacts(scene, plane_of(scene), pieces, none, np.empty(0), np.empty(0))
-    assert len(found) == effort.searched_pairs == 0
+    assert len(found) == effort.exact.searched_pairs == 0

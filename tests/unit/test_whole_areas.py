@@ -14,7 +14,7 @@ from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.whole_areas import deep_in_whole_areas
-from conflictdb.stage4.search import GRAZING
+from conflictdb.stage4.contacts import GRAZING
 
 # Two strips of 56 m each, with the equator as their seam.
 SOUTH, NORTH = shapely.box(0.0, -0.0005, 0.1, 0.0), shapely.box(0.0, 0.0, 0.1, 0.0005)

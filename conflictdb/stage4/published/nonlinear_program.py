@@ -4,7 +4,7 @@ Minimise (or maximise) t over t, convex weights p of one polygon's vertices and 
 sum p_i a_i(t) = sum q_j b_j(t): the two weighted means are one point that lies in both. Solved by sequential quadratic
 programming with analytic gradients, in units scaled to one.
 
-A local method may miss the first contact, so its answer is only a guess: `stage4.search` proves that there is no
+A local method may miss the first contact, so its answer is only a guess: the kernel proves that there is no
 contact outside of it.
 
 Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, eqs. 14-19. D. Kraft, "A software package for sequential

@@ -1,0 +1,60 @@
+#include "encounter.h"
+
+void encounter_ask(Encounter *pair, double separation_m, double margin_m) {
+    pair->separation_m = separation_m, pair->margin_m = most(margin_m, KERNEL_TOUCH_M);
+    pair->deep_m = pair->margin_m;
+    if (separation_m > 0.0) pair->deep_m = most(pair->deep_m, encounter_certainty_margin_m(pair));
+}
+
+void encounter_put(Encounter *pair, double t, Polygon *a, Polygon *b) {
+    mover_place(&pair->a, t, a);
+    mover_place(&pair->b, t, b);
+}
+
+void encounter_place(Encounter *pair, double t) {
+    encounter_put(pair, t, &pair->a_now, &pair->b_now);
+    if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
+    if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
+}
+
+Bounds encounter_bounds(const Encounter *pair, double t0, double t1) {
+    Bounds a = mover_bounds(&pair->a, t0, t1), b = mover_bounds(&pair->b, t0, t1);
+    return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
+}
+
+Extent encounter_extent(Encounter *pair, double start, double end) {
+    Extent extent = extent_none();
+    encounter_put(pair, start, &pair->a0, &pair->b0);
+    encounter_put(pair, end, &pair->a1, &pair->b1);
+    extent_add(&extent, &pair->a0, pair->a.origin), extent_add(&extent, &pair->a1, pair->a.origin);
+    extent_add(&extent, &pair->b0, pair->a.origin), extent_add(&extent, &pair->b1, pair->a.origin);
+    return extent;
+}
+
+Gap encounter_gap(Encounter *pair, double t) {
+    pair->work->evaluations++;
+    encounter_place(pair, t);
+    return polygon_separation(&pair->a_now, &pair->b_now);
+}
+
+Gap encounter_plane_distance(Encounter *pair, double t) {
+    Vector from, to;
+    pair->work->evaluations++;
+    encounter_place(pair, t);
+    return polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
+}
+
+double encounter_clearance_m(Encounter *pair, double t, double within_m) {
+    pair->work->evaluations++;
+    encounter_place(pair, t);
+    double known_m = most(pair->separation_m + within_m, 0.0);
+    return plane_distance_within_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, known_m) - pair->separation_m;
+}
+
+double encounter_distance_error_m(const Encounter *pair, double distance_m) {
+    return distance_m > plane_short_m(pair->plane) ? plane_distance_error_m(pair->plane, distance_m) : 0.0;
+}
+
+double encounter_certainty_margin_m(const Encounter *pair) {
+    return KERNEL_TOUCH_M + encounter_distance_error_m(pair, pair->separation_m);
+}

@@ -1,0 +1,65 @@
+/* Two movers in time: where they are at an instant, how far apart, and how far they may leave even motion. */
+#ifndef CONFLICTDB_ENCOUNTER_H
+#define CONFLICTDB_ENCOUNTER_H
+
+#include "motion.h"
+#include "plane.h"
+
+/* A time of a pair, seconds from its zero. at: an instant in it that shows why it is left undecided. */
+typedef enum {
+    IN_CONTACT, /* in contact then */
+    NEARBY,     /* apart then, but within the margin */
+    BORDERLINE  /* neither is shown, down to the shortest interval, or the work was used up */
+} Reason;
+typedef struct {
+    double start, end, at;
+    Reason reason;
+} Interval;
+
+/* Intervals; there is room for `most`. */
+typedef struct {
+    Interval *items;
+    int64_t count, most;
+} Intervals;
+
+/* Two movers, and room for their polygons at the ends of a time and, convex, at an instant of it.
+ *
+ * margin_m: closeness that is too close to call, at least KERNEL_TOUCH_M. deep_m: by how much a pair must be nearer
+ * than wanted to be so beyond the margin and beyond doubt. undecided, deeper, spare_time: room for the search. */
+typedef struct {
+    const KernelPlane *plane;
+    Mover a, b;
+    double separation_m, margin_m, deep_m;
+    Polygon a0, b0, a1, b1, a_now, b_now, spare;
+    Intervals undecided, deeper, spare_time;
+    KernelWork *work;
+} Encounter;
+
+/* Set what is asked of pairs: the separation wanted, and the margin. */
+void encounter_ask(Encounter *pair, double separation_m, double margin_m);
+
+/* Put both polygons where they are at an instant: vertices in no order, perhaps; and convex ones, into a_now, b_now. */
+void encounter_put(Encounter *pair, double t, Polygon *a, Polygon *b);
+void encounter_place(Encounter *pair, double t);
+
+/* The sum of what bounds either. */
+Bounds encounter_bounds(const Encounter *pair, double t0, double t1);
+
+/* The extent of the polygons at both ends of a time, which are put there. */
+Extent encounter_extent(Encounter *pair, double start, double end);
+
+/* The gap between touching polygons at an instant, and its axis; the same where the distance counts, too. */
+Gap encounter_gap(Encounter *pair, double t);
+Gap encounter_plane_distance(Encounter *pair, double t);
+
+/* How much further apart than wanted the pair is, metres on the earth; negative is a loss of separation. Where it is
+ * more than within_m, any number above that. */
+double encounter_clearance_m(Encounter *pair, double t, double within_m);
+
+/* By how much a distance that is found may be less than the true one; 0 where it comes from the plane. */
+double encounter_distance_error_m(const Encounter *pair, double distance_m);
+
+/* How much nearer than wanted a pair must be found to be so beyond doubt, metres on the earth. */
+double encounter_certainty_margin_m(const Encounter *pair);
+
+#endif

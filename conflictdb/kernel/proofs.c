@@ -1,0 +1,142 @@
+/* Apart: the gap along a fixed direction n, min(n.b) - max(n.a), is concave in time if all vertices move straight. So
+ * over an interval of h seconds it is at least its chord, less M h^2 / 8 where accelerations are at most M. That is a
+ * separating axis held over time, as in continuous collision detection (Redon et al.).
+ *
+ * In contact: the signed separation of two polygons is convex in time if they move rigidly and evenly. So it is at most
+ * its chord, plus K h where velocities differ by at most K (their spread).
+ *
+ * An interval for which neither is proved is halved, as interval methods do (Moore; Ratschek and Rokne; Snyder et al.),
+ * but with bounds from derivatives (Von Herzen et al.) in the place of interval arithmetic. Short intervals are decided
+ * as in conservative advancement (Mirtich): by the distance, and how fast it may shrink. Nothing is decided by sampling.
+ *
+ * References: R. E. Moore, "Interval Analysis" (1966). H. Ratschek, J. Rokne, "New Computer Methods for Global
+ * Optimization" (1988). B. Von Herzen, A. H. Barr, H. R. Zatz, "Geometric collisions for time-dependent parametric
+ * surfaces", SIGGRAPH 1990. J. M. Snyder, A. R. Woodbury, K. Fleischer, B. Currin, A. H. Barr, "Interval methods for
+ * multi-point collisions between time-dependent curved surfaces", SIGGRAPH 1993. B. Mirtich, "Impulse-based dynamic
+ * simulation of rigid body systems", thesis, University of California, Berkeley (1996). S. Redon, A. Kheddar, S.
+ * Coquillart, "Fast continuous collision detection between rigid bodies", Computer Graphics Forum 21 (2002).
+ */
+#include "proofs.h"
+
+/* A distance that is more than this above what is asked need not be known, metres: cheaper bounds will do. With less,
+ * more intervals are split; with more, more distances are measured along geodesics. */
+static const double NEAR_M = 100.0;
+
+/* Parts of an interval, as shares of it, outside of which the pair is proven apart: none where u > v. */
+typedef struct {
+    double u, v;
+    double clearance_m; /* in the middle */
+} Window;
+
+/* The velocity of b against a in the middle of a time, the most that a vertex' differs from it, and the fastest of any
+ * vertex: plane metres per second. */
+typedef struct {
+    double relative, fastest;
+} Speeds;
+
+static Speeds speeds_of(const Encounter *pair, double middle, Bounds bounds) {
+    Vector a = mover_velocity(&pair->a, middle), b = mover_velocity(&pair->b, middle);
+    return (Speeds){hypot(b.x - a.x, b.y - a.y) + bounds.spread, most(norm(a), norm(b)) + bounds.spread};
+}
+
+/* Narrow a window by the gap along an axis, which at both ends of the time must exceed `away`. */
+static void narrow_along(Window *window, Vector axis, const Encounter *pair, double away) {
+    double g0 = gap_along(axis, &pair->a0, &pair->b0) - away, g1 = gap_along(axis, &pair->a1, &pair->b1) - away;
+    if (g0 > 0.0) window->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), window->u);
+    else if (g1 > 0.0) window->v = least(g0 / (g0 - g1), window->v);
+}
+
+static Window window_of(Encounter *pair, double start, double end, double margin_m) {
+    double middle = 0.5 * (start + end), h = end - start, wanted_m = pair->separation_m + margin_m;
+    Window window = {0.0, 1.0, 0.0};
+    pair->work->windows++;
+    Vector first = encounter_plane_distance(pair, start).axis, last = encounter_plane_distance(pair, end).axis;
+    Extent extent = encounter_extent(pair, start, end);
+    window.clearance_m = encounter_clearance_m(pair, middle, most(margin_m, -pair->separation_m) + NEAR_M);
+    extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
+    double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
+    /* A depth in plane metres is least where the scale is. */
+    double wanted = wanted_m >= 0.0 ? plane_span_m(pair->plane, wanted_m, largest) : wanted_m * smallest;
+    Bounds bounds = encounter_bounds(pair, start, end);
+    double away = bounds.acceleration * h * h / 8.0 + wanted + KERNEL_TOUCH_M * largest;
+    Vector from, to, now = polygon_distance(&pair->a_now, &pair->b_now, &from, &to).axis;
+    narrow_along(&window, first, pair, away);
+    narrow_along(&window, now, pair, away);
+    narrow_along(&window, last, pair, away);
+    if (wanted_m > 0.0) {
+        /* At the largest scale the separation wanted is too large. So short intervals are decided by the distance in
+         * metres on the earth, and how fast it can change. Polygons that overlap have the distance 0. */
+        double distance_m = most(window.clearance_m + pair->separation_m, 0.0);
+        Speeds speeds = speeds_of(pair, middle, bounds);
+        double rate = speeds.relative + plane_drift(pair->plane, distance_m, largest, speeds.fastest);
+        if (window.clearance_m > margin_m + 0.5 * rate * h / smallest + KERNEL_TOUCH_M) window.u = 2.0;
+    }
+    return window;
+}
+
+/* Keep an interval that is undecided in the place of one that was looked at before. */
+static void keep(Intervals *intervals, int64_t *kept, double start, double end, Reason reason) {
+    intervals->items[(*kept)++] = (Interval){start, end, 0.5 * (start + end), reason};
+}
+
+/* Add both halves of what is left of an interval, to be looked at after all others; false where no room is left. */
+static bool split(Intervals *intervals, double start, double end) {
+    double middle = 0.5 * (start + end);
+    if (intervals->count + 2 > intervals->most) return false;
+    intervals->items[intervals->count++] = (Interval){start, middle, 0.0, BORDERLINE};
+    intervals->items[intervals->count++] = (Interval){middle, end, 0.0, BORDERLINE};
+    return true;
+}
+
+void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m) {
+    int64_t kept = 0;
+    for (int64_t next = 0; next < intervals->count; next++) {
+        double start = intervals->items[next].start, end = intervals->items[next].end, h = end - start;
+        Window window = window_of(pair, start, end, margin_m);
+        if (window.u > window.v) continue;
+        if (window.clearance_m <= margin_m) {
+            keep(intervals, &kept, start, end, window.clearance_m <= KERNEL_TOUCH_M ? IN_CONTACT : NEARBY);
+            continue;
+        }
+        if (h <= SHORTEST_INTERVAL_S || !split(intervals, start + window.u * h, start + window.v * h))
+            keep(intervals, &kept, start, end, BORDERLINE);
+    }
+    intervals->count = kept;
+}
+
+void undecided_separation_in(Encounter *pair, Intervals *intervals, double start, double end, double margin_m) {
+    intervals->items[0] = (Interval){start, end, 0.0, BORDERLINE}, intervals->count = 1;
+    undecided_separation(pair, intervals, margin_m);
+}
+
+/* A bound from above on the clearance during an interval, plane metres; infinite where the pair is apart in the middle. */
+static double clearance_upper_bound(Encounter *pair, double start, double end) {
+    double middle = 0.5 * (start + end), h = end - start, clearance_m = encounter_clearance_m(pair, middle, NEAR_M);
+    if (clearance_m > KERNEL_TOUCH_M) return INFINITY;
+    Bounds bounds = encounter_bounds(pair, start, end);
+    Speeds speeds = speeds_of(pair, middle, bounds);
+    if (pair->separation_m > 0.0) {
+        Extent extent = encounter_extent(pair, start, end);
+        double largest = plane_largest_scale(pair->plane, &extent);
+        double rate = speeds.relative + plane_drift(pair->plane, pair->separation_m, largest, speeds.fastest);
+        /* The scale is at least 1: a length in plane metres is a bound on the same length in metres on the earth. */
+        return clearance_m + encounter_distance_error_m(pair, pair->separation_m) + 0.5 * rate * h;
+    }
+    double by_rate = encounter_plane_distance(pair, middle).gap + 0.5 * speeds.relative * h;
+    if (by_rate < 0.0) return by_rate;
+    double by_ends = most(encounter_plane_distance(pair, start).gap, encounter_plane_distance(pair, end).gap);
+    return least(by_rate, by_ends + bounds.spread * h);
+}
+
+void undecided_contact(Encounter *pair, Intervals *intervals, double start, double end) {
+    int64_t kept = 0;
+    intervals->items[0] = (Interval){start, end, 0.0, BORDERLINE}, intervals->count = 1;
+    for (int64_t next = 0; next < intervals->count; next++) {
+        double from = intervals->items[next].start, to = intervals->items[next].end;
+        double upper = clearance_upper_bound(pair, from, to);
+        if (upper < 0.0) continue;
+        if (upper == INFINITY) keep(intervals, &kept, from, to, NEARBY);
+        else if (to - from <= SHORTEST_INTERVAL_S || !split(intervals, from, to)) keep(intervals, &kept, from, to, BORDERLINE);
+    }
+    intervals->count = kept;
+}

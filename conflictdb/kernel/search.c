@@ -1,0 +1,266 @@
+/* What is certain of a pair at once (contact.c) is told; any other pair is searched:
+ *
+ * 1. Times at which the pair is proven apart are left out.
+ * 2. The first and the last contact are bracketed on the true motion: by an instant at which the pair is apart, and one
+ *    at which it is in contact. A guess may say where to look.
+ * 3. The pair is proven apart before the first contact and after the last; where it is not, the search goes on there.
+ * 4. The contact is proven to hold throughout; where the pair is apart in between, it is cut in two.
+ * 5. A pair whose least clearance is within the margin of zero is grazing. A pair that stays undecided is unresolved: it
+ *    is reported with the time in which it might meet.
+ */
+#include "search.h"
+
+#include "contact.h"
+#include "proofs.h"
+#include "roots.h"
+
+/* Where a contact ends the pair is this far apart on the outer side, metres on the earth: clear of a touch beyond
+ * rounding. With less, an end may lie within rounding; with more, contacts are stated longer than they are. */
+static const double CLEAR_M = 3.0 * KERNEL_TOUCH_M;
+/* A contact that begins this close to an instant that no longer belongs to the span counts only if it is beyond doubt at
+ * that instant, seconds: half a microsecond, since it would be rounded to it. */
+static const double END_RESOLUTION_S = 5e-7;
+/* A guess is bracketed within these steps, seconds; failing that, within the whole time. They decide the cost alone. */
+static const double GUESS_BRACKETS_S[] = {1e-3, 0.1, 10.0};
+enum { GUESS_BRACKETS = sizeof GUESS_BRACKETS_S / sizeof *GUESS_BRACKETS_S };
+/* How often the search moves to a contact further out that it passed over, and how often it cuts the contacts of a pair.
+ * With fewer, the bounds of pairs that meet many times are wider. */
+enum { MAX_ROUNDS = 16, MAX_CUTS = 32 };
+
+/* The first and the last instant of something. */
+typedef struct {
+    double first, last;
+} Span;
+
+static const Span NEVER = {INFINITY, -INFINITY};
+
+static void extend(Span *span, double first, double last) {
+    span->first = least(span->first, first), span->last = most(span->last, last);
+}
+
+/* What all intervals lie in, and the instants `at` of those of a reason. */
+static Span hull_of(const Intervals *intervals) {
+    Span hull = NEVER;
+    for (int64_t i = 0; i < intervals->count; i++) extend(&hull, intervals->items[i].start, intervals->items[i].end);
+    return hull;
+}
+
+static Span witnesses_of(const Intervals *intervals, Reason reason) {
+    Span seen = NEVER;
+    for (int64_t i = 0; i < intervals->count; i++)
+        if (intervals->items[i].reason == reason) extend(&seen, intervals->items[i].at, intervals->items[i].at);
+    return seen;
+}
+
+static bool is_seen(Span span) { return span.first <= span.last; }
+
+/* An end of a contact: all contact lies inside of `outer`; in contact at `witness`. */
+typedef struct {
+    double outer, witness;
+} OuterEnd;
+
+/* A contact: all of it lies in [start, end]; it is in contact at first and last, and beyond doubt from start_error after
+ * its start to end_error before its end. */
+typedef struct {
+    double start, end, first, last, start_error, end_error;
+} Found;
+
+/* What is measured where contacts end: only what is close to contact matters. */
+static double clearance(void *pair, double t) { return encounter_clearance_m(pair, t, CLEAR_M); }
+
+/* Instants around a guess of the extreme contact; the whole way to the limit without one. */
+static Span bracket(Encounter *pair, const Guess *guess, double limit, double witness, bool is_last) {
+    double low = least(limit, witness), high = most(limit, witness), out = is_last ? 1.0 : -1.0;
+    double at = guess && guess->ask ? guess->ask(guess->of, guess->pair, low, high, is_last) : NAN;
+    for (int k = 0; isfinite(at) && k < GUESS_BRACKETS; k++) {
+        double outward = most(low, least(high, at + out * GUESS_BRACKETS_S[k]));
+        double inward = most(low, least(high, at - out * GUESS_BRACKETS_S[k]));
+        if (clearance(pair, outward) > CLEAR_M && clearance(pair, inward) <= KERNEL_TOUCH_M) return (Span){outward, inward};
+    }
+    return (Span){limit, witness};
+}
+
+/* The first (or last) instant of contact, given that all of it lies between a limit and beyond the witness. */
+static OuterEnd outer_end(Encounter *pair, const Guess *guess, double limit, double witness, bool is_last) {
+    OuterEnd end = {limit, witness};
+    if (!(clearance(pair, limit) > CLEAR_M)) return end;
+    for (int round = 0; round < MAX_ROUNDS; round++) {
+        Span within = bracket(pair, guess, limit, end.witness, is_last);
+        end.outer = crossing_between(clearance, pair, CLEAR_M, within.first, within.last).outer;
+        undecided_separation_in(pair, &pair->spare_time, least(end.outer, limit), most(end.outer, limit), 0.0);
+        bool is_further = false;
+        for (int64_t i = 0; i < pair->spare_time.count; i++) {
+            Interval rest = pair->spare_time.items[i];
+            if (rest.reason == IN_CONTACT) {
+                end.witness = is_last ? most(end.witness, rest.at) : least(end.witness, rest.at), is_further = true;
+            } else {
+                /* An interval next to the contact that is within rounding of a touch belongs to the contact. */
+                end.outer = is_last ? most(end.outer, rest.end) : least(end.outer, rest.start);
+            }
+        }
+        if (!is_further) return end;
+    }
+    /* The rounds are used up, and each found a contact further out: all times up to the limit are reported. */
+    end.outer = limit;
+    return end;
+}
+
+/* Seconds from the outer end of a contact to where it is certain; its whole duration where it is so nowhere.
+ *
+ * It is certain where the clearance is at most minus the certainty margin: coordinates are rounded by less than
+ * KERNEL_TOUCH_M, and distances are too short by at most their error. */
+static double uncertain_s(Encounter *pair, const Found *found, double outer, double witness) {
+    double length = found->end - found->start, deep = -encounter_certainty_margin_m(pair);
+    double tried[] = {outer, found->start + 0.5 * length, found->start + 0.25 * length, found->start + 0.75 * length, witness};
+    for (int k = 0; k < 5; k++)
+        if (clearance(pair, tried[k]) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, tried[k]).inner - outer);
+    undecided_separation_in(pair, &pair->spare_time, found->start, found->end, deep);
+    Span certain = witnesses_of(&pair->spare_time, IN_CONTACT);
+    if (!is_seen(certain)) return length;
+    double at = outer == found->start ? certain.first : certain.last;
+    return fabs(crossing_between(clearance, pair, deep, outer, at).inner - outer);
+}
+
+static void state_errors(Encounter *pair, Found *found) {
+    found->start_error = uncertain_s(pair, found, found->start, found->first);
+    found->end_error = uncertain_s(pair, found, found->end, found->last);
+}
+
+/* Whether a contact is within the span, not only at the first instant after it. */
+static bool is_within_span(Encounter *pair, const Found *found, double beyond) {
+    if (!(found->start > 0.0 && found->end >= beyond)) return true;
+    /* Only the beginning of a contact decides: one that lasts since the span began is within it. */
+    double then = clearance(pair, beyond), begins = crossing_between(clearance, pair, 0.0, found->start, beyond).inner;
+    if (then <= 0.0 && begins < beyond - END_RESOLUTION_S) return true;
+    return then < -encounter_certainty_margin_m(pair);
+}
+
+/* Whether the pair is nowhere deeper than it must be to be in conflict. */
+static bool is_shallow(Encounter *pair, double start, double end) {
+    if (encounter_clearance_m(pair, 0.5 * (start + end), 0.0) < -pair->deep_m) return false;
+    undecided_separation_in(pair, &pair->spare_time, start, end, -pair->deep_m);
+    return !is_seen(witnesses_of(&pair->spare_time, IN_CONTACT));
+}
+
+/* Where distances are not known to the tolerance, shallow contact may be none. */
+static KernelVerdict shallow_verdict(const Encounter *pair) {
+    return pair->deep_m == pair->margin_m ? KERNEL_GRAZING : KERNEL_UNRESOLVED;
+}
+
+/* Add a contact, cut where the pair is apart. Each part is proven to hold throughout, except where the pair only
+ * touches, within rounding. */
+static void add_cut(Encounter *pair, Found whole, KernelVerdict verdict, Answers *answers) {
+    Found stack[MAX_CUTS + 1] = {whole};
+    int top = 1, cuts = 0;
+    while (top > 0) {
+        Found found = stack[--top];
+        double error = most(found.start_error, found.end_error);
+        /* The uncertain seconds at either end are stated as the error. */
+        double first = found.start + found.start_error, last = most(found.end - found.end_error, first), at = NAN;
+        undecided_contact(pair, &pair->spare_time, first, last);
+        for (int64_t i = 0; i < pair->spare_time.count; i++)
+            if (pair->spare_time.items[i].reason == NEARBY) at = pair->spare_time.items[i].at;
+        if (isnan(at) || last - first <= SHORTEST_INTERVAL_S) {
+            answers_add(answers, found.start, found.end, error, verdict, true);
+            continue;
+        }
+        if (cuts++ >= MAX_CUTS) {
+            answers_add(answers, found.start, found.end, found.end - found.start, verdict, true);
+            continue;
+        }
+        OuterEnd before = outer_end(pair, NULL, at, first, true), after = outer_end(pair, NULL, at, last, false);
+        Found earlier = {.start = found.start, .end = before.outer, .first = first, .last = before.witness};
+        Found later = {.start = after.outer, .end = found.end, .first = after.witness, .last = last};
+        state_errors(pair, &earlier);
+        state_errors(pair, &later);
+        /* The earlier one is taken first. */
+        stack[top++] = later;
+        stack[top++] = earlier;
+    }
+}
+
+/* Add a pair that is not seen in contact, but comes within the margin in some intervals, or touches: it is grazing, or
+ * unresolved. */
+static void add_close(Encounter *pair, const Intervals *intervals, bool touches, Answers *answers) {
+    if (intervals->count == 0) return;
+    Span hull = hull_of(intervals), seen = witnesses_of(intervals, NEARBY);
+    Intervals *rest = &pair->spare_time;
+    bool is_unresolved = false;
+    /* An interval of a microsecond that is undecided lies within rounding of the margin: grazing. A longer one was given
+     * up for want of work: grazing if its clearance is proven to be above minus the margin. */
+    rest->count = 0;
+    for (int64_t i = 0; i < intervals->count; i++) {
+        Interval one = intervals->items[i];
+        if (one.reason == BORDERLINE && one.end - one.start > 2.0 * SHORTEST_INTERVAL_S) rest->items[rest->count++] = one;
+    }
+    undecided_separation(pair, rest, -pair->margin_m);
+    if (rest->count > 0) is_unresolved = true;
+    if (pair->separation_m > 0.0) {
+        /* Does it come within the margin, although distances have an error? */
+        double error_m = encounter_distance_error_m(pair, pair->separation_m + pair->margin_m);
+        rest->count = 0;
+        for (int64_t i = 0; i < intervals->count; i++) rest->items[rest->count++] = intervals->items[i];
+        undecided_separation(pair, rest, pair->margin_m - error_m);
+        bool is_close = is_seen(witnesses_of(rest, IN_CONTACT)) || is_seen(witnesses_of(rest, NEARBY));
+        if (!is_close) is_unresolved = true;
+    }
+    double error = hull.last - hull.first;
+    if (is_seen(seen) && !is_unresolved) error = most(seen.first - hull.first, hull.last - seen.last);
+    answers_add(answers, hull.first, hull.last, error, is_unresolved ? KERNEL_UNRESOLVED : KERNEL_GRAZING, touches);
+}
+
+/* Add a pair that meets: seen are the first and last instants of contact that are known, all of them lie in the hull. */
+static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, const Guess *guess, Answers *answers) {
+    OuterEnd start = outer_end(pair, guess, hull.first, seen.first, false);
+    OuterEnd end = outer_end(pair, guess, hull.last, seen.last, true);
+    Found found = {.start = start.outer, .end = end.outer, .first = start.witness, .last = end.witness};
+    if (!is_within_span(pair, &found, beyond)) {
+        /* It meets only at the first instant after the span: within it it is close. */
+        if (pair->margin_m > KERNEL_TOUCH_M) add_close(pair, &pair->undecided, false, answers);
+        return;
+    }
+    KernelVerdict verdict = is_shallow(pair, found.start, found.end) ? shallow_verdict(pair) : KERNEL_CONFLICT;
+    state_errors(pair, &found);
+    add_cut(pair, found, verdict, answers);
+}
+
+static void search_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
+    Intervals *undecided = &pair->undecided, *deeper = &pair->deeper;
+    pair->work->searched_pairs++;
+    undecided_separation_in(pair, undecided, low, high, pair->margin_m);
+    Span seen = witnesses_of(undecided, IN_CONTACT);
+    deeper->count = 0;
+    if (!is_seen(seen)) {
+        /* Only closeness was found: look for contact within those intervals. */
+        for (int64_t i = 0; i < undecided->count; i++) deeper->items[deeper->count++] = undecided->items[i];
+        undecided_separation(pair, deeper, 0.0);
+        seen = witnesses_of(deeper, IN_CONTACT);
+    }
+    if (is_seen(seen)) add_contacts(pair, hull_of(undecided), seen, beyond, guess, answers);
+    /* A pair that is neither proven apart nor seen in contact may touch for an instant. All others are only close. */
+    else if (deeper->count > 0) add_close(pair, deeper, true, answers);
+    else add_close(pair, undecided, false, answers);
+}
+
+/* Add what is certain at once; false where that is not all. */
+static bool add_certain(Encounter *pair, double low, double high, double beyond, Answers *answers) {
+    Contact contact = certain_contact(pair, low, high);
+    if (contact.outcome == IS_SEPARATED) return true;
+    /* What begins where the span ends may not belong to it. */
+    if (contact.outcome == IS_UNDECIDED || !(contact.start < beyond - 2.0 * END_RESOLUTION_S)) return false;
+    if (contact.outcome == IS_CLOSE) {
+        /* Within rounding of a touch it might be one. */
+        if (pair->margin_m <= KERNEL_TOUCH_M) return false;
+        answers_add(answers, contact.start, contact.end, contact.error, KERNEL_GRAZING, false);
+        return true;
+    }
+    bool is_deep = contact.depth == IS_DEEP;
+    if (contact.depth == IS_EITHER) is_deep = !is_shallow(pair, contact.start, contact.end);
+    answers_add(answers, contact.start, contact.end, contact.error, is_deep ? KERNEL_CONFLICT : shallow_verdict(pair), true);
+    return true;
+}
+
+void find_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
+    if (guess->ask || !add_certain(pair, low, high, beyond, answers))
+        search_contacts(pair, low, high, beyond, guess, answers);
+}

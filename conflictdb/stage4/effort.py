@@ -1,0 +1,32 @@
+"""What stage 4 did, counted."""
+
+from dataclasses import asdict, dataclass, field
+
+from conflictdb import kernel
+
+
+@dataclass(slots=True)
+class Programs:
+    """Calls of each program, and calls that found nothing although a contact was there."""
+
+    lp_calls: int = 0
+    nlp_calls: int = 0
+    failed_calls: int = 0
+
+
+@dataclass(slots=True)
+class Effort:
+    """What the kernel and the programs did."""
+
+    exact: kernel.Work = field(default_factory=kernel.Work)
+    programs: Programs = field(default_factory=Programs)
+
+    def add(self, other: "Effort") -> None:
+        """Count another effort in."""
+        for mine, theirs in ((self.exact, other.exact), (self.programs, other.programs)):
+            for name, count in asdict(theirs).items():
+                setattr(mine, name, getattr(mine, name) + count)
+
+    def counts(self) -> dict[str, int]:
+        """Return every count by name."""
+        return {**asdict(self.exact), **asdict(self.programs)}

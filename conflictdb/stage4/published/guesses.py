@@ -1,0 +1,51 @@
+"""Where the published programs say that contacts begin and end: the kernel asks, and proves what it is told.
+
+A pair that moves evenly is given to the linear program, any other to the nonlinear one.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.motion.contract import Plane
+from conflictdb.stage4.effort import Programs
+from conflictdb.stage4.encounters import Encounters
+from conflictdb.stage4.published import linear_program, nonlinear_program
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Guesses:
+    """Pairs of pieces, in time counted from zero_us (n,), and what programs were called for them."""
+
+    plane: Plane
+    separation_m: float
+    pieces: Pieces
+    pairs: Pairs
+    zero_us: NDArray[np.int64]
+    programs: Programs
+
+    def extreme_contact(self, rows: NDArray[np.int64], k: int, low_s: float, high_s: float, is_last: bool) -> float:
+        """Return where the last (or first) contact of pair rows[k] may be, seconds; NaN where a program finds none."""
+        pair = rows[k : k + 1]
+        one = Encounters.of(self.plane, self.separation_m, self.pieces, self.pairs, pair, self.zero_us[pair])
+        is_uniform = bool(linear_program.is_uniform(one, np.array([low_s]), np.array([high_s]))[0])
+        self.programs.lp_calls += is_uniform
+        self.programs.nlp_calls += not is_uniform
+        program = linear_program if is_uniform else nonlinear_program
+        found = None
+        try:
+            found = program.extreme_contact(one, low_s, high_s, latest=is_last)
+        except Warning:  # made an error by somebody who wants to see it
+            raise
+        except Exception as error:  # whatever it is, the kernel finds the contact without it
+            _log.warning("a program failed on pair of pieces %d: %s: %s", pair[0], type(error).__name__, error)
+        if found is None:
+            self.programs.failed_calls += 1
+            return float("nan")
+        return found
