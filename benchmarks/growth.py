@@ -8,9 +8,10 @@ as the square. Each scene is loaded by one process and detected by another, both
 database: once with all rows to write, then again in full, which finds the same. Memory is the most that the detecting
 process held (ru_maxrss), and that the server's processes held together (PSS, sampled; shared memory counted once).
 
-Time is the run's own clock; processor seconds, of client and server together, tell more where the machine is shared.
-Exponents are those of a power law through the two largest sizes, and through all from 5,000 on. Scenes of up to 5,000
-objects are loaded and detected three times, and medians count.
+Seconds by the clock come first, for both detections; the others are processor seconds of client and server together,
+which tell more where the machine is shared (measured.py). Exponents are those of a power law through the two largest
+sizes, and through all from 5,000 on. Scenes of up to 5,000 objects are loaded and detected three times, and medians
+count.
 """
 
 import argparse
@@ -46,13 +47,18 @@ SEED: Final = 1
 
 
 def load_scene(dsn: str, series: str, objects: int, name: str) -> None:
-    """Make a scene and load it."""
+    """Make a scene and load it, on a connection of its own."""
     with conflictdb.connect(dsn) as db:
-        if series == "sea":
-            load(db, Scene(name), sea(objects, SEED))
-        else:
-            scene, areas, tracks = box(Kind.MIXED, objects, SEED)
-            load(db, Scene(name, tolerance_m=scene.tolerance_m), [(areas, tracks)])
+        fill(db, series, objects, name)
+
+
+def fill(db: conflictdb.Database, series: str, objects: int, name: str) -> None:
+    """Make a scene and load it."""
+    if series == "sea":
+        load(db, Scene(name), sea(objects, SEED))
+    else:
+        _, areas, tracks = box(Kind.MIXED, objects, SEED)
+        load(db, Scene(name), [(areas, tracks)])
 
 
 def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) -> dict[str, Any]:
@@ -70,7 +76,7 @@ def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) ->
     return row | {
         "same_total_s": same.total_s,
         "same_write_s": same.write_s,
-        "cpu_s": None if new.server_cpu_s is None else new.client_cpu_s + new.server_cpu_s,
+        "same_cpu_s": same.cpu_s,
         "client_mb": client_mb,
         "server_mb": server_mb,
         "dominates": max(STAGES, key=lambda stage: row[stage]).removesuffix("_s"),
@@ -113,6 +119,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
             "processor, s",
             *(stage.removesuffix("_s") for stage in STAGES),
             "again, s",
+            "processor, s",
             "us an object",
             "client, MB",
             "server, MB",
@@ -127,7 +134,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                     for stage in STAGES
                 ),
                 f"{row['same_total_s']:.3g}",
-                f"{1e6 * row['total_s'] / row['objects']:,.0f}",
+                "" if row["same_cpu_s"] is None else f"{row['same_cpu_s']:.3g}",
+                f"{1e6 * (row['cpu_s'] or row['total_s']) / row['objects']:,.0f}",
                 f"{row['client_mb']:,.0f}",
                 "" if row["server_mb"] is None else f"{row['server_mb']:,.0f}",
             ]

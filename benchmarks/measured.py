@@ -1,6 +1,8 @@
 """Whole detections, measured: a fresh database, a fresh process, memory of client and server, medians, CSV.
 
-Seconds of a detection are its run's own clock; processor seconds say what it took where other work shares the machine.
+Machines are shared, so a run's own clock is made to count what this process and its backend in the server compute, not
+what they wait for: its stages then take processor seconds. How long it took by the clock is measured beside it. Where
+the server's processes cannot be seen (another machine, another system than Linux) all seconds are those of the clock.
 """
 
 import csv
@@ -19,6 +21,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
+from unittest.mock import patch
 
 import numpy as np
 import psycopg
@@ -41,8 +44,9 @@ _SAMPLE_S: Final = 0.1
 class Detection:
     """What one detection counted and took; see `conflictdb.Run`.
 
-    write_s : seconds that are none of the stages': conflicts replaced, the run recorded, two transactions
-    client_cpu_s, server_cpu_s : processor seconds of this process; of all processes of the server, None where unknown
+    pieces_s to write_s : processor seconds; write_s are those of no stage: conflicts replaced, the run recorded
+    total_s : by the clock
+    cpu_s, client_s : processor seconds in all, and of this process; cpu_s is None where those of the server are unknown
     """
 
     candidate_pairs: int
@@ -57,8 +61,8 @@ class Detection:
     stage4_s: float
     write_s: float
     total_s: float
-    client_cpu_s: float
-    server_cpu_s: float | None
+    cpu_s: float | None
+    client_s: float
 
 
 @contextmanager
@@ -95,14 +99,15 @@ def load(db: conflictdb.Database, scene: Scene, parts: Iterable[tuple[Sequence[A
 
 def detect(db: conflictdb.Database, scene: str, **settings: Any) -> Detection:
     """Detect a scene in full, and return what it took."""
-    pid = server_pid(db.connection)
-    before_s, began_s = server_cpu_s(pid), time.process_time()
-    run = db.detect(scene, full=True, **settings)
-    client_cpu_s, after_s = time.process_time() - began_s, server_cpu_s(pid)
+    clock = processor_clock(db.connection)
+    began, began_client = time.monotonic(), time.process_time()
+    with patch("time.perf_counter", clock or time.perf_counter):
+        run = db.detect(scene, full=True, **settings)
     known = asdict(run)
     known["write_s"] = run.total_s - sum(known[stage] for stage in STAGES[:-1])
-    known["client_cpu_s"] = client_cpu_s
-    known["server_cpu_s"] = None if after_s is None or before_s is None else after_s - before_s
+    known["cpu_s"] = run.total_s if clock else None
+    known["client_s"] = time.process_time() - began_client
+    known["total_s"] = time.monotonic() - began
     return Detection(**{column.name: known[column.name] for column in fields(Detection)})
 
 
@@ -140,25 +145,29 @@ def peak_mb() -> float:
 def server_pid(conn: psycopg.Connection[Any]) -> int | None:
     """Return the process that all of a server's others come from, None where it cannot be seen: another machine's."""
     with suppress(OSError):
-        return _stat(conn.info.backend_pid)[0]
+        return _parent(conn.info.backend_pid)
     return None
 
 
-def server_cpu_s(pid: int | None) -> float | None:
-    """Return the processor seconds that a server's processes have taken so far, also those that have ended."""
-    if pid is None:
+def processor_clock(conn: psycopg.Connection[Any]) -> Callable[[], float] | None:
+    """Return a clock of the processor seconds of this process and a connection's backend, None where that is unknown.
+
+    Processes that the backend started to help it count when they have ended; so do all others of the server that end.
+    """
+    backend, server = conn.info.backend_pid, server_pid(conn)
+    if server is None:
         return None
-    ticks = sum(_stat(pid)[1:])
-    for child in _children(pid):
-        with suppress(OSError):
-            ticks += sum(_stat(child)[1:])
-    return ticks / _TICKS_PER_S
+    running, helpers = Path(f"/proc/{backend}/schedstat"), Path(f"/proc/{server}/stat")
+
+    def seconds() -> float:
+        ticks = sum(int(text) for text in helpers.read_text().rpartition(")")[2].split()[13:15])
+        return time.process_time() + int(running.read_text().split()[0]) / 1e9 + ticks / _TICKS_PER_S
+
+    return seconds
 
 
-def _stat(pid: int) -> tuple[int, int, int]:
-    """Return a process's parent, and its ticks: its own, and of its children that have ended."""
-    columns = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return int(columns[1]), int(columns[11]) + int(columns[12]), int(columns[13]) + int(columns[14])
+def _parent(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def _children(pid: int) -> list[int]:
@@ -166,7 +175,7 @@ def _children(pid: int) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
             with suppress(OSError):
-                if _stat(int(entry.name))[0] == pid:
+                if _parent(int(entry.name)) == pid:
                     found.append(int(entry.name))
     return found
 

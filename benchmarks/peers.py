@@ -36,7 +36,7 @@ import numpy as np
 import psycopg
 import shapely
 from made_scenes import Kind, box
-from measured import detect, fresh_database, load, server_cpu_s, server_pid, versions, write_csv
+from measured import detect, fresh_database, load, processor_clock, versions, write_csv
 from numpy.typing import NDArray
 from paper_pipeline import Answers, solve_pieces
 from published import whole_legs
@@ -143,15 +143,17 @@ class Given:
         return np.asarray(np.where(self.moves, radius * np.cosh(np.maximum(*rim)), 0.0))
 
 
-def in_turns(work: Callable[[], Any], turns: int, pid: int | None = None) -> tuple[Any, list[float], list[float]]:
-    """Return the last answer, and the seconds of each turn: by the clock, and of processors (a server's too)."""
+def in_turns(
+    work: Callable[[], Any], turns: int, processor: Callable[[], float] | None = time.process_time
+) -> tuple[Any, list[float], list[float]]:
+    """Return the last answer, and the seconds of each turn: by the clock, and of processors (none: nothing)."""
     answer, seconds, cpu = None, [], []
     for _ in range(turns):
-        before_s = server_cpu_s(pid) or 0.0
-        began, began_cpu = time.perf_counter(), time.process_time()
+        began, began_cpu = time.perf_counter(), processor() if processor else 0.0
         answer = work()
         seconds.append(time.perf_counter() - began)
-        cpu.append(time.process_time() - began_cpu + (server_cpu_s(pid) or 0.0) - before_s)
+        if processor:
+            cpu.append(processor() - began_cpu)
     return answer, seconds, cpu
 
 
@@ -168,7 +170,7 @@ def product(dsn: str, given: Given, turns: int) -> list[Told]:
         "conflictdb",
         spans,
         [one.total_s for one in found],
-        [one.client_cpu_s + (one.server_cpu_s or 0.0) for one in found],
+        [one.cpu_s for one in found if one.cpu_s],
         "periods with proven bounds, where, in the database",
         "nothing of this scene",
     )
@@ -177,7 +179,7 @@ def product(dsn: str, given: Given, turns: int) -> list[Told]:
     screened = replace(given.scene, method=conflictdb.Method.SCREEN)
     might = _spans(conflictdb.solve(given.tracks, given.areas, screened))
     first = [one.stage1_s + one.stage2_s for one in found]
-    return [whole, memory, Told("its stages 1 and 2", _timeless(might), first, [], "who might meet", "when")]
+    return [whole, memory, Told("its stages 1 and 2", _timeless(might), [], first, "who might meet", "when")]
 
 
 def _spans(conflicts: Sequence[conflictdb.Conflict]) -> Spans:
@@ -251,7 +253,9 @@ def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
             ("PostGIS, ST_Intersects", _INTERSECTS, "when; motion", False),
             ("PostGIS, ST_CPAWithin", _CPA_WITHIN, "when; areas; polygons (circles)", True),
         ):
-            rows, seconds, cpu = in_turns(lambda query=query: conn.execute(query).fetchall(), turns, server_pid(conn))
+            rows, seconds, cpu = in_turns(
+                lambda query=query: conn.execute(query).fetchall(), turns, processor_clock(conn)
+            )
             a, b = np.array(rows, np.int64).reshape(-1, 2).T
             nothing = np.zeros(len(a), np.int64)
             spans = given.spans(a, b, nothing, nothing)
@@ -311,7 +315,7 @@ def row_of(given: Given, told: Told, truth: Spans) -> dict[str, Any]:
     return {
         "scene": given.scene.name,
         "peer": told.peer,
-        "seconds": median(told.seconds),
+        "seconds": median(told.seconds) if told.seconds else None,
         "cpu_s": median(told.cpu_s) if told.cpu_s else None,
         "reported": len(told.spans),
         "meet": len(held),
@@ -361,7 +365,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         [
             row["scene"],
             row["peer"],
-            f"{row['seconds']:.3g}",
+            "" if row["seconds"] is None else f"{row['seconds']:.3g}",
             "" if row["cpu_s"] is None else f"{row['cpu_s']:.3g}",
             f"{row['reported']:,} of {row['meet']:,}",
             f"{row['missed']:,}",

@@ -7,6 +7,7 @@ import peers
 import psycopg
 import pytest
 import study
+import unit_costs
 from made_scenes import Kind
 from measured import STAGES, fresh_database
 
@@ -21,7 +22,7 @@ def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
         rows = study.study(dsn, [40], 1, methods)
     assert [(row["method"], row["kind"]) for row in rows] == [(m.value, k.value) for m in methods for k in Kind]
     for row in rows:
-        assert sum(row[stage] for stage in STAGES) == pytest.approx(row["total_s"])
+        assert sum(row[stage] for stage in STAGES) == pytest.approx(row["cpu_s"])
         assert row["candidate_pairs"] >= row["intersecting_pairs"] >= row["conflicts"]
     by_kind = {row["kind"]: row for row in rows if row["method"] == "exact"}
     assert by_kind["static"]["conflicts"] > 0
@@ -62,3 +63,14 @@ def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
     assert by_peer["the paper in Python"]["reported"] > 0.8 * by_peer["conflictdb"]["reported"]
     assert 0.0 < by_peer["the paper in Python"]["end_median_s"] < 3600.0
     assert "| mixed 200 | conflictdb |" in peers.table(rows)
+
+
+def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
+    """Nothing costs less than what it cannot do without, but for what is too small to be measured."""
+    with fresh_database(server_dsn) as dsn:
+        rows = unit_costs.measure(dsn, "box", 200, 1)
+    assert len({(row["unit"], row["limit"]) for row in rows}) == len(rows) == 9
+    assert all(row["count"] > 0 and row["us"] > 0.0 and row["limit_us"] > 0.0 for row in rows)
+    listed = next(row for row in rows if row["unit"] == "row listed")
+    assert listed["us"] > listed["limit_us"]
+    assert unit_costs.table(rows).count("| box 200 |") == len(rows)

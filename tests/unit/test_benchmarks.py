@@ -9,7 +9,7 @@ import pytest
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
 
-DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, 1.0, None)
+DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, None, 1.0)
 
 
 @pytest.mark.parametrize("kind", Kind)
@@ -39,7 +39,7 @@ def test_medians_go_column_by_column() -> None:
     """What is known of none is not known."""
     others = replace(DETECTION, total_s=3.0, conflicts=5), replace(DETECTION, total_s=2.0, pieces_s=9.0)
     found = medians([DETECTION, *others])
-    assert (found.total_s, found.pieces_s, found.conflicts, found.server_cpu_s) == (2.0, 0.1, 2, None)
+    assert (found.total_s, found.pieces_s, found.conflicts, found.cpu_s) == (2.0, 0.1, 2, None)
 
 
 def test_exponent_is_that_of_the_power_law() -> None:
