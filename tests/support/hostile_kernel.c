@@ -84,6 +84,27 @@ static double some_guess(void *of, int64_t pair, double low, double high, int32_
     return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
 }
 
+/* Ask where pieces are and how they move: rows of pieces, now and then too few slots, or pieces that there are not. */
+static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, int64_t odd, int64_t calls[16]) {
+    const int64_t hour = INT64_C(3600000000), n = below(20), room = slots + below(3);
+    int64_t *piece = block(n, 8), *zero = block(n, 8);
+    double *origin = block(2 * n, 8), *t0 = block(n, 8), *t1 = block(n, 8), *xy = block(2 * room * n, 8);
+    double *velocity = block(2 * n, 8), *acceleration = block(n, 8), *spread = block(n, 8);
+    int8_t *state = block(pieces, 1);
+    for (int64_t i = 0; i < n; i++) {
+        piece[i] = pieces > 0 && below(20 * odd) ? below(pieces) : instant(-3, 20, 2), zero[i] = instant(0, hour, odd);
+        origin[i] = number(-1e7, 1e7, odd), origin[n + i] = number(-1e7, 1e7, odd);
+        t0[i] = number(0.0, 3600.0, odd), t1[i] = number(0.0, 7200.0, odd);
+    }
+    KernelRows rows = {below(50 * odd) ? n : -1, piece, zero, below(50 * odd) ? origin : NULL};
+    KernelBounds bounds = {velocity, acceleration, below(50 * odd) ? spread : NULL};
+    calls[kernel_positions(scene, &rows, t0, below(20 * odd) ? room : below(slots + 1) - 1, xy)]++;
+    calls[kernel_bounds(scene, &rows, t0, t1, &bounds)]++;
+    if (scene) calls[kernel_states(scene, state)]++;
+    void *blocks[] = {piece, zero, origin, t0, t1, xy, velocity, acceleration, spread, state};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
+}
+
 static void play(int64_t calls[16], int64_t outcomes[4]) {
     static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
     const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
@@ -161,6 +182,9 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     void *of_groups[] = {group_offset, closest, wanted, at, apart, doubt, place_a, place_b};
     for (size_t i = 0; i < sizeof of_groups / sizeof *of_groups; i++) free(of_groups[i]);
     free(degrees);
+    int64_t slots = 1;
+    for (int64_t i = 0; scene && i < n; i++) slots = offset[i + 1] - offset[i] > slots ? offset[i + 1] - offset[i] : slots;
+    ask_rows(scene, n, slots, odd, calls);
     kernel_scene_free(scene);
     void *blocks[] = {offset, xy, to, moves, turn, start, end, leg_start, leg_end, from_deg, to_deg, bearing,
                       a, b, zero, low, high, beyond, company, distance};

@@ -260,6 +260,11 @@ def test_every_function_of_the_header_is_declared() -> None:
     }
 
 
+def test_every_function_of_the_header_meets_hostile_arrays() -> None:
+    driver = (Path(__file__).parents[1] / "support" / "hostile_kernel.c").read_text()
+    assert [name for name in TAKES if f"{name}(" not in driver] == ["kernel_abi", "kernel_fingerprint"]
+
+
 def test_structures_have_the_size_that_the_library_has() -> None:
     """On a platform where all numbers have their natural alignment."""
     assert ctypes.sizeof(Plane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
