@@ -1,0 +1,194 @@
+"""Work that seeded scenes take, counted and not timed: a change that makes it grow has to say so here.
+
+Limits are what was counted when they were last set, and a twentieth more. Whoever makes work shrink lowers them.
+benchmarks/unit_costs.py says what a unit of each costs.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, astuple, dataclass, replace
+from typing import Any
+
+import psycopg
+import pytest
+from made_scenes import Kind, box, sea
+
+from conflictdb import Area, Scene, Track
+from conflictdb.db import store
+from conflictdb.db.detect import Run, detect
+
+Conn = psycopg.Connection[Any]
+
+
+@dataclass
+class Traffic:
+    """What went between the program and the server.
+
+    statements : that were sent, COPY included; commits : of transactions
+    sent, received : bytes of COPY
+    """
+
+    statements: int = 0
+    commits: int = 0
+    sent: int = 0
+    received: int = 0
+
+    def since(self, began: "Traffic") -> "Traffic":
+        """Return what was counted since then."""
+        return Traffic(*(now - then for now, then in zip(astuple(self), astuple(began), strict=True)))
+
+
+@pytest.fixture
+def traffic(monkeypatch: pytest.MonkeyPatch) -> Traffic:
+    """Return counts that go on with everything psycopg does."""
+    counts = Traffic()
+    execute, copy, commit = psycopg.Cursor.execute, psycopg.Cursor.copy, psycopg.Connection.commit
+    write, read = psycopg.Copy.write, psycopg.Copy.read
+
+    def counted_execute(self: Any, *arguments: Any, **more: Any) -> Any:
+        counts.statements += 1
+        return execute(self, *arguments, **more)
+
+    def counted_copy(self: Any, *arguments: Any, **more: Any) -> Any:
+        counts.statements += 1
+        return copy(self, *arguments, **more)
+
+    def counted_commit(self: Any) -> None:
+        counts.commits += 1
+        commit(self)
+
+    def counted_write(self: Any, block: bytes) -> None:
+        counts.sent += len(block)
+        write(self, block)
+
+    def counted_read(self: Any) -> Any:
+        block = read(self)
+        counts.received += len(block)
+        return block
+
+    monkeypatch.setattr(psycopg.Cursor, "execute", counted_execute)
+    monkeypatch.setattr(psycopg.Cursor, "copy", counted_copy)
+    monkeypatch.setattr(psycopg.Connection, "commit", counted_commit)
+    monkeypatch.setattr(psycopg.Copy, "write", counted_write)
+    monkeypatch.setattr(psycopg.Copy, "read", counted_read)
+    return counts
+
+
+def scene_of(name: str) -> tuple[Scene, list[Area], list[Track]]:
+    """Return one of the scenes: the paper's box, or a sea."""
+    if name == "box":
+        scene, areas, tracks = box(Kind.MIXED, 600, 1)
+        return replace(scene, name=name), areas, tracks
+    parts = list(sea(600, 1))
+    return Scene(name), [a for areas, _ in parts for a in areas], [t for _, tracks in parts for t in tracks]
+
+
+def effort(conn: Conn, run: Run) -> dict[str, int]:
+    """Return what stage 4 counted of a run."""
+    row = conn.execute("SELECT settings FROM conflictdb.run WHERE run_id = %s", [run.run_id]).fetchone()
+    conn.rollback()
+    assert row is not None
+    return {name: count for name, count in row[0].items() if isinstance(count, int)}
+
+
+@pytest.fixture
+def touched(conn: Conn) -> Callable[[str], int]:
+    """Return a function that tells how many rows of a table are new, or were written again, since it was last asked."""
+    seen: dict[str, set[tuple[str, str]]] = {}
+
+    def count(table: str) -> int:
+        rows = {(str(a), str(b)) for a, b in conn.execute(f"SELECT ctid, xmin FROM conflictdb.{table}").fetchall()}
+        conn.rollback()
+        new = rows - seen.get(table, set())
+        seen[table] = rows
+        return len(new)
+
+    return count
+
+
+# Counts of a first detection, every row of which is new; received and sent are kilobytes.
+FIRST = {
+    "box": {
+        "pieces": 650,
+        "candidate_pairs": 1160,
+        "intersecting_pairs": 737,
+        "solved_pairs": 546,
+        "windows": 479,
+        "evaluations": 3594,
+        "searched_pairs": 0,
+        "written": 606,
+        "statements": 25,
+        "commits": 2,
+        "sent": 392,
+        "received": 479,
+    },
+    "sea": {
+        "pieces": 3474,
+        "candidate_pairs": 2673,
+        "intersecting_pairs": 1038,
+        "solved_pairs": 946,
+        "windows": 889,
+        "evaluations": 6253,
+        "searched_pairs": 0,
+        "written": 324,
+        "statements": 25,
+        "commits": 2,
+        "sent": 1452,
+        "received": 1220,
+    },
+}
+# Of a detection after one track of these was delayed by a minute; received and sent are bytes.
+ONE_CHANGE = {
+    "box": {
+        "pieces": 1,
+        "candidate_pairs": 3,
+        "written": 1,
+        "statements": 23,
+        "commits": 2,
+        "sent": 681,
+        "received": 2105,
+    },
+    "sea": {
+        "pieces": 9,
+        "candidate_pairs": 9,
+        "written": 2,
+        "statements": 23,
+        "commits": 2,
+        "sent": 4087,
+        "received": 6229,
+    },
+}
+MORE = 1.05
+
+
+def grown(counted: dict[str, int], limits: dict[str, int]) -> dict[str, tuple[int, int]]:
+    """Return what grew beyond its limit: counted, and when the limit was set."""
+    return {name: (counted[name], limit) for name, limit in limits.items() if counted[name] > limit * MORE}
+
+
+@pytest.mark.parametrize("name", list(FIRST))
+def test_work_does_not_grow(conn: Conn, traffic: Traffic, touched: Callable[[str], int], name: str) -> None:
+    """Of a first detection; of the same again, which writes no row; of one change, by what it touches alone."""
+    scene, areas, tracks = scene_of(name)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+
+    began = replace(traffic)
+    run = detect(conn, scene.name, jobs=1)
+    first = traffic.since(began)
+    counted = {**asdict(run), **effort(conn, run), **asdict(first), "pieces": touched("piece")}
+    counted |= {"written": touched("conflict"), "sent": first.sent // 1000, "received": first.received // 1000}
+    assert run.conflicts == counted["written"] > 0
+    assert not grown(counted, FIRST[name])
+
+    began = replace(traffic)
+    again = detect(conn, scene.name, jobs=1, full=True)
+    assert (again.opened, again.changed, again.closed) == (0, 0, 0)
+    assert touched("conflict") == 0
+    assert traffic.since(began).statements <= first.statements + 4
+    touched("piece")
+
+    delayed = replace(tracks[0], times_us=tracks[0].times_us + 60_000_000)
+    store.replace_scene(conn, scene, [], [delayed], merge=True)
+    began = replace(traffic)
+    run = detect(conn, scene.name, jobs=1)
+    counted = {**asdict(run), **asdict(traffic.since(began)), "pieces": touched("piece")}
+    assert not grown({**counted, "written": touched("conflict")}, ONE_CHANGE[name])
