@@ -25,6 +25,7 @@ from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
+from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, Listing, SceneState
 
 if TYPE_CHECKING:
@@ -307,6 +308,7 @@ class Database:
         nearest_m: float | None = None,
         full: bool = False,
         jobs: int | None = 1,
+        memory_mb: int = MEMORY_MB,
         progress: "Progress | None" = None,
         lock_timeout_s: float | None = None,
         say: Callable[[str], object] = _log.warning,
@@ -322,6 +324,9 @@ class Database:
         jobs : int, optional
             Threads to solve in; None is one per processor. The answer does not depend on it. Method ``nlp`` solves in
             one.
+        memory_mb : int
+            Megabytes that the process keeps below, 256 at least; with less, work is done in smaller parts. The answer
+            does not depend on it.
         progress : callable, optional
             Called now and then with what is done and how much there is.
         lock_timeout_s : float, optional
@@ -340,6 +345,7 @@ class Database:
             inputs.seconds("detect", "lock_timeout_s", lock_timeout_s)
         if jobs is not None:
             inputs.count("detect", "jobs", jobs, 1)
+        inputs.count("detect", "memory_mb", memory_mb, LEAST_MEMORY_MB)
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
@@ -347,7 +353,14 @@ class Database:
         from conflictdb.db import detect
 
         return detect.detect(
-            self.connection, scene, full=full, jobs=jobs, progress=progress, lock_timeout_s=lock_timeout_s, say=say
+            self.connection,
+            scene,
+            full=full,
+            jobs=jobs,
+            memory_mb=memory_mb,
+            progress=progress,
+            lock_timeout_s=lock_timeout_s,
+            say=say,
         )
 
     def conflicts(

@@ -16,8 +16,9 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
+from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.pipeline.run import PAIRS_AT_ONCE, run_scene
+from conflictdb.pipeline.run import run_scene
 from conflictdb.results import Conflict, Kind, Position, Verdict
 from conflictdb.stage1_broad_phase import candidates
 
@@ -66,7 +67,7 @@ class _InMemory:
     def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
         a, b = candidates(self._pieces)
         number = object_numbers(self._pieces)
-        for rows in chunks_of_objects(number[a], number[b], PAIRS_AT_ONCE):
+        for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
             yield self._pieces, PieceRows(a[rows]), PieceRows(b[rows])
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:

@@ -9,21 +9,27 @@ END;
 COMMENT ON FUNCTION _is_pending(bigint) IS 'Whether an object of a scene waits for detection.';
 
 CREATE OR REPLACE FUNCTION _changed_areas(
-    p_scene_id bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
+    p_scene_id bigint, p_after bigint, p_most bigint,
+    OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
 ) RETURNS SETOF record
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
-    FROM area a
-    WHERE a.scene_id = p_scene_id
-      AND EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0 AND c.object_id = a.area_id)
-    ORDER BY a.area_id;
+    -- From the marks to their objects, whatever the planner believes of their number; adding 0 keeps the scene from the
+    -- index, by which all of its objects would be read.
+    FROM (SELECT DISTINCT c.object_id FROM change c
+          WHERE c.scene_id = p_scene_id AND c.object_kind = 0 AND c.object_id > p_after
+          ORDER BY c.object_id OFFSET 0) c
+    JOIN area a ON a.area_id = c.object_id
+    WHERE a.scene_id + 0 = p_scene_id
+    ORDER BY c.object_id LIMIT p_most;
 END;
-COMMENT ON FUNCTION _changed_areas(bigint) IS
-'The marked areas of a scene, without nulls, for COPY: infinite instants and heights (metres) stand for unbounded.';
+COMMENT ON FUNCTION _changed_areas(bigint, bigint, bigint) IS
+'The marked areas of a scene after a number, so many at most, without nulls, for COPY: infinite instants and heights '
+'(metres) stand for unbounded.';
 
 CREATE OR REPLACE FUNCTION _footprints(p_area_ids bigint[]) RETURNS TABLE (area_id bigint, footprint bytea)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -33,29 +39,39 @@ END;
 COMMENT ON FUNCTION _footprints(bigint[]) IS 'The footprints of some areas as WKB, longitude and latitude in degrees.';
 
 CREATE OR REPLACE FUNCTION _changed_tracks(
-    p_scene_id bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
+    p_scene_id bigint, p_after bigint, p_most bigint,
+    OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
     OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
            coalesce(array_send(t.ceilings_m), '')
-    FROM track t
-    WHERE t.scene_id = p_scene_id
-      AND EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id = t.track_id)
-    ORDER BY t.track_id;
+    -- From the marks to their objects, whatever the planner believes of their number; adding 0 keeps the scene from the
+    -- index, by which all of its objects would be read.
+    FROM (SELECT DISTINCT c.object_id FROM change c
+          WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id > p_after
+          ORDER BY c.object_id OFFSET 0) c
+    JOIN track t ON t.track_id = c.object_id
+    WHERE t.scene_id + 0 = p_scene_id
+    ORDER BY c.object_id LIMIT p_most;
 END;
-COMMENT ON FUNCTION _changed_tracks(bigint) IS
-'The marked tracks of a scene, without nulls, for COPY: infinite heights (metres) stand for unbounded, empty outlines '
-'for none per waypoint, empty floors and ceilings (array_send) for none per leg.';
+COMMENT ON FUNCTION _changed_tracks(bigint, bigint, bigint) IS
+'The marked tracks of a scene after a number, so many at most, without nulls, for COPY: infinite heights (metres) '
+'stand for unbounded, empty outlines for none per waypoint, empty floors and ceilings (array_send) for none per leg.';
 
-CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint) RETURNS integer
+CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean) RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _require_snapshot();
+    IF p_is_first THEN
+        -- The commit of the second transaction writes this one to disk too. If the machine fails before that, neither
+        -- happened, and the marks are still there.
+        PERFORM set_config('synchronous_commit', 'off', true);
+    END IF;
     -- Adding 0 keeps the scene from the index: of a scene that is new the planner expects few pieces, and would
     -- compare all with all.
     DELETE FROM piece p
@@ -68,9 +84,9 @@ BEGIN
             WHERE s.scene_id = p_scene_id);
 END
 $$;
-COMMENT ON FUNCTION _begin_pieces(bigint) IS
+COMMENT ON FUNCTION _begin_pieces(bigint, boolean) IS
 'Drops the pieces of all marked (also removed) objects of a scene and covers their marks, for their new pieces follow '
-'in this transaction; returns the SRID of the plane.';
+'in this transaction, which is the first of a detection, or its second too; returns the SRID of the plane.';
 
 CREATE OR REPLACE FUNCTION _end_pieces(p_changed bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$

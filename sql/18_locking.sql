@@ -28,16 +28,20 @@ COMMENT ON FUNCTION _lift_limits(double precision) IS
 'takes. Locks are waited for no longer than the given seconds; null and 0 are for ever. If the '
 'client is gone, a statement that is under way ends within a second.';
 
-CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS void
+CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
     -- Not without looking first: an insertion waits for whoever changes the row.
-    INSERT INTO scene_lock (scene_id)
-        SELECT p_scene_id WHERE NOT EXISTS (SELECT FROM scene_lock l WHERE l.scene_id = p_scene_id)
-        ON CONFLICT DO NOTHING;
+    WITH added AS (
+        INSERT INTO scene_lock (scene_id)
+            SELECT p_scene_id WHERE NOT EXISTS (SELECT FROM scene_lock l WHERE l.scene_id = p_scene_id)
+            ON CONFLICT DO NOTHING RETURNING scene_id
+    )
+    SELECT EXISTS (SELECT FROM added);
 END;
 COMMENT ON FUNCTION _add_scene_lock(bigint) IS
-'Makes sure that a scene has a lock. In a transaction of its own: what is not committed shows no holder.';
+'Makes sure that a scene has a lock; returns whether it had none. In a transaction of its own: what is not committed '
+'shows no holder.';
 
 CREATE OR REPLACE FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
@@ -59,8 +63,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _take_scene(bigint, double precision) IS
-'Takes the lock of a scene until the transaction ends; returns how often it was taken. Null if somebody holds it and '
-'it is not to be waited for; lock_not_available if somebody holds it for longer than the given seconds; '
+'Takes the lock of a scene until the transaction ends; returns how often it was taken. Null if there is none, or if '
+'somebody holds it and it is not to be waited for; lock_not_available if somebody holds it for longer than the given '
+'seconds; '
 'serialization_failure if somebody has given it back since the transaction''s snapshot, which is then too old.';
 
 CREATE OR REPLACE FUNCTION _scene_holders(p_scene_id bigint)

@@ -86,7 +86,8 @@ COMMENT ON FUNCTION _begin_write() IS
 'being the object of the smaller kind and number.';
 
 CREATE OR REPLACE FUNCTION _write_run(
-    p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint
+    p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint,
+    OUT conflicts bigint, OUT unresolved bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -239,9 +240,11 @@ BEGIN
         v_last.conflicts := 0;
         v_last.unresolved := 0;
     END IF;
+    conflicts := v_last.conflicts + v_more;
+    unresolved := v_last.unresolved + v_more_unresolved;
     UPDATE run r SET finished_at = clock_timestamp(), opened = _write_run.opened, changed = _write_run.changed,
-                     closed = _write_run.closed, conflicts = v_last.conflicts + v_more,
-                     unresolved = v_last.unresolved + v_more_unresolved,
+                     closed = _write_run.closed, conflicts = _write_run.conflicts,
+                     unresolved = _write_run.unresolved,
                      write_s = coalesce((p_run ->> 'write_s')::double precision, 0)
                                + extract(epoch FROM clock_timestamp() - v_start)
         WHERE r.run_id = v_run_id;

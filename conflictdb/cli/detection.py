@@ -45,6 +45,7 @@ def detect(args: argparse.Namespace) -> int:
                 nearest_m=args.nearest_m,
                 full=args.full,
                 jobs=args.jobs,
+                memory_mb=args.memory_mb,
                 progress=show_progress,
                 lock_timeout_s=args.lock_timeout,
                 say=remark,

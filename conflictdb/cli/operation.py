@@ -26,7 +26,8 @@ def work(args: argparse.Namespace) -> int:
     from conflictdb.db.worker import EVERY_S, Worker
 
     with database(args), worker_connections(args) as connection:
-        worker = Worker(connection, _report, args.every or EVERY_S, args.jobs, args.lock_timeout, remark)
+        limits = args.jobs, args.lock_timeout, remark, args.memory_mb
+        worker = Worker(connection, _report, args.every or EVERY_S, *limits)
         if args.once:
             return DONE if worker.once() else FAILED
         note("working; Ctrl-C ends")

@@ -11,6 +11,7 @@ import conflictdb
 from conflictdb.cli import codes
 from conflictdb.cli.output import program
 from conflictdb.methods import METHODS, Method
+from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
 _METHODS: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
@@ -118,6 +119,7 @@ def _detect(commands: Any) -> None:
         help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    _add_memory(parser)
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
     _add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
     parser.add_argument(
@@ -213,6 +215,7 @@ def _worker(commands: Any) -> None:
         help="look for changes at least this often: 30s, 5m, 1h (default 60s)",
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    _add_memory(parser)
     _add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
 
 
@@ -266,6 +269,16 @@ def _demo(commands: Any) -> None:
         "demo:demo",
         "detect a small scene that comes with the program",
         "A strait with closed areas, a ferry, a tow, two submarines and an aircraft.",
+    )
+
+
+def _add_memory(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--memory-mb",
+        type=memory_mb,
+        default=MEMORY_MB,
+        metavar="N",
+        help=f"memory to keep below, megabytes (default {MEMORY_MB}): a detection of more works in smaller parts",
     )
 
 
@@ -348,6 +361,13 @@ def megabytes(text: str) -> float:
     if not 0.0 < value <= _MOST_MB:
         raise argparse.ArgumentTypeError(f"must be a number of megabytes, more than 0 and at most {_MOST_MB:g}")
     return value
+
+
+def memory_mb(text: str) -> int:
+    """Return a whole number of megabytes that a detection can do with."""
+    if not re.fullmatch(r"\d{1,9}", text) or int(text) < LEAST_MEMORY_MB:
+        raise argparse.ArgumentTypeError(f"must be a whole number, {LEAST_MEMORY_MB} or more; got {text!r}")
+    return int(text)
 
 
 def count(text: str) -> int:

@@ -24,6 +24,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
@@ -31,8 +32,10 @@ from conflictdb.methods import Method
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.memory import DEFAULT_MEMORY, MEMORY_MB, Memory
 from conflictdb.pipeline.object_pairs import chunks_of_objects
-from conflictdb.pipeline.run import PAIRS_AT_ONCE, Funnel, Progress, run_scene
+from conflictdb.pipeline.run import Funnel, Progress, run_scene
+from conflictdb.results import Kind
 
 __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
@@ -42,6 +45,8 @@ _log = logging.getLogger(__name__)
 _OBJECTS_AT_ONCE: Final = 50_000
 # Chunks whose pairs, without their pieces, are held at once: what is known of a pair takes a thirtieth of its pieces.
 _CHUNKS_AT_ONCE: Final = 8
+# Changed objects that are read first; then as many as their pieces leave room for.
+_FIRST_OBJECTS: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +95,7 @@ def detect(
     progress: Progress | None = None,
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
+    memory_mb: int = MEMORY_MB,
 ) -> Run:
     """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
@@ -102,6 +108,7 @@ def detect(
     lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
         for as long as it takes
     say : told after 5 s of waiting for another detection who that is
+    memory_mb : of this process, megabytes, that the detection keeps below; with less it works in smaller parts
 
     Raises
     ------
@@ -112,16 +119,20 @@ def detect(
     StoreError
         The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
-    return _run(conn, scene, full, _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say))
+    way = _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb))
+    return _run(conn, scene, full, way)
 
 
-def detect_pending(conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None) -> Run | None:
+def detect_pending(
+    conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None, memory_mb: int = MEMORY_MB
+) -> Run | None:
     """Do as `detect`, but never wait for another detection of the scene, and do nothing where nothing changed.
 
     Returns None if nothing was to do. Raises LockTimeout if another detection is at work, which says who that is.
     """
     try:
-        return _run(conn, scene, False, _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, only_pending=True))
+        way = _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
+        return _run(conn, scene, False, way)
     except _NothingPending:
         return None
 
@@ -134,6 +145,7 @@ class _Way:
     progress: Progress | None
     lock_timeout_s: float | None
     say: store.Say
+    memory: Memory
     only_pending: bool = False
 
 
@@ -149,7 +161,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             raise _NothingPending
         if full:
             store.mark_all(conn, scene_id)
-        settings, record = _refresh_pieces(conn, scene_id, record)
+        settings, record = _refresh_pieces(conn, scene_id, record, way.memory, is_first=True)
         with store.translated():
             conn.commit()
         followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
@@ -157,7 +169,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             # Another detection came in between, or other settings: whatever is still marked becomes ours here and now.
             if way.only_pending and not store.is_pending(conn, scene_id):
                 raise _NothingPending
-            settings, record = _refresh_pieces(conn, scene_id, record)
+            settings, record = _refresh_pieces(conn, scene_id, record, way.memory, is_first=False)
         return _refresh_conflicts(conn, scene_id, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
@@ -174,24 +186,45 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
 
 
 def _refresh_pieces(
-    conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord
+    conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord, memory: Memory, *, is_first: bool
 ) -> tuple[Scene, store.RunRecord]:
     """Make the pieces of the changed objects anew."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
-    areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
-    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
-    store.replace_pieces(conn, scene_id, pieces)
+    store.replace_pieces(conn, scene_id, _made_pieces(conn, scene_id, settings, memory), is_first=is_first)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=wanted, counted={"pieces_s": took_s})
+
+
+def _made_pieces(conn: psycopg.Connection[Any], scene_id: int, scene: Scene, memory: Memory) -> Iterator[Pieces]:
+    """Yield the pieces of the changed objects of a scene, those of some objects at a time."""
+    plane = plane_of(scene)
+    no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
+    for kind in Kind:
+        most, last = _FIRST_OBJECTS, -(2**63)
+        while True:
+            if kind is Kind.AREA:
+                areas = store.changed_areas(conn, scene_id, last, most)
+                numbers, objects = areas.area_id, (areas, no_tracks)
+            else:
+                tracks = store.changed_tracks(conn, scene_id, last, most)
+                numbers, objects = tracks.track_id, (no_areas, tracks)
+            if len(numbers):
+                pieces = pieces_of(scene, plane, *objects)
+                yield pieces
+            if len(numbers) < most:
+                break
+            last = int(numbers[-1])
+            # As many as will have so many pieces, if they are like these.
+            most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
 
 
 class _SceneSource:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
 
-    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, pairs_at_once: int = PAIRS_AT_ONCE) -> None:
-        self._conn, self._scene_id, self._pairs_at_once = conn, scene_id, pairs_at_once
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory = DEFAULT_MEMORY) -> None:
+        self._conn, self._scene_id, self._pairs_at_once = conn, scene_id, memory.pairs
 
     def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
         dirty = store.dirty_objects(self._conn, self._scene_id)
@@ -235,7 +268,7 @@ def _refresh_conflicts(
     started: float,
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
-    source = _SceneSource(conn, scene_id)
+    source = _SceneSource(conn, scene_id, way.memory)
     staged = store.begin_write(conn, scene_id)
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
     chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
@@ -245,15 +278,14 @@ def _refresh_conflicts(
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
     outcome = store.end_write(conn, staged, replace(record, settings=kept, counted=counted))
-    now = store.runs(conn, settings.name)[0]
     with store.translated():
         conn.commit()
     return Run(
         **counted,
         run_id=outcome.run_id,
         method=settings.method,
-        conflicts=now.conflicts or 0,
-        unresolved=now.unresolved or 0,
+        conflicts=outcome.conflicts,
+        unresolved=outcome.unresolved,
         opened=outcome.opened,
         changed=outcome.changed,
         closed=outcome.closed,

@@ -16,6 +16,7 @@ import psycopg
 
 from conflictdb.db import detect, schema, store
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError
+from conflictdb.pipeline.memory import MEMORY_MB
 
 _log = logging.getLogger(__name__)
 
@@ -52,6 +53,7 @@ class Worker:
     jobs : threads to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
     say : told who keeps a scene from being detected, and if nobody tells of changes
+    memory_mb : see `detect`
     """
 
     connect: Connect
@@ -60,6 +62,7 @@ class Worker:
     jobs: int | None = None
     lock_timeout_s: float | None = None
     say: store.Say = _log.warning
+    memory_mb: int = MEMORY_MB
     _failed_at: dict[str, float] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _deafness_is_said: bool = False
@@ -138,7 +141,7 @@ class Worker:
                 continue
             self._failed_at.pop(scene, None)
             try:
-                run = detect.detect_pending(connection, scene, jobs=self.jobs)
+                run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
                 self._busy.pop(scene, None)
                 if run is not None:
                     self.report(scene, run)

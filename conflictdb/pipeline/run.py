@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +27,7 @@ from conflictdb.stage2_intersection import intersections
 from conflictdb.stage3_projection import windows
 from conflictdb.stage4.contacts import contacts, static_verdicts
 
-__all__ = ["PAIRS_AT_ONCE", "Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
-
-# Pairs that a source hands out at once where nothing else is said: some hundred megabytes.
-PAIRS_AT_ONCE: Final = 100_000
+__all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
 
 
 def run_scene(

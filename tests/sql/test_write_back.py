@@ -281,7 +281,7 @@ def refresh_rest(conn: Conn, scene_id: int) -> None:
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     assert areas.floor_m.tolist() == [-np.inf, -np.inf]  # still the snapshot's
     pieces = pieces_of(settings, plane_of(settings), areas, tracks)
-    store.replace_pieces(conn, scene_id, pieces)
+    store.replace_pieces(conn, scene_id, [pieces])
     conn.commit()
 
 

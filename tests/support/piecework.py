@@ -47,7 +47,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     pieces = pieces_of(settings, plane_of(settings), areas, tracks)
-    store.replace_pieces(conn, scene_id, pieces)
+    store.replace_pieces(conn, scene_id, [pieces])
     conn.commit()
     return pieces
 

@@ -7,8 +7,8 @@ calls:
     begin_locked; what `pairs` and `writing` do; commit
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
 
 import numpy as np
 import psycopg
@@ -29,6 +29,9 @@ _TRACK_COLUMNS = [
     ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
 ]  # fmt: skip
 
+# Before the numbers of all objects.
+_FIRST: Final = -(2**63)
+
 
 def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
     """Mark every object of a scene as changed; returns how many."""
@@ -40,9 +43,13 @@ def is_pending(conn: psycopg.Connection[Any], scene_id: int) -> bool:
     return bool(call(conn, "_is_pending", scene_id)[0])
 
 
-def changed_areas(conn: psycopg.Connection[Any], scene_id: int) -> AreaBatch:
-    """Return the areas of a scene that changed since the last detection."""
-    columns, strings = copy_binary.receive(conn, "_changed_areas", [scene_id], _AREA_COLUMNS, ["footprint"])
+def changed_areas(
+    conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
+) -> AreaBatch:
+    """Return the areas of a scene that changed since the last detection: so many at most after a number."""
+    columns, strings = copy_binary.receive(
+        conn, "_changed_areas", [scene_id, after, most], _AREA_COLUMNS, ["footprint"]
+    )
     footprint = np.empty(len(columns["area_id"]), dtype=object)
     footprint[:] = shapely.from_wkb(strings["footprint"])
     return AreaBatch(
@@ -64,11 +71,12 @@ def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> ND
     return found
 
 
-def changed_tracks(conn: psycopg.Connection[Any], scene_id: int) -> TrackBatch:
-    """Return the tracks of a scene that changed since the last detection."""
-    columns, strings = copy_binary.receive(
-        conn, "_changed_tracks", [scene_id], _TRACK_COLUMNS, ["path", "outline", "outlines", "floors", "ceilings"]
-    )
+def changed_tracks(
+    conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
+) -> TrackBatch:
+    """Return the tracks of a scene that changed since the last detection: so many at most after a number."""
+    names = ["path", "outline", "outlines", "floors", "ceilings"]
+    columns, strings = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], _TRACK_COLUMNS, names)
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
     outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
@@ -100,14 +108,24 @@ def _leg_heights(
     return heights
 
 
-def replace_pieces(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces) -> None:
-    """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered."""
-    (srid,) = call(conn, "_begin_pieces", scene_id)
-    for kind in Kind:
-        rows = np.flatnonzero(pieces.kind == kind.code)
-        if rows.size:
-            copy_binary.send(conn, "conflictdb.piece", _piece_columns(pieces.take(rows), scene_id, srid, kind))
-    call(conn, "_end_pieces", len(pieces))
+def replace_pieces(
+    conn: psycopg.Connection[Any], scene_id: int, chunks: Iterable[Pieces], *, is_first: bool = True
+) -> None:
+    """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered.
+
+    chunks : the pieces, read one after the other
+    is_first : whether the transaction is the first of a detection, and not its second too
+    """
+    (srid,) = call(conn, "_begin_pieces", scene_id, is_first)
+    count = 0
+    for pieces in chunks:
+        count += len(pieces)
+        for kind in Kind:
+            rows = np.flatnonzero(pieces.kind == kind.code)
+            if rows.size:
+                some = pieces if len(rows) == len(pieces) else pieces.take(rows)
+                copy_binary.send(conn, "conflictdb.piece", _piece_columns(some, scene_id, srid, kind))
+    call(conn, "_end_pieces", count)
 
 
 def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:

@@ -50,13 +50,15 @@ def begin_locked(
     """
     start = time.monotonic()
     said = ""
-    with transaction(conn):
-        call(conn, "_add_scene_lock", scene_id)
     while True:
         left_s = SAY_AFTER_S if lock_timeout_s is None else max(0.0, start + lock_timeout_s - time.monotonic())
         taken = _begin(conn, scene_id, min(SAY_AFTER_S, left_s), lock_timeout_s)
         if taken is not None:
             return taken
+        with transaction(conn):
+            (had_none,) = call(conn, "_add_scene_lock", scene_id)
+        if had_none:
+            continue
         holder = _holder(conn, scene_id)
         waited_s = time.monotonic() - start
         if lock_timeout_s is not None and waited_s >= lock_timeout_s:

@@ -49,12 +49,14 @@ class RunRecord:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What a detection changed: conflicts opened, changed (other periods or verdict) and closed."""
+    """What a detection changed: conflicts opened, changed (other periods or verdict) and closed; how many there are."""
 
     run_id: int
     opened: int
     changed: int
     closed: int
+    conflicts: int
+    unresolved: int
 
 
 @dataclass(slots=True)

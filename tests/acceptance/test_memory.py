@@ -1,0 +1,38 @@
+"""Memory of a detection is bounded by what is asked for, whatever the size of the scene, and the answer is the same."""
+
+import subprocess
+import sys
+
+import shapely
+from psycopg import Connection
+
+from conflictdb.db import store
+from conflictdb.model import Area, Scene
+from conflictdb.pipeline.memory import LEAST_MEMORY_MB, Memory
+
+AREAS = 700  # 244,650 pairs, all of which meet: some chunks of the least memory, hundreds of megabytes at once
+PROGRAM = """
+import resource, sys
+import conflictdb
+with conflictdb.connect(sys.argv[1]) as db:
+    run = db.detect("s", full=True, memory_mb=int(sys.argv[2]))
+print(run.candidate_pairs, run.conflicts, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def test_a_detection_keeps_below_the_memory_that_it_is_given(dsn: str, conn: Connection[tuple[object, ...]]) -> None:
+    areas = [Area(f"A{i}", shapely.MultiPolygon([shapely.box(5.0 + 1e-4 * i, 57.0, 6.0, 58.0)])) for i in range(AREAS)]
+    store.replace_scene(conn, Scene("s"), areas, [], merge=False)
+    pairs = AREAS * (AREAS - 1) // 2
+    assert pairs > 2 * Memory.of(LEAST_MEMORY_MB).pairs
+    answers = []
+    for memory_mb in (LEAST_MEMORY_MB, 1024):
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, dsn, str(memory_mb)], capture_output=True, text=True, check=True
+        )
+        *counts, peak_mb = map(int, done.stdout.split())
+        assert counts == [pairs, pairs]
+        assert peak_mb <= memory_mb
+        answers.append(conn.execute("SELECT a_key, b_key, periods::text, verdict FROM conflictdb.conflict").fetchall())
+        conn.commit()
+    assert sorted(answers[0]) == sorted(answers[1])
