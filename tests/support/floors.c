@@ -7,7 +7,7 @@
 /* middle, bound, box : (count,) metres, as approach_during and approach_at_least tell; NaN where a piece cannot be. */
 int floors(const KernelScene *scene, const KernelPairs *pairs, double *middle, double *bound, double *box) {
     double *memory;
-    KernelWork work = {0, 0, 0};
+    KernelWork work = {0};
     Encounter pair = {.work = &work};
     KernelStatus status = border_begin(scene, pairs, &pair, &memory);
     if (status != KERNEL_OK) return status;

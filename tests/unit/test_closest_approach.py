@@ -161,6 +161,49 @@ def test_bounds_allow_for_rounding() -> None:
         assert (bound < least - 1e-8).all()
 
 
+def test_a_way_that_bulges_is_nearer_in_the_middle_than_at_its_ends() -> None:
+    """A haven far to starboard of the equator goes along a parallel, which bends towards an area in the plane."""
+    scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 0.0))
+    haven = np.array([(1.0e6, -5e3), (1.01e6, -5e3), (1.01e6, 5e3), (1.0e6, 5e3)])
+    track = replace(scenes.track("T", [(-2.0, 0.0), (2.0, 0.0)], [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=haven)
+    area = scenes.area("A", shapely.box(-4.0, -8.9, 4.0, -8.0))
+    given = Given(scene, [area], [track])
+    low, high = np.zeros(len(given.a)), given.span_s
+    seen = given.distances(np.linspace(low, high, SAMPLES, axis=1))
+    _, bound, box = floors(given, low, high)
+    assert (seen.min(axis=1) < np.minimum(seen[:, 0], seen[:, -1]) - 0.1).any()
+    assert (np.maximum(bound, box) <= seen.min(axis=1) + 1e-6).all()
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_way_along_a_parallel_bends_from_what_lies_towards_the_equator(side: float) -> None:
+    """1,000 km off, at 82 degrees, the bend adds as much to how fast the distance curves as the way across it does."""
+    here = scenes.track("P", [(0.0, side * 73.0)] * 2, [0, 3600], 0.0, 0.0, 0.0, 0.0)
+    ship = scenes.track("S", [(-6.0, side * 82.0), (6.0, side * 82.0)], [0, 3600], 0.0, 0.0, 0.0, 0.0)
+    given = Given(Scene("s", earth=EarthModel.SPHERE), [], [here, ship])
+    for parts in (1, 4):
+        low = given.span_s * (np.arange(len(given.a)) % parts) / parts
+        high = low + given.span_s / parts
+        seen = given.distances(np.linspace(low, high, SAMPLES, axis=1)).min(axis=1)
+        _, bound, _ = floors(given, low, high)
+        assert (bound <= seen + 1e-5).all()
+        assert (bound >= seen - 10.0).any()
+
+
+def test_what_is_near_across_the_seam_is_not_said_to_be_far() -> None:
+    """Points 2 degrees apart, whose coordinates are 358 degrees apart."""
+    tracks = [
+        scenes.track(k, [(lon, 10.0)] * 2, [0, 3600], 0.0, 0.0, 0.0, 0.0) for k, lon in (("W", -179.0), ("E", 179.0))
+    ]
+    given = Given(Scene("s", earth=EarthModel.SPHERE), [], tracks)
+    low, high = np.zeros(len(given.a)), given.span_s
+    seen = given.distances(np.stack([low, high], axis=1)).min(axis=1)
+    assert seen.max() < 3e5
+    _, bound, box = floors(given, low, high)
+    assert (np.maximum(bound, box) <= seen + given.plane.distance_error_m(seen)).all()
+    assert (bound > 0.99 * seen).all()
+
+
 def golden() -> dict[tuple[str, ...], list[dict[str, str]]]:
     found: dict[tuple[str, ...], list[dict[str, str]]] = {}
     with (SUPPORT / "closest_approaches.csv").open(newline="") as file:
