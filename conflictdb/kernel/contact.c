@@ -18,6 +18,7 @@
 #include "contact.h"
 
 #include "roots.h"
+#include "zone.h"
 
 /* Rounds of window and witness: each shrinks the slack by the square of how much the window shrank. With a separation
  * windows are shrunk at least three times: the scale varies less in a short one, and the zone in doubt is narrower. */
@@ -28,15 +29,21 @@ enum { MAX_HALVINGS = 12 };
 static const double INTO_SHARE = 1e-3;
 /* Halvings that bring the bounds of a pair that is only close nearer: with more, they are narrower. */
 enum { CLOSE_STEPS = 3 };
-static const double HALF_PI = 0x1.921fb54442d18p0;
 
 static const Contact UNDECIDED = {IS_UNDECIDED, IS_EITHER, 0.0, 0.0, 0.0};
 static const Contact SEPARATED = {IS_SEPARATED, IS_EITHER, 0.0, 0.0, 0.0};
 
+/* The scales of all places of a pair during a time, and of those that are within reach of each other where the distance
+ * matters: nothing further apart than is asked about lies elsewhere. */
+typedef struct {
+    Scales all, near;
+} Reached;
+
 /* A time of an encounter in which it is in contact at the witness, and outside of which it is apart. depth: how much
  * too near it is at the witness, < 0; touch: what rounding is worth, at the largest scale; plane metres. */
 typedef struct {
-    double low, high, start, witness, end, depth, largest, smallest, touch;
+    double low, high, start, witness, end, depth, touch;
+    Reached scales;
 } Window;
 
 /* One side of a window, and the proven end of the conflict there. */
@@ -107,24 +114,32 @@ static Shares shares_of(const Encounter *pair, Levels levels) {
     return shares;
 }
 
+/* Put the polygons where they are at both ends of a time, and tell the scales. */
+static Reached reached_during(Encounter *pair, double start, double end) {
+    Extent extent = encounter_extent(pair, start, end);
+    Scales all = plane_scales(pair->plane, &extent);
+    if (pair->separation_m == 0.0) return (Reached){all, all};
+    double reach = plane_span_m(pair->plane, pair->separation_m + pair->margin_m, all.largest);
+    return (Reached){all, encounter_scales_within(pair, reach)};
+}
+
 /* How many plane metres a distance may take up, or a depth (< 0) takes up at least. */
-static double span_of(const Encounter *pair, double distance_m, double largest, double smallest) {
-    if (distance_m > 0.0) return plane_span_m(pair->plane, distance_m, largest);
-    return distance_m * smallest;
+static double span_of(const Encounter *pair, double distance_m, Reached scales) {
+    if (distance_m > 0.0) return plane_span_m(pair->plane, distance_m, scales.near.largest);
+    return distance_m * scales.all.smallest;
 }
 
 /* slack: how far vertices leave their chords, and what rounding is worth, plane metres. */
-static Levels levels_of(const Encounter *pair, double slack, double largest, double smallest) {
+static Levels levels_of(const Encounter *pair, double slack, Reached scales) {
     double wanted_m = pair->separation_m;
-    return (Levels){slack + span_of(pair, wanted_m + pair->margin_m, largest, smallest),
-                    slack + span_of(pair, wanted_m, largest, smallest),
-                    slack + span_of(pair, wanted_m - pair->deep_m, largest, smallest)};
+    return (Levels){slack + span_of(pair, wanted_m + pair->margin_m, scales), slack + span_of(pair, wanted_m, scales),
+                    slack + span_of(pair, wanted_m - pair->deep_m, scales)};
 }
 
 /* Whether a pair with this gap in the plane is deeper in contact than the margin, beyond doubt. */
-static bool is_deep(const Encounter *pair, double gap, double largest, double smallest) {
+static bool is_deep(const Encounter *pair, double gap, Reached scales) {
     double wanted_m = pair->separation_m - pair->deep_m - KERNEL_TOUCH_M;
-    return gap < wanted_m * (wanted_m > 0.0 ? smallest : largest);
+    return gap < wanted_m * (wanted_m > 0.0 ? scales.near.smallest : scales.all.largest);
 }
 
 /* Whether the pair is in conflict all the way from p, by `touch` or more, to q, by `depth` (< 0).
@@ -145,7 +160,7 @@ static bool holds(Encounter *pair, const Window *window, double p, double q, dou
         double way = 2.0 * encounter_bounds(pair, first, last).spread * (last - first), limit = -touch - way;
         if (part.fp <= limit || part.fq <= limit || most(part.fp, part.fq) <= -touch - 0.5 * way) continue;
         if (part.halvings + 1 >= MAX_HALVINGS) return false;
-        double middle = 0.5 * (part.p + part.q), f = depth_at(pair, middle, window->smallest);
+        double middle = 0.5 * (part.p + part.q), f = depth_at(pair, middle, window->scales.near.smallest);
         if (!(f <= -touch)) return false;
         int halvings = part.halvings + 1;
         stack[top].p = part.p, stack[top].q = middle, stack[top].fp = part.fp, stack[top].fq = f;
@@ -198,53 +213,31 @@ static End touch_end(Encounter *pair, const Window *window, double limit, bool i
     return end;
 }
 
-/* Whether the distance on the earth changes one way only between a limit and the end of the zone.
- *
- * Let p and q be nearest on the earth at some instant of the zone. They are no further apart than what is nearest in the
- * plane then, and so in the plane at most `ratio` times the least distance at the end: their direction is within
- * acos(1 / ratio) of its axis n, and that in which their distance shrinks within the plane's slant of it. With the sum s
- * of both they close in at |n.V| cos s - |V across| sin s or more, V the velocity that both polygons' vertices depart
- * from by at most K, less K for each and less what the scale changes on the way. */
-static bool closes_in(Encounter *pair, const Window *window, double limit, double end) {
-    double first = least(limit, end), last = most(limit, end), length = last - first, middle = 0.5 * (first + last);
-    Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
-    Vector v = {vb.x - va.x, vb.y - va.y};
-    double spread = encounter_bounds(pair, first, last).spread, at_limit = encounter_plane_distance(pair, limit).gap;
-    Gap at_end = encounter_plane_distance(pair, end);
-    if (!(at_end.gap > 0.0)) return false;
-    double closing = (limit < window->witness ? -1.0 : 1.0) * (at_end.axis.x * v.x + at_end.axis.y * v.y);
-    double across = fabs(at_end.axis.x * v.y - at_end.axis.y * v.x), speed = most(norm(va), norm(vb)) + spread;
-    double furthest_m = (most(at_limit, at_end.gap) + 2.0 * spread * length) / window->smallest;
-    double ratio = plane_span_m(pair->plane, furthest_m, window->largest) / at_end.gap;
-    double turned = norm(v) * spread * length / at_end.gap;
-    double aside = acos(least(1.0 / ratio, 1.0)) + plane_slant(pair->plane, furthest_m, window->largest);
-    double slowest = closing * cos(aside) - across * sin(aside);
-    double drift = 2.0 * plane_drift(pair->plane, furthest_m, window->largest, speed);
-    return aside < HALF_PI && slowest > spread + drift + turned;
-}
-
 /* The end of a loss of separation between a window's limit and its middle. */
 static End separation_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
-    double at_limit = depth_at(pair, limit, window->smallest), touch = window->touch;
+    double at_limit = depth_at(pair, limit, window->scales.near.smallest), touch = window->touch;
     if (is_all && at_limit < -touch) {
         end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
     }
     /* The zone ends where the polygons are just nearer than the separation at the smallest scale. */
-    double wanted = pair->separation_m * window->smallest, into = INTO_SHARE * wanted;
+    double wanted = pair->separation_m * window->scales.near.smallest, into = INTO_SHARE * wanted;
     if (!(at_limit > touch) || !(window->depth + into < 0.0)) return end;
     Level level = {pair, wanted - into};
     double deepest = least(window->depth + into, -1e-9);
     Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->witness, deepest, 0.5 * into);
-    if (!zone.is_found || !closes_in(pair, window, limit, zone.inner)) return end;
+    if (!zone.is_found) return end;
     /* In the zone the distance on the earth is brought to what is wanted. */
     double doubt = encounter_certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
     if (!(gap > doubt) || !(within < -doubt)) return end;
     Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
-    end.is_proven = holds(pair, window, zone.inner, window->witness, window->depth);
+    /* Mostly the distance changes one way only from the limit on; else it is proven on either side of the end. */
+    bool is_told = zone_closes_in(pair, limit, zone.inner, window->scales.all) ||
+                   (zone_is_apart(pair, limit, root.outer) && zone_is_near(pair, root.inner, zone.inner));
+    end.is_proven = is_told && holds(pair, window, zone.inner, window->witness, window->depth);
     return end;
 }
 
@@ -314,9 +307,10 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     Extent extent = extent_none();
     encounter_place(pair, middle);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
-    double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
-    double slack = departure + KERNEL_TOUCH_M * largest;
-    Levels levels = levels_of(pair, slack, largest, smallest);
+    Scales all = plane_scales(pair->plane, &extent);
+    Reached scales = {all, all};
+    double slack = departure + KERNEL_TOUCH_M * all.largest;
+    Levels levels = levels_of(pair, slack, scales);
     Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
     Below perhaps = {low - middle, high - middle}, surely = perhaps, near = perhaps, deep = perhaps;
     for (int turn = 0; turn < 2; turn++) {
@@ -332,7 +326,7 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     }
     if (near.first > near.last) return SEPARATED;
     if (perhaps.first > perhaps.last)
-        return close_in(pair, middle + near.first, middle + near.last, middle + 0.5 * (near.first + near.last), smallest);
+        return close_in(pair, middle + near.first, middle + near.last, middle + 0.5 * (near.first + near.last), all.smallest);
     if (!(surely.first < surely.last)) return UNDECIDED;
     bool is_shallow = deep.first > deep.last;
     double at = is_shallow ? 0.5 * (surely.first + surely.last) : 0.5 * (deep.first + deep.last);
@@ -340,7 +334,7 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     deepest = widest_then(&pair->b_now, &pair->a_now, (Vector){va.x - vb.x, va.y - vb.y}, at, deepest);
     /* Polygons without any edge have no depth. */
     if (deepest == -INFINITY) return UNDECIDED;
-    Depth depth = is_deep(pair, deepest + departure, largest, smallest) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
+    Depth depth = is_deep(pair, deepest + departure, scales) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
     double error = most(surely.first - perhaps.first, perhaps.last - surely.last);
     return (Contact){IS_IN_CONTACT, depth, middle + perhaps.first, middle + perhaps.last, error};
 }
@@ -353,11 +347,10 @@ Contact certain_contact(Encounter *pair, double low, double high) {
     /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
-        Extent extent = encounter_extent(pair, start, end);
-        double h = end - start, largest = plane_largest_scale(pair->plane, &extent);
-        double smallest = plane_smallest_scale(pair->plane, &extent), touch = KERNEL_TOUCH_M * largest;
+        Reached scales = reached_during(pair, start, end);
+        double h = end - start, touch = KERNEL_TOUCH_M * scales.all.largest;
         pair->work->windows++;
-        Shares shares = shares_of(pair, levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, largest, smallest));
+        Shares shares = shares_of(pair, levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, scales));
         if (is_none(shares.near)) return SEPARATED;
         /* What is proven of a time holds in the shorter ones that follow. */
         is_apart = is_apart || is_none(shares.touch), is_shallow = is_shallow || is_none(shares.deep);
@@ -365,15 +358,15 @@ Contact certain_contact(Encounter *pair, double low, double high) {
         double witness = start + 0.5 * (likely.u + likely.v) * h, near_start = start + shares.near.u * h;
         end = start + shares.near.v * h;
         if (is_apart) {
-            Contact close = close_in(pair, near_start, end, witness, smallest);
+            Contact close = close_in(pair, near_start, end, witness, scales.near.smallest);
             if (close.outcome != IS_UNDECIDED) return close;
         } else {
-            Window window = {.low = low, .high = high, .largest = largest, .smallest = smallest, .touch = touch};
+            Window window = {.low = low, .high = high, .touch = touch, .scales = scales};
             window.start = start + shares.touch.u * h, window.end = start + shares.touch.v * h, window.witness = witness;
-            window.depth = depth_at(pair, witness, smallest);
+            window.depth = depth_at(pair, witness, scales.near.smallest);
             if (window.depth < -2.0 * touch && (touches || round >= LEAST_WINDOWS_APART)) {
-                double gap = window.depth + pair->separation_m * smallest;
-                Depth depth = is_deep(pair, gap, largest, smallest) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
+                double gap = window.depth + pair->separation_m * scales.near.smallest;
+                Depth depth = is_deep(pair, gap, scales) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;
                 return contact_in_window(pair, &window, depth);
             }
         }

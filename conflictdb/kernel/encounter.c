@@ -31,6 +31,14 @@ Extent encounter_extent(Encounter *pair, double start, double end) {
     return extent;
 }
 
+Scales encounter_scales_within(const Encounter *pair, double reach) {
+    Extent a = extent_none(), b = extent_none();
+    extent_add(&a, &pair->a0, pair->a.origin), extent_add(&a, &pair->a1, pair->a.origin);
+    extent_add(&b, &pair->b0, pair->a.origin), extent_add(&b, &pair->b1, pair->a.origin);
+    Extent near = extent_within_reach(pair->plane, &a, &b, reach);
+    return plane_scales(pair->plane, &near);
+}
+
 Gap encounter_gap(Encounter *pair, double t) {
     pair->work->evaluations++;
     encounter_place(pair, t);

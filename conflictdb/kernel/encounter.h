@@ -48,6 +48,10 @@ Bounds encounter_bounds(const Encounter *pair, double t0, double t1);
 /* The extent of the polygons at both ends of a time, which are put there. */
 Extent encounter_extent(Encounter *pair, double start, double end);
 
+/* The scales of places that are within reach of each other, plane metres, while the pair moves from where a0 and b0 are to
+ * where a1 and b1 are. */
+Scales encounter_scales_within(const Encounter *pair, double reach);
+
 /* The gap between touching polygons at an instant, and its axis; the same where the distance counts, too. */
 Gap encounter_gap(Encounter *pair, double t);
 Gap encounter_plane_distance(Encounter *pair, double t);

@@ -29,6 +29,16 @@ void extent_add(Extent *extent, const Polygon *polygon, Vector origin) {
     if (!(check == 0.0)) extent->north = extent->south = extent->furthest2 = NAN;
 }
 
+Extent extent_within_reach(const KernelPlane *plane, const Extent *a, const Extent *b, double reach) {
+    Extent both = {least(a->west, b->west), most(a->east, b->east), least(a->south, b->south), most(a->north, b->north),
+                   most(a->furthest2, b->furthest2)};
+    if (plane->projection != KERNEL_MERCATOR) return both;
+    double south = most(a->south, b->south) - reach, north = least(a->north, b->north) + reach;
+    /* None where they are further apart: then it does not matter. */
+    if (south < north) both.south = most(both.south, south), both.north = least(both.north, north);
+    return both;
+}
+
 double mercator_scale(const KernelPlane *plane, double y) {
     double e = exp(fabs(y) / plane->radius_m), cosine = 0.5 * (e + 1.0 / e), tangent = (e - 1.0 / e) / (e + 1.0 / e);
     return cosine * plane->radius_m / earth_conformal_radius(plane, tangent * tangent);
@@ -58,6 +68,10 @@ static double shrinks(const KernelPlane *plane) { return 3.02 * plane->oblatenes
 /* At least the highest conformal latitude of a shortest way whose ends have this scale, radians. */
 static double highest_on_way(const KernelPlane *plane, double distance_m, double scale) {
     return least(acos(1.0 / most(scale, 1.0)) + 0.505 * distance_m / plane->radius_m, HALF_PI);
+}
+
+Scales plane_scales(const KernelPlane *plane, const Extent *extent) {
+    return (Scales){plane_largest_scale(plane, extent), plane_smallest_scale(plane, extent)};
 }
 
 double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
@@ -150,7 +164,7 @@ double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygo
     return plane_metres(plane, a, b, origin, gap.gap, from, to);
 }
 
-static double way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
+double plane_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
     if (plane->projection == KERNEL_MERCATOR) return mercator_way_m(plane, one, other, origin);
     return gnomonic_way_m(plane, one, other, origin);
 }
@@ -163,21 +177,21 @@ static Vector along(Vector start, Vector side, double part) {
 static Vector place_on_side(const KernelPlane *plane, Vector vertex, Vector start, Vector side, Vector origin) {
     double step = 1.0 / (EDGE_PLACES - 1), nearest = INFINITY, ends = INFINITY, best = 0.0, end = 0.0;
     for (int k = 0; k < EDGE_PLACES; k++) {
-        double found = way_m(plane, vertex, along(start, side, k * step), origin);
+        double found = plane_way_m(plane, vertex, along(start, side, k * step), origin);
         if (found < nearest) nearest = found, best = k * step;
         if ((k == 0 || k == EDGE_PLACES - 1) && found < ends) ends = found, end = k * step;
     }
     double low = most(best - step, 0.0), high = least(best + step, 1.0), length = hypot(side.x, side.y);
     double left = high - GOLDEN * (high - low), right = low + GOLDEN * (high - low);
-    double at_left = way_m(plane, vertex, along(start, side, left), origin);
-    double at_right = way_m(plane, vertex, along(start, side, right), origin);
+    double at_left = plane_way_m(plane, vertex, along(start, side, left), origin);
+    double at_right = plane_way_m(plane, vertex, along(start, side, right), origin);
     for (int k = 0; k < EDGE_STEPS && (high - low) * length > PLACE_M; k++) {
         if (at_left <= at_right) {
             high = right, right = left, at_right = at_left, left = high - GOLDEN * (high - low);
-            at_left = way_m(plane, vertex, along(start, side, left), origin);
+            at_left = plane_way_m(plane, vertex, along(start, side, left), origin);
         } else {
             low = left, left = right, at_left = at_right, right = low + GOLDEN * (high - low);
-            at_right = way_m(plane, vertex, along(start, side, right), origin);
+            at_right = plane_way_m(plane, vertex, along(start, side, right), origin);
         }
     }
     return along(start, side, ends <= least(at_left, at_right) ? end : 0.5 * (low + high));

@@ -18,9 +18,19 @@ Extent extent_none(void);
 /* Extend by a polygon counted from an origin. A vertex that is no number makes the extent none. */
 void extent_add(Extent *extent, const Polygon *polygon, Vector origin);
 
+/* Of two extents, the part in which places of either lie that are no further apart than a reach, plane metres. In the
+ * Mercator plane, where the scale depends on the ordinate alone, that is a band; in another it is both. */
+Extent extent_within_reach(const KernelPlane *plane, const Extent *a, const Extent *b, double reach);
+
 /* The most plane metres per metre, any way, and the fewest (>= 1), in the hull of all that was added. */
 double plane_largest_scale(const KernelPlane *plane, const Extent *extent);
 double plane_smallest_scale(const KernelPlane *plane, const Extent *extent);
+
+/* Both. */
+typedef struct {
+    double largest, smallest;
+} Scales;
+Scales plane_scales(const KernelPlane *plane, const Extent *extent);
 
 /* How many plane metres a distance on the earth may take up where the scale at its ends is at most this. */
 double plane_span_m(const KernelPlane *plane, double distance_m, double scale);
@@ -62,6 +72,9 @@ double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b
 
 /* The nearest points on the earth of polygons that are apart, from the origin. */
 void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to);
+
+/* The distance of two places from the origin: at least that of the shortest way. */
+double plane_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
 
 /* The vertex and the side that are nearest to each other. */
 typedef struct {
