@@ -94,8 +94,9 @@ COMMENT ON FUNCTION _scene_holders(bigint) IS
 CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
 BEGIN
-    -- Not by a foreign key either, which would cost every conflict more than it costs to write.
+    -- Not by foreign keys either, which would cost every conflict and piece more than it costs to write.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
     -- Not by a foreign key: who removes a scene would wait for its detection, and the detection then for the removal.
     DELETE FROM scene_lock l
         USING (SELECT x.scene_id FROM scene_lock x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
@@ -104,8 +105,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: removes the conflicts of a removed scene, and its lock, unless it is held. A lock that stays behind does no '
-'harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch conflicts and locks.';
+'Trigger: removes the conflicts and pieces of a removed scene, and its lock, unless it is held. A lock that stays '
+'behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

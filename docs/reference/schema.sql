@@ -246,7 +246,6 @@ CONSTRAINT piece_ceiling_above_floor ON piece: CHECK ((ceiling_m > floor_m));
 CONSTRAINT piece_kind_known ON piece: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT piece_motion_of_tracks ON piece: CHECK (((object_kind = 1) = (num_nulls(leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg) = 0)));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
-CONSTRAINT piece_scene_fkey ON piece: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
@@ -401,7 +400,7 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _end_pieces(p_changed bigint)
+FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)

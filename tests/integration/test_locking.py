@@ -19,6 +19,8 @@ from conflictdb.db import detect, store
 from conflictdb.db.store import connection, locking
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.cutting import area_pieces
 from conflictdb.pipeline.run import run_scene
 
 Conn = psycopg.Connection[Any]
@@ -320,6 +322,33 @@ def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, sc
     with pytest.raises(StoreError, match="open transaction"):
         store.begin_snapshot(conn)
     conn.execute("SELECT FROM mine")
+
+
+def test_a_scene_waits_for_its_pieces_and_takes_them_along(conn: Conn, other: Conn, scene_id: int) -> None:
+    """No foreign key checks every piece: the scene itself is kept while they are written, once."""
+    begin(conn, scene_id)
+    pieces = area_pieces(SCENE, plane_of(SCENE), store.changed_areas(conn, scene_id))
+    store.replace_pieces(conn, scene_id, [pieces])
+    removal = "DELETE FROM conflictdb.scene WHERE scene_id = %s"
+    other.execute("SET LOCAL lock_timeout = '200ms'")
+    with pytest.raises(psycopg.errors.LockNotAvailable):
+        other.execute(removal, [scene_id])
+    other.rollback()
+    conn.commit()
+    assert conn.execute("SELECT count(*) FROM conflictdb.piece").fetchone() == (1,)
+    conn.rollback()
+    other.execute(removal, [scene_id])
+    other.commit()
+    assert conn.execute("SELECT count(*) FROM conflictdb.piece").fetchone() == (0,)
+
+
+def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn, scene_id: int) -> None:
+    begin(conn, scene_id)
+    other.execute("DELETE FROM conflictdb.scene WHERE scene_id = %s", [scene_id])
+    other.commit()
+    pieces = area_pieces(SCENE, plane_of(SCENE), store.changed_areas(conn, scene_id))
+    with pytest.raises(StoreError, match="SQLSTATE 40001"):
+        store.replace_pieces(conn, scene_id, [pieces])
 
 
 @pytest.mark.parametrize("place", ["begin_locked", "dirty_objects", "end_write"])

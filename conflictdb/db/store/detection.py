@@ -125,7 +125,7 @@ def replace_pieces(
             if rows.size:
                 some = pieces if len(rows) == len(pieces) else pieces.take(rows)
                 copy_binary.send(conn, "conflictdb.piece", _piece_columns(some, scene_id, srid, kind))
-    call(conn, "_end_pieces", count)
+    call(conn, "_end_pieces", scene_id, count)
 
 
 def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:
