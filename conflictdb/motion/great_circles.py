@@ -85,10 +85,6 @@ class GreatCircles:
             np.where(still, 0.0, self.angle),
         )
 
-    def heading_after(self) -> Floats:
-        """Return the unit vectors (3, n) along the legs at their ends."""
-        return np.asarray(np.cos(self.angle) * self.heading - np.sin(self.angle) * self.start)
-
 
 @dataclass(frozen=True, slots=True)
 class CircleGrowth:

@@ -20,9 +20,8 @@ from conflictdb.methods import METHODS, Solver
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.results import Verdict
-from conflictdb.stage4.constants import PAIRS_AT_ONCE, TOUCH_M
+from conflictdb.stage4.constants import PAIRS_AT_ONCE, SHORT_M, TOUCH_M
 from conflictdb.stage4.effort import Effort
-from conflictdb.stage4.encounters import short_m
 
 __all__ = ["CONFLICT", "GRAZING", "UNRESOLVED", "Effort", "contacts", "static_verdicts"]
 
@@ -94,7 +93,8 @@ def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) ->
     margin = max(scene.tolerance_m, TOUCH_M)
     furthest_m = scene.separation_m + margin
     # The true distance is at most this much more than the one found.
-    has_error = scene.separation_m > 0.0 and furthest_m > short_m(plane)
+    # In the plane nothing is uncertain.
+    has_error = scene.separation_m > 0.0 and furthest_m > (SHORT_M if plane.is_conformal else TOUCH_M)
     error_m = float(plane.distance_error_m(furthest_m)) if has_error else 0.0
     certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
     close = clearance + error_m <= margin

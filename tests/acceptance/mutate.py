@@ -42,8 +42,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "motion.rhumb", "motion.great_circles", "earth.arcs", "motion.mercator", "motion.gnomonic",
-    "motion.contract", "stage4.encounters", "stage4.distance", "stage4.proofs", "stage4.roots",
-    "earth.rhumb_distance", "pieces.cutting",
+    "motion.contract", "stage4.encounters", "earth.rhumb_distance", "pieces.cutting",
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",
     "pipeline.closest_approaches", "pipeline.object_pairs", "stage3_projection", "stage4.contacts",

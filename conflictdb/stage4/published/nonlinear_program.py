@@ -18,7 +18,6 @@ import numpy as np
 import scipy.optimize
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.stage4.distance import nearest_at
 from conflictdb.stage4.encounters import Encounters
 
 # Fractions of the window from which the solver starts, in order, until one start succeeds.
@@ -93,9 +92,11 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
 
 
 def _wanted(pair: Encounters, t: float) -> float:
-    """Return the separation wanted in plane metres, at the latitude where the pair is nearest at time t."""
+    """Return the separation wanted in plane metres, where vertices of the pair are nearest at time t."""
     if pair.separation_m == 0.0:
         return 0.0
-    nearest = nearest_at(pair, np.zeros(1, np.int64), np.array([t]))
-    middle = 0.5 * (nearest.point_a + nearest.point_b)
-    return float(pair.separation_m * pair.plane.smallest_scale(middle.T[:, None, :])[0])
+    a, b = (shape.positions(np.array([t]))[..., 0] for shape in (pair.a, pair.b))
+    way = b[:, None, :] - a[:, :, None]
+    i, j = np.unravel_index(np.hypot(way[0], way[1]).argmin(), way.shape[1:])
+    middle = 0.5 * (a[:, i] + b[:, j]) + pair.origin[:, 0]
+    return float(pair.separation_m * pair.plane.smallest_scale(middle[:, None, None])[0])
