@@ -17,7 +17,7 @@ from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 Guess = Callable[[int, float, float, bool], float]
 
 # KernelContact.
-_CONTACT: Final = np.dtype(
+CONTACT: Final = np.dtype(
     [
         ("pair", np.int64),
         *((name, np.float64) for name in ("start_s", "end_s", "error_s")),
@@ -94,8 +94,8 @@ def contacts(
             )
         )
         try:
-            size = count.value * _CONTACT.itemsize
-            items = np.frombuffer(ctypes.string_at(found, size) if size else b"", _CONTACT).copy()
+            size = count.value * CONTACT.itemsize
+            items = np.frombuffer(ctypes.string_at(found, size) if size else b"", CONTACT).copy()
         finally:
             library().kernel_contacts_free(found)
         asked.raise_what_failed()

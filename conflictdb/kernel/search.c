@@ -26,6 +26,8 @@ enum { GUESS_BRACKETS = sizeof GUESS_BRACKETS_S / sizeof *GUESS_BRACKETS_S };
 /* How often the search moves to a contact further out that it passed over, and how often it cuts the contacts of a pair.
  * With fewer, the bounds of pairs that meet many times are wider. */
 enum { MAX_ROUNDS = 16, MAX_CUTS = 32 };
+/* By how much steps from the end of a contact grow, until one is certain: with more, short contacts are passed over. */
+static const double STEP_GROWTH = 4.0;
 
 /* The first and the last instant of something. */
 typedef struct {
@@ -111,13 +113,19 @@ static OuterEnd outer_end(Encounter *pair, const Guess *guess, double limit, dou
  * KERNEL_TOUCH_M, and distances are too short by at most their error. */
 static double uncertain_s(Encounter *pair, const Found *found, double outer, double witness) {
     double length = found->end - found->start, deep = -encounter_certainty_margin_m(pair);
-    double tried[] = {outer, found->start + 0.5 * length, found->start + 0.25 * length, found->start + 0.75 * length, witness};
-    for (int k = 0; k < 5; k++)
-        if (clearance(pair, tried[k]) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, tried[k]).inner - outer);
+    double inward = outer == found->start ? 1.0 : -1.0;
+    if (clearance(pair, outer) <= deep) return 0.0;
+    /* Near the end first: what is certain further in may be of another contact. */
+    for (double step = SHORTEST_INTERVAL_S; step < length; step *= STEP_GROWTH) {
+        double at = outer + inward * step;
+        if (clearance(pair, at) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, at).inner - outer);
+    }
+    if (clearance(pair, witness) <= deep)
+        return fabs(crossing_between(clearance, pair, deep, outer, witness).inner - outer);
     undecided_separation_in(pair, &pair->spare_time, found->start, found->end, deep);
     Span certain = witnesses_of(&pair->spare_time, IN_CONTACT);
     if (!is_seen(certain)) return length;
-    double at = outer == found->start ? certain.first : certain.last;
+    double at = inward > 0.0 ? certain.first : certain.last;
     return fabs(crossing_between(clearance, pair, deep, outer, at).inner - outer);
 }
 
