@@ -13,14 +13,13 @@ chords in between.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m, shape_classes
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, movement_of, padding_m
 from conflictdb.results import Kind
 
 # Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
@@ -40,11 +39,11 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
     has_region = np.diff(pairs.region_offset) > 0
-    for member, classes in zip((pairs.a, pairs.b), shape_classes(plane, pieces, pairs), strict=True):
+    for member in (pairs.a, pairs.b):
         rows = PairRows(np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code)))
         if rows.size:
             tracks = PieceRows(member[rows])
-            one, other = _track_window(scene, plane, pieces, tracks, classes[rows], pairs, rows)
+            one, other = _track_window(scene, plane, pieces, tracks, pairs, rows)
             gone = (pieces.start_us[tracks] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
@@ -56,18 +55,12 @@ def _track_window(
     plane: Plane,
     pieces: Pieces,
     member: PieceRows,
-    classes: NDArray[np.int64],
     pairs: Pairs,
     rows: PairRows,
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
-    n = len(rows)
     duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
-    low, high = np.zeros(n), np.full(n, 1.0)
-    for one in np.unique(classes):
-        some = np.flatnonzero(classes == one)
-        tracks, of_tracks = PieceRows(member[some]), PairRows(rows[some])
-        low[some], high[some] = _fractions(scene, plane, pieces, tracks, duration[some], pairs, of_tracks)
+    low, high = _fractions(scene, plane, pieces, member, duration, pairs, rows)
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward
 
@@ -83,21 +76,21 @@ def _fractions(
 ) -> tuple[Floats, Floats]:
     """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
     nought = np.zeros(len(rows))
-    shapes = plane.shapes(pieces, member, pieces.start_us[member], np.zeros((2, len(rows))))
-    start, end = shapes.reference(nought), shapes.reference(duration)
+    tracks = movement_of(plane, pieces, member, pieces.start_us[member])
+    start, end = tracks.reference(nought), tracks.reference(duration)
     way = end - start
     length = np.hypot(way[0], way[1])
     moves = length > _LEAST_WAY_M
     along = way / np.where(moves, length, 1.0)
 
     offsets = [
-        np.einsum("kvn,kn->vn", shapes.positions(t) - at[:, None, :], along)
+        np.einsum("kvn,kn->vn", tracks.positions(t) - at[:, None, :], along)
         for t, at in ((nought, start), (duration, end))
     ]
     # The regions are cut from padded hulls, and rounded by as much again.
     wanted_m = scene.tolerance_m + scene.separation_m
-    slack = shapes.chord_deviation(nought, duration) + ROUNDING_ALLOWANCE_M
-    slack = slack + 2.0 * padding_m(plane, shapes.largest_scale(nought, duration), wanted_m)
+    bounds = tracks.bounds(nought, duration)
+    slack = bounds.deviation + ROUNDING_ALLOWANCE_M + 2.0 * padding_m(plane, bounds.scale, wanted_m)
     ahead = np.maximum(offsets[0].max(axis=0), offsets[1].max(axis=0)) + slack
     behind = np.minimum(offsets[0].min(axis=0), offsets[1].min(axis=0)) - slack
 
@@ -109,6 +102,6 @@ def _fractions(
     safe = np.where(moves, length, 1.0)
     low = np.where(moves, (nearest - ahead) / safe, 0.0)
     high = np.where(moves, (furthest - behind) / safe, 1.0)
-    first, last = (shapes.time_fraction(nought, duration, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
+    first, last = (tracks.time_fraction(nought, duration, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
     # A region that the haven has left before the slice, or reaches after it, leaves an empty window.
     return np.where(low > 1.0, np.inf, first), np.where(high < 0.0, -np.inf, last)

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 6
+#define KERNEL_ABI 7
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -147,6 +147,8 @@ typedef struct {
     double *velocity;     /* (2, count) one velocity for the whole polygon, in the middle of the time */
     double *acceleration; /* no vertex has a larger second derivative */
     double *spread;       /* no vertex has a velocity further from that */
+    double *deviation;    /* havens: no vertex is further outside of the hull of the ends; of areas 0 */
+    double *scale;        /* havens: no vertex has more plane metres per metre; of areas 1 */
 } KernelBounds;
 
 /* What a piece of a scene is. */
@@ -211,6 +213,10 @@ KernelStatus kernel_states(const KernelScene *scene, int8_t *state);
  *     origins. Pieces of fewer vertices repeat their last one; those that cannot be are no numbers.
  */
 KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, const double *t, int64_t slots, double *xy);
+
+/* Find where the reference points of rows are at t (count,): xy (2, count), plane metres from their origins. They run
+ * straight. Of areas, and of pieces that cannot be, no numbers. */
+KernelStatus kernel_references(const KernelScene *scene, const KernelRows *rows, const double *t, double *xy);
 
 /* Bound how rows move during [t0, t1], (count,) both, within their slices. */
 KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,

@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 6
+ABI: Final = 7
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -40,6 +40,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_approaches": (_POINTER,) * 10,
     "kernel_states": (_POINTER, _POINTER),
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
+    "kernel_references": (_POINTER,) * 4,
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
 }

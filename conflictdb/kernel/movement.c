@@ -3,6 +3,9 @@
 
 #include "motion.h"
 
+/* Numbers that a vertex on a great circle takes in a mover's frame. */
+enum { FRAME = 9 };
+
 /* Check rows, and tell how many vertices the largest of their pieces has. */
 static KernelStatus check_rows(const Scene *scene, const KernelRows *rows, int64_t *largest) {
     if (!scene || !rows) return KERNEL_NULL;
@@ -34,7 +37,7 @@ KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, 
     if (status != KERNEL_OK || rows->count == 0) return status;
     if (!t || !xy) return KERNEL_NULL;
     if (slots < largest) return KERNEL_BAD_COUNT;
-    double *memory = malloc(11 * (size_t)largest * sizeof *memory);
+    double *memory = malloc((2 + FRAME) * (size_t)largest * sizeof *memory);
     if (!memory) return KERNEL_NO_MEMORY;
     for (int64_t i = 0; i < rows->count; i++) {
         Mover mover;
@@ -51,26 +54,59 @@ KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, 
     return KERNEL_OK;
 }
 
+KernelStatus kernel_references(const KernelScene *scene, const KernelRows *rows, const double *t, double *xy) {
+    int64_t largest;
+    KernelStatus status = check_rows(scene, rows, &largest);
+    if (status != KERNEL_OK || rows->count == 0) return status;
+    if (!t || !xy) return KERNEL_NULL;
+    double *frame = malloc(FRAME * (size_t)largest * sizeof *frame);
+    if (!frame) return KERNEL_NO_MEMORY;
+    for (int64_t i = 0; i < rows->count; i++) {
+        Mover mover;
+        bool is_there = set_up(scene, rows, i, frame, &mover) && mover.body->motion != STANDS_STILL;
+        Vector reference = is_there ? mover_reference(&mover, t[i]) : (Vector){NAN, NAN};
+        xy[i] = reference.x, xy[rows->count + i] = reference.y;
+    }
+    free(frame);
+    return KERNEL_OK;
+}
+
+/* The most by which the offset of a vertex from the reference point differs at two instants. */
+static double offset_change(const Mover *mover, double t0, double t1, Polygon *start, Polygon *end) {
+    double change = 0.0;
+    if (mover->body->motion == STANDS_STILL) return change;
+    mover_place(mover, t0, start), mover_place(mover, t1, end);
+    Vector from = mover_reference(mover, t0), to = mover_reference(mover, t1);
+    for (int64_t i = 0; i < start->count; i++)
+        change = most(change, hypot((end->x[i] - to.x) - (start->x[i] - from.x), (end->y[i] - to.y) - (start->y[i] - from.y)));
+    return change;
+}
+
 KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
                            const KernelBounds *bounds) {
     int64_t largest;
     KernelStatus status = check_rows(scene, rows, &largest);
     if (status != KERNEL_OK || rows->count == 0) return status;
     if (!t0 || !t1 || !bounds || !bounds->velocity || !bounds->acceleration || !bounds->spread) return KERNEL_NULL;
-    double *frame = malloc(9 * (size_t)largest * sizeof *frame);
-    if (!frame) return KERNEL_NO_MEMORY;
+    if (!bounds->deviation || !bounds->scale) return KERNEL_NULL;
+    double *memory = malloc((4 + FRAME) * (size_t)largest * sizeof *memory);
+    if (!memory) return KERNEL_NO_MEMORY;
+    Polygon start = {.x = memory, .y = memory + largest}, end = {.x = memory + 2 * largest, .y = memory + 3 * largest};
     for (int64_t i = 0; i < rows->count; i++) {
         Mover mover;
         Vector velocity = {NAN, NAN};
         Bounds found = {NAN, NAN};
-        if (set_up(scene, rows, i, frame, &mover)) {
+        Sweep sweep = {NAN, NAN};
+        if (set_up(scene, rows, i, memory + 4 * largest, &mover)) {
             velocity = mover_velocity(&mover, 0.5 * (t0[i] + t1[i]));
             found = mover_bounds(&mover, t0[i], t1[i]);
+            sweep = mover_sweep(&mover, t0[i], t1[i], offset_change(&mover, t0[i], t1[i], &start, &end));
         }
         bounds->velocity[i] = velocity.x, bounds->velocity[rows->count + i] = velocity.y;
         bounds->acceleration[i] = found.acceleration, bounds->spread[i] = found.spread;
+        bounds->deviation[i] = sweep.deviation, bounds->scale[i] = sweep.scale;
     }
-    free(frame);
+    free(memory);
     return KERNEL_OK;
 }
 

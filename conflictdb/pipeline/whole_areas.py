@@ -14,7 +14,7 @@ from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Scene
-from conflictdb.motion.contract import Plane, shape_classes, shapes_of
+from conflictdb.motion.contract import Plane, movement_of
 from conflictdb.pieces.cutting import planar
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import TOUCH_M
@@ -42,10 +42,7 @@ def deep_in_whole_areas(
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
     pair = PairRows(contacts.pair[rows])
-    members, classes = (
-        (PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair])),
-        shape_classes(plane, pieces, pairs)[:, pair],
-    )
+    members = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair])
     every = np.concatenate(members)
     numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
     wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
@@ -57,14 +54,10 @@ def deep_in_whole_areas(
     is_deep = np.zeros(len(contacts_of), np.bool_)
     for share in _SHARES:
         at = (1.0 - share) * first + share * last
-        for area, other, other_class in ((*members, classes[1]), (*members[::-1], classes[0])):
+        for area, other in (members, members[::-1]):
             asked = np.flatnonzero((pieces.kind[area] == Kind.AREA.code) & ~is_deep[owner])
             mine = cores[np.searchsorted(numbers, pieces.object_id[area[asked]])]
-            reaches = _meet(
-                mine,
-                plane,
-                _polygons(plane, pieces, PieceRows(other[asked]), other_class[asked], at[asked], zero[asked]),
-            )
+            reaches = _meet(mine, plane, _polygons(plane, pieces, PieceRows(other[asked]), at[asked], zero[asked]))
             is_deep[owner[asked[reaches]]] = True
     return is_deep
 
@@ -88,18 +81,9 @@ def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_
 
 
 def _polygons(
-    plane: Plane,
-    pieces: Pieces,
-    rows: PieceRows,
-    classes: NDArray[np.int64],
-    at_s: Floats,
-    zero_us: NDArray[np.int64],
+    plane: Plane, pieces: Pieces, rows: PieceRows, at_s: Floats, zero_us: NDArray[np.int64]
 ) -> NDArray[np.object_]:
     """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
-    polygons = np.empty(len(rows), dtype=object)
-    for one in np.unique(classes):
-        some = np.flatnonzero(classes == one)
-        xy = shapes_of(plane, pieces, rows[some], zero_us[some]).positions(at_s[some])
-        indices = np.repeat(np.arange(len(some)), xy.shape[1])
-        polygons[some] = shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices))
-    return polygons
+    xy = movement_of(plane, pieces, rows, zero_us).positions(at_s)
+    indices = np.repeat(np.arange(len(rows)), xy.shape[1])
+    return np.asarray(shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices)))

@@ -8,19 +8,20 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
-from conflictdb.motion.contract import Plane, Shapes, origins, shapes_of
+from conflictdb.kernel.movement import Movement
+from conflictdb.motion.contract import Plane, movement_of, origins
 
 
 @dataclass(frozen=True, slots=True)
 class Encounters:
-    """n pairs of shapes with a common time zero and origin, and the separation wanted between them, metres.
+    """n pairs of polygons with a common time zero and origin, and the separation wanted between them, metres.
 
     origin : (2, n) plane metres
     """
 
     plane: Plane
-    a: Shapes
-    b: Shapes
+    a: Movement
+    b: Movement
     origin: Floats
     separation_m: float
 
@@ -34,7 +35,7 @@ class Encounters:
         rows: NDArray[np.int64],
         zero_us: NDArray[np.int64],
     ) -> "Encounters":
-        """Return the encounters of some pairs of like pieces; row i counts its time from zero_us[i]."""
+        """Return the encounters of some pairs; row i counts its time from zero_us[i]."""
         origin = origins(plane, pieces, pairs.a[rows])
-        a, b = (shapes_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
+        a, b = (movement_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
         return cls(plane, a, b, origin, separation_m)

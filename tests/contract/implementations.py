@@ -26,7 +26,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.kernel.movement import Bounds, Movement
 from conflictdb.kernel.scene import State
 from conflictdb.model import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.motion.contract import Havens, Plane
+from conflictdb.motion.contract import Plane
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane, track_pieces
 
@@ -355,8 +355,7 @@ def within_limits(row: MotionRow, sized: Callable[[float], Track], *, to_the_lim
 class Moving:
     """A haven on (a slice of) the one leg of a track, and a part of the slice that its bounds are asked about.
 
-    movement : of one row, by the kernel
-    shapes : the same in numpy
+    movement : of one row
     into_leg_s : seconds of the leg that are gone at t = 0
     t0, t1 : within the slice
     """
@@ -397,11 +396,6 @@ class Moving:
         """What the kernel promises of [t0, t1]."""
         return self.movement.bounds(np.array([self.t0]), np.array([self.t1]))
 
-    @cached_property
-    def shapes(self) -> Havens:
-        rows = np.array([self.piece])
-        return self.row.plane.shapes(self.pieces, rows, self.pieces.start_us[rows], self.origin)
-
     @property
     def leg_s(self) -> float:
         return float(self.pieces.leg_end_us[self.piece] - self.pieces.leg_start_us[self.piece]) / 1e6
@@ -420,9 +414,9 @@ class Moving:
         return (self.into_leg_s + self.seconds) / self.leg_s
 
     @property
-    def samples(self) -> Havens:
-        """The shapes, once for each of `seconds`."""
-        return self.shapes.take(np.zeros(SAMPLES, np.int64))
+    def samples(self) -> Movement:
+        """The haven, once for each of `seconds`."""
+        return self.movement.take(np.zeros(SAMPLES, np.int64))
 
     @cached_property
     def positions(self) -> Floats:
@@ -431,7 +425,7 @@ class Moving:
 
     @cached_property
     def from_origin(self) -> Floats:
-        return self.movement.take(np.zeros(SAMPLES, np.int64)).positions(self.seconds)
+        return self.samples.positions(self.seconds)
 
     @property
     def step_s(self) -> float:
@@ -447,10 +441,6 @@ class Moving:
     def scale(self) -> float:
         """The largest scale that any vertex is seen at."""
         return float(self.row.plane.largest_scale(self.positions).max())
-
-    def bound(self, name: str) -> float:
-        """A bound on [t0, t1], in numpy."""
-        return float(getattr(self.shapes, name)(np.array([self.t0]), np.array([self.t1]))[0])
 
 
 @st.composite

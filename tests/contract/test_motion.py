@@ -23,10 +23,6 @@ PLANE_ROUNDING: Final = 3e-15
 LATITUDE_ROUNDING: Final = 1e-15
 # And places on the earth, from latitudes and directions that are rounded to 1e-16.
 EARTH_ROUNDING_M: Final = 1.5e-7
-# Of a velocity, by its own digits: at the limits of the planes slopes grow a hundredfold in the latitude's last ones.
-SPEED_ROUNDING: Final = 1e-11
-# Gauss and Legendre's rule between two samples.
-RULES: Final = [np.polynomial.legendre.leggauss(count) for count in (12, 8)]
 
 
 def rounding_m(haven: Moving) -> float:
@@ -34,10 +30,6 @@ def rounding_m(haven: Moving) -> float:
     furthest = np.abs(haven.positions).max()
     own = PLANE_ROUNDING * max(TURN_M, furthest) + EARTH_ROUNDING_M * haven.scale
     return float(own + LATITUDE_ROUNDING * furthest * haven.scale)
-
-
-def fastest(haven: Moving) -> float:
-    return float(np.hypot(*haven.velocities).max())
 
 
 def at_most(found: float, bound: float) -> None:
@@ -69,12 +61,6 @@ def test_vertices_are_where_the_oracle_has_them(row: MotionRow, haven: Moving) -
 
 
 @for_every_motion(moving, fixed=extremes)
-def test_numpy_has_vertices_where_the_kernel_has_them(row: MotionRow, haven: Moving) -> None:
-    in_numpy = haven.samples.positions(haven.seconds)
-    at_most(np.hypot(*(in_numpy[:, : haven.from_origin.shape[1]] - haven.from_origin)).max(), rounding_m(haven))
-
-
-@for_every_motion(moving, fixed=extremes)
 def test_the_reference_runs_straight_and_time_fraction_says_when_it_is_where(row: MotionRow, haven: Moving) -> None:
     samples, share = haven.samples, np.linspace(0.0, 1.0, len(haven.seconds))
     low, high = np.full(len(share), haven.t0), np.full(len(share), haven.t1)
@@ -97,33 +83,16 @@ def test_no_velocity_is_further_from_that_of_the_whole_than_bounded(row: MotionR
 
 
 @for_every_motion(moving, fixed=extremes)
-def test_velocities_in_numpy_are_how_positions_change(row: MotionRow, haven: Moving) -> None:
-    """What they add up to between two samples is the way from one to the other."""
-    h = haven.step_s
-    gone = []
-    for nodes, weights in RULES:
-        at = (haven.seconds[:-1, None] + 0.5 * h * (1.0 + nodes)).ravel()
-        velocities = haven.shapes.take(np.zeros(len(at), np.int64)).velocities(at)
-        gone.append(0.5 * h * (velocities.reshape(*velocities.shape[:2], -1, len(nodes)) @ weights))
-    way = np.diff(haven.samples.positions(haven.seconds), axis=2)
-    # Where both rules do not agree, close to the limits of the planes, velocities change too much for them.
-    rough = np.abs(gone[0] - gone[1]).max(axis=(0, 1))
-    off = np.abs(gone[0] - way).max(axis=(0, 1)) - 2.0 * rough
-    at_most(off.max(), 4 * rounding_m(haven) + SPEED_ROUNDING * fastest(haven) * h)
-    assert np.median(rough) <= 1e-3 * fastest(haven) * h + rounding_m(haven)
-
-
-@for_every_motion(moving, fixed=extremes)
 def test_no_vertex_leaves_the_hull_of_the_ends_further_than_bounded(row: MotionRow, haven: Moving) -> None:
     """Of the vertices at both ends, and of their offsets from the reference point at both ends."""
     reference = haven.samples.reference(haven.seconds) + haven.origin
     for xy in (haven.positions - haven.positions[:, :1, :1], haven.positions - reference[:, None]):
-        at_most(left(xy), haven.bound("chord_deviation") + 2 * rounding_m(haven))
+        at_most(left(xy), haven.bounds.deviation[0] + 2 * rounding_m(haven))
 
 
 @for_every_motion(moving, fixed=extremes)
 def test_no_vertex_is_seen_at_a_larger_scale_than_bounded(row: MotionRow, haven: Moving) -> None:
-    at_most(haven.scale, haven.bound("largest_scale") * (1.0 + 1e-9))
+    at_most(haven.scale, haven.bounds.scale[0] * (1.0 + 1e-9))
 
 
 @for_every_motion(moving, fixed=extremes)
@@ -159,13 +128,13 @@ def test_a_piece_does_not_depend_on_its_company(row: MotionRow, haven: Moving) -
     at = among.positions(np.repeat(t1, len(rows)))[:, : alone.movement.slots, mine]
     np.testing.assert_array_equal(at, np.repeat(alone.movement.positions(t1), len(mine), axis=2))
     found = among.bounds(np.repeat(t0, len(rows)), np.repeat(t1, len(rows)))
-    for name in ("velocity", "acceleration", "spread"):
+    for name in ("velocity", "acceleration", "spread", "deviation", "scale"):
         expected = getattr(alone.bounds, name)
         np.testing.assert_array_equal(getattr(found, name)[..., mine], np.repeat(expected, len(mine), axis=-1))
 
 
 # How many times what it bounds a bound may be on whole ordinary legs: what it is there, and a third.
-USEFUL: Final = {"acceleration": 6.0, "spread": 6.0, "largest_scale": 1.001, "chord_deviation": 7.0}
+USEFUL: Final = {"acceleration": 6.0, "spread": 6.0, "scale": 1.001, "deviation": 7.0}
 
 
 @every_motion
@@ -177,7 +146,7 @@ def test_bounds_are_near_what_they_bound(row: MotionRow) -> None:
         at_most(haven.bounds.acceleration[0], USEFUL["acceleration"] * reached)
         reached = np.hypot(*(haven.velocities - haven.bounds.velocity[:, None])).max()
         at_most(haven.bounds.spread[0], USEFUL["spread"] * reached)
-        at_most(haven.bound("largest_scale"), USEFUL["largest_scale"] * haven.scale)
+        at_most(haven.bounds.scale[0], USEFUL["scale"] * haven.scale)
         assert haven.is_convex
     # Of a vertex far off the leg: those of polygons about it seldom leave the hull at all.
-    at_most(aside.bound("chord_deviation"), USEFUL["chord_deviation"] * left(aside.positions))
+    at_most(aside.bounds.deviation[0], USEFUL["deviation"] * left(aside.positions))

@@ -58,7 +58,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
 
 def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point that goes along the edge of an area: all of its pieces are looked at, in few calls."""
-    shaped = counted_calls(monkeypatch, whole_areas, "shapes_of")
+    shaped = counted_calls(monkeypatch, whole_areas, "movement_of")
     along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
     (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
     assert found.verdict == Verdict.GRAZING

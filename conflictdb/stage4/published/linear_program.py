@@ -13,7 +13,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.motion.contract import Shapes
+from conflictdb.kernel.movement import Movement
 from conflictdb.stage4.encounters import Encounters
 
 # A pair is given to the linear program if no vertex is further than this from uniform motion in its window, plane
@@ -53,9 +53,9 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     return start_s + float(np.clip(result.x[0], 0.0, 1.0)) * (end_s - start_s)
 
 
-def _deviation(shapes: Shapes, start_s: Floats, end_s: Floats) -> Floats:
+def _deviation(shapes: Movement, start_s: Floats, end_s: Floats) -> Floats:
     """Return (n,) a bound on how far any vertex leaves uniform motion, plane metres."""
     way = shapes.positions(end_s) - shapes.positions(start_s)
     spread = way - way.mean(axis=1, keepdims=True)
-    chord = shapes.max_acceleration(start_s, end_s) * (end_s - start_s) ** 2 / 8.0
+    chord = shapes.bounds(start_s, end_s).acceleration * (end_s - start_s) ** 2 / 8.0
     return np.asarray(np.hypot(spread[0], spread[1]).max(axis=0) + chord)

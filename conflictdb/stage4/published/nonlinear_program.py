@@ -33,7 +33,7 @@ def extreme_contact(pair: Encounters, start_s: float, end_s: float, *, latest: b
     None if the solver finds none from any start: which proves nothing.
     """
     width = end_s - start_s
-    m, n = pair.a.vertex_count, pair.b.vertex_count
+    m, n = pair.a.slots, pair.b.slots
     wanted = _wanted(pair, 0.5 * (start_s + end_s))
 
     @functools.lru_cache(maxsize=8)  # constraint and gradient ask for the same instant
