@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays.ragged import offsets, ragged_take
 from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M
 
@@ -16,59 +17,82 @@ CONVEX_AREA_SHARE: Final = 1e-13
 TRIANGULATION_AREA_SHARE: Final = 1e-9
 
 
-def is_thread(polygon: shapely.Geometry) -> bool:
-    """Return whether a polygon is narrower than the plane's rounding: it may then look invalid without being so."""
-    return bool(shapely.oriented_envelope(polygon).area <= ROUNDING_ALLOWANCE_M * max(polygon.length, 1.0))
+def is_thread(polygons: shapely.Geometry | NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Return whether polygons are narrower than the plane's rounding: they may then look invalid without being so."""
+    narrow = shapely.area(shapely.oriented_envelope(polygons))
+    return np.asarray(narrow <= ROUNDING_ALLOWANCE_M * np.maximum(shapely.length(polygons), 1.0))
 
 
-def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], list[Floats]]:
-    """Return for each convex part the row of its polygon (sorted), and its open ring, counter-clockwise."""
+def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return the convex parts of polygons: row of the polygon (n,), sorted, and open rings, counter-clockwise.
+
+    The rings are ragged: vertices (v, 2), offset (n + 1,).
+    """
     polygons, owner = shapely.get_parts(flat, return_index=True)
     hulls = shapely.convex_hull(polygons)
     whole = shapely.get_num_interior_rings(polygons) == 0
     whole &= shapely.area(hulls) <= shapely.area(polygons) * (1.0 + CONVEX_AREA_SHARE)
     whole |= shapely.get_dimensions(hulls) < 2
-    rings: list[Floats] = []
-    owners: list[int] = []
-    for polygon, hull, is_convex, row in zip(polygons, hulls, whole, owner, strict=True):
-        parts = [hull] if is_convex else _split(polygon, hull)
-        for part in parts:
-            rings.append(_open_ring(part))
-            owners.append(row)
-    return np.array(owners, dtype=np.int64), rings
+    dented = np.flatnonzero(~whole)
+    of_triangle, triangles = _triangles(polygons[dented])
+    cut = np.unique(of_triangle)
+    # What cannot be cut reliably is taken as its hull, so that nothing is missed.
+    left = np.delete(np.arange(len(polygons)), dented[cut])
+    of_ring, ring_xy, ring_count = _merged(of_triangle, triangles)
+    hull_xy, of_hull = shapely.get_coordinates(shapely.orient_polygons(hulls[left]), return_index=True)
+    # The last of a polygon's corners is its first; lines and points have no such one.
+    is_last = np.append(of_hull[1:] != of_hull[:-1], True) & (shapely.get_dimensions(hulls[left]) == 2)[of_hull]
+    hull_count = np.bincount(of_hull[~is_last], minlength=len(left))
+    part = np.concatenate([left, dented[of_ring]])
+    order = np.argsort(part, kind="stable")
+    xy = np.concatenate([hull_xy[~is_last], ring_xy])
+    taken, offset = ragged_take(offsets(np.concatenate([hull_count, ring_count])), xy, order)
+    return owner[part[order]].astype(np.int64), taken, offset
 
 
-def _open_ring(part: shapely.Geometry | Floats) -> Floats:
-    if isinstance(part, np.ndarray):
-        return part
-    if part.geom_type == "Polygon":
-        return np.asarray(shapely.get_coordinates(shapely.orient_polygons(part))[:-1])
-    return np.asarray(shapely.get_coordinates(part))
+def _triangles(polygons: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats]:
+    """Return the constrained Delaunay triangles of polygons: polygon of each (t,), sorted, corners (t, 3, 2).
+
+    Counter-clockwise. None of a polygon that cannot be cut: one narrower than the plane's rounding, or whose ring
+    crosses itself in the plane, by rounding.
+    """
+    try:
+        found = shapely.constrained_delaunay_triangles(polygons)
+    except shapely.errors.GEOSException:
+        if len(polygons) == 1:
+            return np.empty(0, np.int64), np.empty((0, 3, 2))
+        alone = [_triangles(polygons[i : i + 1])[1] for i in range(len(polygons))]
+        return np.repeat(np.arange(len(alone)), [len(one) for one in alone]), np.concatenate(alone)
+    triangles, of = shapely.get_parts(found, return_index=True)
+    areas = shapely.area(polygons)
+    missing = np.abs(np.bincount(of, shapely.area(triangles), len(polygons)) - areas)
+    sound = ~is_thread(polygons) & (missing <= TRIANGULATION_AREA_SHARE * areas)
+    triangles, of = triangles[sound[of]], of[sound[of]]
+    corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
+    return of.astype(np.int64), corners
 
 
-def _split(polygon: shapely.Polygon, hull: shapely.Geometry) -> list[shapely.Geometry | Floats]:
-    """Return convex parts that cover a polygon: its constrained Delaunay triangles, merged while convex.
+def _merged(of: NDArray[np.int64], triangles: Floats) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return convex parts of polygons, merged from their triangles: polygon of each (n,), sorted, and their rings.
+
+    The rings are the vertices (v, 2) one after the other, and how many each has (n,).
 
     S. Hertel, K. Mehlhorn, "Fast triangulation of the plane with respect to simple polygons", Information and
     Control 64 (1985), doi:10.1016/S0019-9958(85)80044-9: at most four times the least number of parts.
     """
-    try:
-        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    except shapely.errors.GEOSException:  # a ring that crosses itself in the plane, by rounding
-        return [hull]
-    missing = abs(float(shapely.area(triangles).sum()) - polygon.area)
-    if is_thread(polygon) or missing > TRIANGULATION_AREA_SHARE * polygon.area:
-        # A polygon narrower than the plane's rounding cannot be cut reliably. Its hull is taken, so that nothing is
-        # missed.
-        return [hull]
-    corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
-    points, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
-    return [points[ring] for ring in _merge_convex(points, index.reshape(-1, 3).tolist())]
+    if not len(of):
+        return of, np.empty((0, 2)), of
+    # Corners of one polygon only have one number.
+    named = np.column_stack([np.repeat(of, 3), triangles.reshape(-1, 2)])
+    points, index = np.unique(named, axis=0, return_inverse=True)
+    rings = _merge_convex(points[:, 1:].tolist(), index.reshape(-1, 3).tolist())
+    counts = np.array([len(ring) for ring in rings], dtype=np.int64)
+    first, vertices = [ring[0] for ring in rings], [vertex for ring in rings for vertex in ring]
+    return points[first, 0].astype(np.int64), np.asarray(points[vertices, 1:], np.float64), counts
 
 
-def _merge_convex(points: Floats, triangles: list[list[int]]) -> list[list[int]]:
-    """Return counter-clockwise rings (indices of points): triangles joined over shared edges while convex."""
-    xy = points.tolist()
+def _merge_convex(xy: list[list[float]], triangles: list[list[int]]) -> list[list[int]]:
+    """Return counter-clockwise rings (indices of xy): triangles joined over shared edges while convex."""
     rings: list[list[int]] = triangles
     edge_of = {(ring[k - 1], ring[k]): r for r, ring in enumerate(rings) for k in range(3)}
     joined = list(range(len(rings)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import offsets, ragged_rows, stacked
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats, shorter_way_deg
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Scene, Track
@@ -91,9 +91,8 @@ def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDA
 
 def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
-    owner, rings = convex_parts(planar(plane, areas.footprint))
-    n = len(rings)
-    offset, xy = offsets([len(ring) for ring in rings]), stacked(rings)
+    owner, xy, offset = convex_parts(planar(plane, areas.footprint))
+    n = len(owner)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
