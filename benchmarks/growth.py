@@ -5,8 +5,9 @@
 
 *sea* is as dense at any size (made_scenes.py), so that pairs grow as objects do; *box* is the paper's, where pairs grow
 as the square. Each scene is loaded by one process and detected by another, both of which begin afresh, in a new
-database: once with all rows to write, then again in full, which finds the same. Memory is the most that the detecting
-process held (ru_maxrss), and that the server's processes held together (PSS, sampled; shared memory counted once).
+database: once with all rows to write, again in full, which finds the same, and then after changes of one track each,
+fifteen of them, of which the median counts. Memory is the most that the detecting process held (ru_maxrss), and that
+the server's processes held together (PSS, sampled; shared memory counted once).
 
 Seconds by the clock come first, for both detections; the others are processor seconds of client and server together,
 which tell more where the machine is shared (measured.py). Exponents are those of a power law through the two largest
@@ -63,28 +64,23 @@ def fill(db: conflictdb.Database, series: str, objects: int, name: str) -> None:
 
 def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) -> dict[str, Any]:
     """Return the row of one scene: medians of so many times that it is loaded and detected."""
-    first, again, client_mb, server_mb = [], [], 0.0, None
+    found = []
     for number in range(times):
         name = f"{series} {objects} {number}"
         in_fresh_process(load_scene, dsn, series, objects, name)
-        (new, same), held_mb, server_held_mb = detect_alone(dsn, name, 2, **settings)
-        first.append(new)
-        again.append(same)
-        client_mb, server_mb = max(client_mb, held_mb), _larger(server_mb, server_held_mb)
-    new, same = medians(first), medians(again)
+        found.append(detect_alone(dsn, name, **settings))
+    new, same, changed = (medians([getattr(one, what) for one in found]) for what in ("new", "same", "changed"))
     row = {"series": series, "objects": objects, "pieces": count_pieces(dsn, name), **asdict(new)}
     return row | {
         "same_total_s": same.total_s,
         "same_write_s": same.write_s,
         "same_cpu_s": same.cpu_s,
-        "client_mb": client_mb,
-        "server_mb": server_mb,
+        "change_total_s": changed.total_s,
+        "change_cpu_s": changed.cpu_s,
+        "client_mb": max(one.client_mb for one in found),
+        "server_mb": max((one.server_mb for one in found if one.server_mb is not None), default=None),
         "dominates": max(STAGES, key=lambda stage: row[stage]).removesuffix("_s"),
     }
-
-
-def _larger(one: float | None, other: float | None) -> float | None:
-    return max((value for value in (one, other) if value is not None), default=None)
 
 
 def count_pieces(dsn: str, scene: str) -> int:
@@ -121,6 +117,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
             "again, s",
             "processor, s",
             "us an object",
+            "one change, ms",
+            "processor, ms",
             "client, MB",
             "server, MB",
         )
@@ -136,6 +134,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"{row['same_total_s']:.3g}",
                 "" if row["same_cpu_s"] is None else f"{row['same_cpu_s']:.3g}",
                 f"{1e6 * (row['cpu_s'] or row['total_s']) / row['objects']:,.0f}",
+                f"{1e3 * row['change_total_s']:.0f}",
+                "" if row["change_cpu_s"] is None else f"{1e3 * row['change_cpu_s']:.0f}",
                 f"{row['client_mb']:,.0f}",
                 "" if row["server_mb"] is None else f"{row['server_mb']:,.0f}",
             ]

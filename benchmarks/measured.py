@@ -36,6 +36,8 @@ from conflictdb.db import schema, store
 
 WARM: Final = "strait"  # the scene that comes with the package: what is slow the first time only is over with it
 STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
+# Changes of one object that are detected one by one.
+CHANGES: Final = 15
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 _SAMPLE_S: Final = 0.1
 
@@ -97,12 +99,12 @@ def load(db: conflictdb.Database, scene: Scene, parts: Iterable[tuple[Sequence[A
     db.connection.autocommit = False
 
 
-def detect(db: conflictdb.Database, scene: str, **settings: Any) -> Detection:
-    """Detect a scene in full, and return what it took."""
+def detect(db: conflictdb.Database, scene: str, *, full: bool = True, **settings: Any) -> Detection:
+    """Detect a scene, and return what it took."""
     clock = processor_clock(db.connection)
     began, began_client = time.monotonic(), time.process_time()
     with patch("time.perf_counter", clock or time.perf_counter):
-        run = db.detect(scene, full=True, **settings)
+        run = db.detect(scene, full=full, **settings)
     known = asdict(run)
     known["write_s"] = run.total_s - sum(known[stage] for stage in STAGES[:-1])
     known["cpu_s"] = run.total_s if clock else None
@@ -111,23 +113,50 @@ def detect(db: conflictdb.Database, scene: str, **settings: Any) -> Detection:
     return Detection(**{column.name: known[column.name] for column in fields(Detection)})
 
 
-def detect_alone(dsn: str, scene: str, times: int, **settings: Any) -> tuple[list[Detection], float, float | None]:
-    """Detect a scene in full so many times in a process of its own, after a small one.
+def change_one(db: conflictdb.Database, scene: str, times: int, **settings: Any) -> list[Detection]:
+    """Change one track of a scene, commit and detect, so many times, each time another; return what detections took."""
+    query = (
+        "SELECT track_id FROM conflictdb.track JOIN conflictdb.scene USING (scene_id) WHERE scene.name = %s "
+        "ORDER BY track_id LIMIT %s"
+    )
+    found = []
+    for (track_id,) in db.connection.execute(query, [scene, times]).fetchall():
+        db.connection.execute("UPDATE conflictdb.track SET floor_m = -1000 WHERE track_id = %s", [track_id])
+        db.connection.commit()
+        found.append(detect(db, scene, full=False, **settings))
+    return found
 
-    Returns what each took (the first has all rows to write, the others find the same), the most memory that the process
-    held, and the most that the server held meanwhile, MB (None where that cannot be seen).
+
+@dataclass(frozen=True)
+class Alone:
+    """What a process that only detects one scene took.
+
+    new, same : all rows to write; the same again in full
+    changed : the median of detections after one change each, right after that
+    client_mb, server_mb : the most memory that the process held, and the server meanwhile; None where it is not seen
     """
+
+    new: Detection
+    same: Detection
+    changed: Detection
+    client_mb: float
+    server_mb: float | None
+
+
+def detect_alone(dsn: str, scene: str, **settings: Any) -> Alone:
+    """Detect a scene in a process of its own, after a small one: all rows new, the same again, after changes."""
     with psycopg.connect(dsn) as conn, ServerMemory(server_pid(conn)) as server:
         conn.rollback()
-        found, client_mb = in_fresh_process(_detections, dsn, scene, times, settings)
-    return found, client_mb, server.peak_mb
+        new, same, changed, client_mb = in_fresh_process(_detections, dsn, scene, settings)
+    return Alone(new, same, changed, client_mb, server.peak_mb)
 
 
-def _detections(dsn: str, scene: str, times: int, settings: dict[str, Any]) -> tuple[list[Detection], float]:
+def _detections(dsn: str, scene: str, settings: dict[str, Any]) -> tuple[Detection, Detection, Detection, float]:
     with conflictdb.connect(dsn) as db:
         detect(db, WARM, **settings)
-        found = [detect(db, scene, **settings) for _ in range(times)]
-    return found, peak_mb()
+        new, same = detect(db, scene, **settings), detect(db, scene, **settings)
+        changed = medians(change_one(db, scene, CHANGES, **settings))
+    return new, same, changed, peak_mb()
 
 
 def in_fresh_process(work: Callable[..., Any], *arguments: Any) -> Any:
@@ -238,6 +267,7 @@ def versions(conn: psycopg.Connection[Any]) -> str:
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write rows that have the same columns, numbers with four digits that count."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

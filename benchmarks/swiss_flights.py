@@ -1,6 +1,4 @@
-"""A day of flights over Switzerland against the official drone zones, with heights and time limits.
-
-    ./.venv/bin/python benchmarks/swiss_flights.py [--method window] [--jobs 2] [--flights 200]
+"""A day of flights over Switzerland against the official drone zones, with heights and time limits (real_runs.py).
 
 Zones: FOCA (ED-318 test data). Flights: OpenSky, 2018-08-01. Choices, all on the safe side: heights above ground count
 from sea level up to the given height above the highest ground (4,634 m); a flight is one track for each stretch within
@@ -8,21 +6,18 @@ a height band of 500 m, 50 m added for the altimeter; the flights are moved to 2
 each aircraft carries a rectangle 1,000 m ahead, 500 m behind and 500 m to either side.
 """
 
-import argparse
 import gzip
 import json
 import tempfile
-import time
 import zipfile
 from collections import Counter, defaultdict
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import shapely
 from data import real_input
-from report import report
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, Track, rectangle_outline_m
@@ -141,35 +136,19 @@ def distance_m(one: dict[str, float], other: dict[str, float]) -> float:
     return float(np.hypot(north, east))
 
 
-def main() -> None:
-    """Load, detect, report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dsn", help="database (default: the embedded one)")
-    parser.add_argument("--method", default="exact", choices=[*map(str, conflictdb.Method)])
-    parser.add_argument("--jobs", type=int)
-    parser.add_argument("--flights", type=int, help="take only so many flights")
-    args = parser.parse_args()
+def load_day(db: conflictdb.Database, scene: str, most: int | None) -> str:
+    """Load the day as a scene, of so many flights at most; returns in a line what it holds and what was left out."""
     left_out: Counter[str] = Counter()
     areas = zones(left_out)
-    tracks, count = flights(args.flights, left_out)
+    tracks, count = flights(most, left_out)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "swiss-day.geojson")
+        path.write_text("".join(scene_text(Scene(scene), areas, tracks)))
+        db.load(path)
+    vertices = sum(shapely.get_num_coordinates(area.footprint) for area in areas)
     fixes = sum(len(track.times_us) for track in tracks)
-    print(
-        f"{len(areas):,} zones with {sum(shapely.get_num_coordinates(a.footprint) for a in areas):,} vertices; "
-        f"{count:,} flights as {len(tracks):,} tracks with {fixes:,} waypoints"
+    skipped = "; ".join(f"{what} ({times})" for what, times in left_out.most_common())
+    return (
+        f"{len(areas):,} zones ({vertices:,} vertices); {count:,} flights as {len(tracks):,} tracks ({fixes:,} "
+        f"waypoints); left out: {skipped}"
     )
-    for what, times in left_out.most_common():
-        print(f"left out: {what} ({times})")
-    with conflictdb.connect(args.dsn) as db:
-        started = time.perf_counter()
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "swiss-day.geojson")
-            path.write_text("".join(scene_text(Scene("swiss-day", method=args.method), areas, tracks)))
-            db.load(path)
-        print(f"written as a scene file and loaded in {time.perf_counter() - started:.1f} s")
-        run = db.detect("swiss-day", method=args.method, full=True, jobs=args.jobs)
-        print(f"{datetime.now(UTC):%Y-%m-%d}, method {args.method}")
-        report(db, "swiss-day", run)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import growth
 import pytest
+import real_runs
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
 
@@ -58,3 +59,23 @@ def test_numbers_come_back_from_a_file(tmp_path: Path) -> None:
 
 def test_memory_is_told_in_megabytes() -> None:
     assert 20.0 < peak_mb() < 20_000.0
+
+
+def test_real_runs_stand_side_by_side() -> None:
+    """A column for each scene; what is found is held to what is known of it."""
+    assert set(real_runs.SEPARATION_M) <= set(real_runs.KNOWN)
+    run = real_runs.RealRun(
+        "ais-hour",
+        "183 ships",
+        1.0,
+        DETECTION,
+        DETECTION,
+        {"conflict": 26, "grazing": 6},
+        {"track-track": 32},
+        (0.0, 0.5),
+        300.0,
+    )
+    lines = real_runs.table([run, replace(run, name="ais-hour-500m", verdicts={"conflict": 981})]).splitlines()
+    assert lines[0] == "|  | ais-hour | ais-hour-500m |"
+    assert "| conflicts | 2: 26 `conflict`, 6 `grazing` | 2: 981 `conflict` |" in lines
+    assert "| stage4 | 0.5 | 0.5 |" in lines
