@@ -2,10 +2,12 @@
 -- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
 
 CREATE OR REPLACE FUNCTION _is_pending(p_scene_id bigint) RETURNS boolean
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id);
-END;
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET enable_seqscan = off -- see _is_current
+AS $$
+BEGIN
+    RETURN EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id);
+END
+$$;
 COMMENT ON FUNCTION _is_pending(bigint) IS 'Whether an object of a scene waits for detection.';
 
 CREATE OR REPLACE FUNCTION _changed_areas(

@@ -1,14 +1,17 @@
 -- What the database says about what it knows: is the list of a scene's conflicts complete?
 
 CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
-LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
+-- After many marks were deleted the table is long and empty, and the planner believes what it was told before that.
+SET enable_seqscan = off AS $$
+BEGIN
     -- Whatever changes, settings too, leaves marks until a detection has succeeded.
-    SELECT NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
+    RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
            AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
                 OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
                    AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));
-END;
+END
+$$;
 COMMENT ON FUNCTION _is_current(bigint) IS
 'Whether nothing of a scene, neither object nor setting, changed since its last detection that succeeded.';
 

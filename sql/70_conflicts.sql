@@ -14,8 +14,10 @@ SELECT s.name AS scene,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
-       _is_current(c.scene_id) AS scene_is_current
-FROM conflict c JOIN scene s USING (scene_id)
+       n.scene_is_current
+-- Asked once for a scene, not for each of its conflicts.
+FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
+JOIN conflict c ON c.scene_id = s.scene_id
 WHERE c.verdict <> 'near';
 
 COMMENT ON VIEW conflicts IS
@@ -64,8 +66,9 @@ SELECT s.name AS scene,
        c.verdict,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
-       c.run_id, c.found_at, _is_current(c.scene_id) AS scene_is_current
-FROM conflict c JOIN scene s USING (scene_id)
+       c.run_id, c.found_at, n.scene_is_current
+FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
+JOIN conflict c ON c.scene_id = s.scene_id
 WHERE c.closest_m IS NOT NULL;
 
 COMMENT ON VIEW approaches IS

@@ -437,10 +437,10 @@ FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_current(p_scene_id bigint)
-    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
 
 FUNCTION _is_pending(p_scene_id bigint)
-    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
 
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;

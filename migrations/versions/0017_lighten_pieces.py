@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b5676b4b4724b4118451478ef6d92e7e790922981cb594481d5e6969c6a8a59f"
+routines_sha256 = "bd347f5effea67f546db9f4aa9cbc4f32ca8ea868bd310de7023afa7b90e4fca"
 
 ONLY_READ = (
     "version", "part", "shape", "shape_to", "leg_start", "leg_end", "start_lon_deg", "start_lat_deg", "end_lon_deg",

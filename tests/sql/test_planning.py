@@ -132,3 +132,25 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
     # 1500 objects against each other are 2,250,000 pairs; what boxes cannot tell apart are some dozen an object.
     wasteful = [plan for plan in plans if plan["waste"] > 100 * COUNT]
     assert wasteful == []
+
+
+def test_marks_that_are_gone_cost_the_list_of_conflicts_nothing(conn: Conn) -> None:
+    """Their table is long, empty and full in the planner's eyes: whether a scene is current is asked once."""
+    scene_id = load(conn, Scene("s"), grid(), [])
+    refresh(conn, scene_id)
+    store.begin_snapshot(conn)
+    write_run(conn, scene_id, store.RunRecord("exact", {}, datetime.now(UTC)), neighbours(conn))
+    conn.execute(
+        "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version, is_covered) "
+        "SELECT %s, 0, n, 1, true FROM generate_series(1, 30000) n",
+        [scene_id],
+    )
+    conn.commit()
+    conn.execute("ANALYZE conflictdb.change")
+    conn.execute("DELETE FROM conflictdb.change")
+    conn.commit()
+    ((plan,),) = conn.execute(
+        "EXPLAIN (ANALYZE, BUFFERS, FORMAT JSON) "
+        "SELECT count(scene_is_current) FROM conflictdb.conflicts WHERE scene = 's'"
+    ).fetchall()
+    assert plan[0]["Plan"]["Shared Hit Blocks"] < 30_000  # for each conflict a hundred pages of marks would be more
