@@ -33,6 +33,8 @@ MAX_DISTANCE_M: Final = 20_000_000.0
 
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
+# What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
+MAX_HAVEN_CORNERS: Final = 10_000
 # No position is that uncertain; what grows faster is a mistake in its units.
 MAX_GROWTH_MPS: Final = 1e6
 
@@ -400,6 +402,8 @@ def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
         raise InvalidInput(who, where, "must be finite numbers of metres")
     if np.abs(outline).max() > MAX_HAVEN_M:
         raise InvalidInput(who, where, f"must lie within {MAX_HAVEN_M} m of the reference point: half round the earth")
+    if len(outline) > MAX_HAVEN_CORNERS:
+        raise InvalidInput(who, where, f"must have at most {MAX_HAVEN_CORNERS} corners; got {len(outline)}")
     if len(outline) < 3:
         return
     if not _is_convex(outline.tolist()):

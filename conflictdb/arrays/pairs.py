@@ -22,8 +22,6 @@ class Pairs:
         coordinates in metres (shifted like the hulls); none where it was not computed (static pairs)
     company : (n,) int64   how many of the pairs are of the same two objects, which share the work that may be done for
         these; None is one each
-    shape_class : (2, n) int64   of a and of b: equal for pieces whose shapes can share arrays; None where
-        they are not known yet, see `motion.contract.shape_classes`
     """
 
     a: PieceRows
@@ -31,7 +29,6 @@ class Pairs:
     region_xy: NDArray[np.float64]
     region_offset: NDArray[np.int64]
     company: NDArray[np.int64] | None = None
-    shape_class: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.a)
@@ -40,6 +37,5 @@ class Pairs:
         """Return some of the pairs."""
         offset, index = ragged_rows(self.region_offset, rows)
         company = None if self.company is None else self.company[rows]
-        shape_class = None if self.shape_class is None else self.shape_class[:, rows]
         a, b = PieceRows(self.a[rows]), PieceRows(self.b[rows])
-        return type(self)(a, b, self.region_xy[index], offset, company, shape_class)
+        return type(self)(a, b, self.region_xy[index], offset, company)

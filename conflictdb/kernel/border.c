@@ -86,6 +86,7 @@ void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piec
         body->is_sound = prepare_still(scene, pieces, piece, body);
         return;
     }
+    if (body->count > KERNEL_MOST_VERTICES) return;
     body->changes = outline_changes(pieces, body);
     if (!is_leg_sound(pieces, piece) || (body->changes && !is_shape_finite(pieces->shape_to, body))) return;
     body->is_sound = scene->plane.projection == KERNEL_MERCATOR ? rhumb_prepare(scene, pieces, piece, body)

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 7
+#define KERNEL_ABI 8
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -38,6 +38,10 @@
 
 /* Instants lie between plus and minus this, microseconds, so that differences of two fit into 64 bits. */
 #define KERNEL_LATEST_US (INT64_C(1) << 61)
+
+/* A haven of more vertices is a piece that cannot be: the time that its pairs take grows with the square of the number, to
+ * half a second each. Areas have no such limit: of what stands still only its own edges count. */
+#define KERNEL_MOST_VERTICES 10000
 
 /* How a call ended. */
 typedef enum {

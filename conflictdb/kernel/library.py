@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 7
+ABI: Final = 8
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",

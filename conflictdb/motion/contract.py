@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb import kernel
-from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats, Sides
 from conflictdb.kernel.movement import Movement
@@ -236,14 +235,6 @@ def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
 def shape_class(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
     return 2 * (vertex_slots(pieces) * 64 + plane.shape_variant(pieces)) + pieces.kind
-
-
-def shape_classes(plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
-    """Return (2, n) the shape classes of a and of b of pairs; those handed down with the pairs, where there are any."""
-    if pairs.shape_class is not None:
-        return pairs.shape_class
-    of_piece = shape_class(plane, pieces)
-    return np.stack([of_piece[pairs.a], of_piece[pairs.b]])
 
 
 def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:

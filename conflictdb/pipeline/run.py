@@ -14,7 +14,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
-from conflictdb.motion.contract import Plane, shape_classes
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.closest_approaches import with_closest_approaches
 from conflictdb.pipeline.funnel import Funnel, Progress
@@ -93,7 +93,7 @@ def run_stages(
     funnel = Funnel()
     started = time.perf_counter()
     method = METHODS[scene.method]
-    pairs = replace(pairs, company=company_of(pieces, pairs), shape_class=shape_classes(plane, pieces, pairs))
+    pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     parts = [

@@ -4,6 +4,7 @@ import ctypes
 import re
 import subprocess
 import sys
+import time
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,11 @@ from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.errors import KernelMissing
+from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import Plane, Questions, Scene, Work, build, contacts
 from conflictdb.kernel.library import TAKES, library
-from conflictdb.kernel.scene import HeldPairs, HeldPieces
-from conflictdb.model import EarthModel
+from conflictdb.kernel.scene import HeldPairs, HeldPieces, State
+from conflictdb.model import MAX_HAVEN_CORNERS, EarthModel, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.results import Verdict
@@ -172,6 +173,52 @@ def test_thousands_of_vertices_are_taken(turns: int) -> None:
     one = np.zeros(1, np.int64)
     found = found_of(Scene(plane, large), (one, one + 1, pairs[2][[row]], np.zeros(1), pairs[4][[row]]))
     assert UNRESOLVED not in found.verdict
+
+
+def wide(pieces: Pieces, pair: tuple[int, int], count: int) -> Pieces:
+    """Two pieces, the first of which is a circle of so many vertices about where it was, far larger than the other."""
+    both = pieces.take(np.array(pair))
+    angle = 2.0 * np.pi * np.arange(count) / count
+    middle = both.shape_xy[: both.shape_offset[1]].mean(axis=0)
+    shape = np.concatenate(
+        [middle + np.stack([np.cos(angle), np.sin(angle)], 1) * 1e5, both.shape_xy[both.shape_offset[1] :]]
+    )
+    offset = np.concatenate([[0], both.shape_offset[1:] - both.shape_offset[1] + count])
+    return replace(both, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
+
+
+def test_an_area_of_a_million_vertices_is_solved_in_seconds() -> None:
+    """And as one of a thousand is, whose circle is 0.5 m narrower."""
+    plane, pieces, (a, b, zero, _, high) = batch(HIGH_LATITUDE)
+    row = int(np.flatnonzero((pieces.kind[a] == 0) & (pieces.kind[b] == 1))[0])
+    one = np.zeros(1, np.int64)
+    began, found = time.process_time(), []
+    for count in (1000, 1_000_000):
+        scene = Scene(plane, wide(pieces, (int(a[row]), int(b[row])), count))
+        found.append(found_of(scene, (one, one + 1, zero[[row]], np.zeros(1), high[[row]])))
+    assert time.process_time() - began < 30.0
+    few, many = found
+    np.testing.assert_array_equal(few.verdict, many.verdict)
+    np.testing.assert_allclose(few.start_s, many.start_s, atol=5.0)
+    np.testing.assert_allclose(few.end_s, many.end_s, atol=5.0)
+
+
+@pytest.mark.parametrize(("more", "is_taken"), [(0, True), (1, False)])
+def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> None:
+    """What two of them take grows with the square. The input refuses them, by the same limit."""
+    header = (build.HERE / "kernel.h").read_text()
+    assert f"#define KERNEL_MOST_VERTICES {MAX_HAVEN_CORNERS}\n" in header
+    plane, pieces, (_, b, *_) = batch(HIGH_LATITUDE)
+    moving = int(b[pieces.kind[b] == 1][0])
+    state = Scene(plane, wide(pieces, (moving, moving), MAX_HAVEN_CORNERS + more)).states()
+    assert (state[0] != State.CANNOT_BE) == is_taken
+    angle = 2.0 * np.pi * np.arange(MAX_HAVEN_CORNERS + more) / (MAX_HAVEN_CORNERS + more)
+    given = np.array([(0.0, 0.0), (1.0, 1.0)]), np.array([0, 10**9]), np.stack([np.cos(angle), np.sin(angle)], 1) * 1e5
+    if is_taken:
+        Track("T", *given)
+    else:
+        with pytest.raises(InvalidInput, match=r"'T'.*at most 10000 corners; got 10001"):
+            Track("T", *given)
 
 
 def test_a_library_of_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
