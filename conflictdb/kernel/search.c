@@ -26,6 +26,9 @@ enum { GUESS_BRACKETS = sizeof GUESS_BRACKETS_S / sizeof *GUESS_BRACKETS_S };
 /* How often the search moves to a contact further out that it passed over, and how often it cuts the contacts of a pair.
  * With fewer, the bounds of pairs that meet many times are wider. */
 enum { MAX_ROUNDS = 16, MAX_CUTS = 32 };
+/* Intervals that are looked at for how deep a contact is. With fewer, more that are hardly as deep as the tolerance are
+ * conflicts. */
+enum { DEPTH_INTERVALS = 64 };
 /* By how much steps from the end of a contact grow, until one is certain: with more, short contacts are passed over. */
 static const double STEP_GROWTH = 4.0;
 
@@ -143,11 +146,20 @@ static bool is_within_span(Encounter *pair, const Found *found, double beyond) {
     return then < -encounter_certainty_margin_m(pair);
 }
 
-/* Whether the pair is nowhere deeper than it must be to be in conflict. */
-static bool is_shallow(Encounter *pair, double start, double end) {
+/* Whether the pair is nowhere deeper than it must be to be in conflict.
+ *
+ * What is certain to be in contact may be called a conflict where that is not shown soon: the depth in plane metres tells
+ * that on the earth no better than the scale varies along the polygons, and no split of the time helps there. */
+static bool is_shallow(Encounter *pair, double start, double end, bool is_certain) {
     if (encounter_clearance_m(pair, 0.5 * (start + end), 0.0) < -pair->deep_m) return false;
-    undecided_separation_in(pair, &pair->spare_time, start, end, -pair->deep_m);
-    return !is_seen(witnesses_of(&pair->spare_time, IN_CONTACT));
+    Intervals looks = pair->spare_time;
+    bool is_soon = is_certain && pair->deep_m > encounter_certainty_margin_m(pair);
+    if (is_soon) looks.most = DEPTH_INTERVALS;
+    undecided_separation_in(pair, &looks, start, end, -pair->deep_m);
+    if (is_seen(witnesses_of(&looks, IN_CONTACT))) return false;
+    for (int64_t i = 0; is_soon && i < looks.count; i++)
+        if (looks.items[i].end - looks.items[i].start > 2.0 * SHORTEST_INTERVAL_S) return false;
+    return true;
 }
 
 /* Where distances are not known to the tolerance, shallow contact may be none. */
@@ -227,8 +239,9 @@ static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, c
         if (pair->margin_m > KERNEL_TOUCH_M) add_close(pair, &pair->undecided, false, answers);
         return;
     }
-    KernelVerdict verdict = is_shallow(pair, found.start, found.end) ? shallow_verdict(pair) : KERNEL_CONFLICT;
     state_errors(pair, &found);
+    bool is_certain = found.start_error < found.end - found.start;
+    KernelVerdict verdict = is_shallow(pair, found.start, found.end, is_certain) ? shallow_verdict(pair) : KERNEL_CONFLICT;
     add_cut(pair, found, verdict, answers);
 }
 
@@ -263,7 +276,7 @@ static bool add_certain(Encounter *pair, double low, double high, double beyond,
         return true;
     }
     bool is_deep = contact.depth == IS_DEEP;
-    if (contact.depth == IS_EITHER) is_deep = !is_shallow(pair, contact.start, contact.end);
+    if (contact.depth == IS_EITHER) is_deep = !is_shallow(pair, contact.start, contact.end, true);
     answers_add(answers, contact.start, contact.end, contact.error, is_deep ? KERNEL_CONFLICT : shallow_verdict(pair), true);
     return true;
 }

@@ -112,6 +112,19 @@ def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_
         assert slow.all()
 
 
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
+@pytest.mark.parametrize("separation_m", [0.0, 500.0])
+def test_a_larger_tolerance_takes_no_more_work(workload: object, separation_m: float) -> None:
+    """Counted: a coarser answer is no dearer than an exact one, also where depths are just about the tolerance."""
+    exact = None
+    for tolerance_m in (0.0, 1.0, 100.0, 1000.0):
+        work = Work()
+        Batch.of(*throw(workload, 11, 20, 30, EarthModel.WGS84, tolerance_m, separation_m)).solved(work)
+        steps = work.windows + work.evaluations
+        exact = exact or steps
+        assert steps <= 1.25 * exact
+
+
 def test_uniform_motion_takes_the_closed_form() -> None:
     """A haven along the equator, through a box: answers by hand, without one evaluation of the true motion."""
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0)
