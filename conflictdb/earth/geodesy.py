@@ -24,8 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb.model import EarthModel
 
 Floats = NDArray[np.float64]
-# Which vertices the sides of polygons run between, (e,) each.
-Sides = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 MEAN_RADIUS_M: Final = 6_371_008.771415  # (2a + b) / 3 of WGS84, the sphere of this package
 WGS84_RADIUS_M: Final = 6_378_137.0
@@ -415,18 +413,6 @@ def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: Ar
     """Return the length of great circles on the sphere of mean radius in metres; arrays broadcast."""
     east, north, cosine = great_circle_step(lon1_deg, lat1_deg, lon2_deg, lat2_deg)
     return np.asarray(MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine))
-
-
-def least_on_chord(first: Floats, last: Floats, drop: Floats) -> Floats:
-    """Return the least that a function may be between two places where it is known.
-
-    drop : by how much it may lie below its chord in the middle: M w^2 / 8, M a bound on its second derivative on a way
-    of length w. The lower bound is the parabola with that second derivative. Its least value is in between if the chord
-    rises by less than 4 drop, else at an end.
-    """
-    rise = np.abs(last - first)
-    sagged = 0.5 * (first + last) - drop - rise**2 / (16.0 * np.where(drop > 0.0, drop, 1.0))
-    return np.where(rise < 4.0 * drop, sagged, np.minimum(first, last))
 
 
 def _sinc(x: Floats) -> Floats:

@@ -1,4 +1,5 @@
-/* How near points on the sphere are to arcs of great circles, from gnomonic coordinates: conflictdb.earth.arcs.
+/* How near points on the sphere are to arcs of great circles, from gnomonic coordinates. Of two arcs that do not cross,
+ * one has an end that is nearest to the other.
  *
  * A place (x, y), in radii, is in the direction (x, y, 1). Everything is written in differences of coordinates, so that
  * nothing cancels: the cross product of two such vectors is (dy, -dx, x dy - y dx).

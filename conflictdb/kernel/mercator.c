@@ -1,5 +1,21 @@
-/* The least distance on the earth between polygons whose edges are rhumb lines: conflictdb.earth.rhumb_distance, where
- * it is derived. Longitude and psi are in radians; longitudes count from the pair's origin. */
+/* The least distance on the earth between polygons whose edges are rhumb lines, at any distance. Longitude and psi are in
+ * radians; longitudes count from the pair's origin.
+ *
+ * For two points z = dlon + i dpsi apart in the Mercator plane, the great circle of the conformal sphere has the length
+ * theta with sin^2(theta / 2) = |sin(z / 2)|^2 sech psi1 sech psi2. So ln sin^2(theta / 2) is a harmonic function of z,
+ * minus ln cosh psi1 and ln cosh psi2. Two things follow.
+ *
+ * The least distance is that of a vertex from an edge. Along two edges with directions a and b its second derivatives
+ * are X - s1, Y - s2 and -Z, with X Y - Z^2 = -m^2 sin^2(angle between a and b) and s1, s2 >= 0 the share of ln cosh. If
+ * X - s1 and Y - s2 are positive, the determinant is negative: no pair of places inside both edges is a minimum. On the
+ * ellipsoid the radius of the conformal sphere changes s1, s2 and Z by less than 3 % of s1 and s2, which leaves it so.
+ *
+ * The nearest place on an edge is where the derivative of the harmonic function equals that of ln cosh psi. For short
+ * distances it is found as a fixed point, whose steps leave (0.68 z^2)^2 each of z^2 / 8 of the distance; for any distance
+ * by branch and bound.
+ *
+ * On the ellipsoid a distance is at most theta times the mean radius along the great circle. It is less by what another
+ * way saves that runs through smaller radii: at most `overstated_m`. */
 #include <math.h>
 
 #include "plane.h"

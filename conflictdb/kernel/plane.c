@@ -91,6 +91,9 @@ double plane_least_m(const KernelPlane *plane, double span_m, double scale) {
     return plane->radius_m * theta / (1.0 + most_change(plane, 1.01 * theta));
 }
 
+/* Mercator: |grad ln(scale)|, which bounds the symbols of a conformal metric ds = |dz| / scale. Gnomonic: a velocity v at
+ * x has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); of what v is on the earth, at least
+ * |v| cos(c)^2 outward from the centre, x.v / (R sec(c)^2) is at most tan(c). */
 double plane_christoffel(const KernelPlane *plane, double scale) {
     if (plane->projection == KERNEL_GNOMONIC) return 2.0 * sqrt(scale - 1.0) / plane->radius_m;
     double tangent = scale * sin(highest_on_way(plane, 0.0, scale));
@@ -101,6 +104,9 @@ double plane_turn_m(const KernelPlane *plane) {
     return plane->projection == KERNEL_MERCATOR ? 4.0 * HALF_PI * plane->radius_m : INFINITY;
 }
 
+/* Mercator: the shortest way pulls at its ends with 1 / scale, and on the way that changes by tanh(psi) / radius a metre.
+ * Gnomonic: with the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
+ * at most 2 |x| v / R^2; in metres of the plane at the largest scale, A. */
 double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed) {
     if (plane->projection == KERNEL_GNOMONIC)
         return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
@@ -108,6 +114,8 @@ double plane_drift(const KernelPlane *plane, double distance_m, double scale, do
     return distance_m / plane->radius_m * (1.0 + shrinks(plane)) * sine * scale * speed;
 }
 
+/* Mercator: the shortest way turns in the plane by tan(latitude) / radius a metre. Gnomonic: the largest angle between a
+ * step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2. */
 double plane_slant(const KernelPlane *plane, double distance_m, double scale) {
     if (plane->projection == KERNEL_GNOMONIC) return atan(0.5 * (scale - 1.0) / sqrt(scale));
     double tangent = tan(least(highest_on_way(plane, distance_m, scale), HALF_PI - 1e-9));

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.geodesy import Floats, Sides
+from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.movement import Movement
 from conflictdb.results import Kind
 
@@ -132,42 +132,8 @@ class Plane(Protocol):
         Half of the bound at the scale of one place, plus half at that of the other, is a bound, too.
         """
 
-    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
-        """Return a lower bound of the distance on the earth between two places so many plane metres apart.
-
-        scale : the largest at either
-        """
-
-    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
-        """Return (n,) how fast, plane m/s, a distance on the earth may change by the plane's distortion alone.
-
-        That is for two points whose plane distance is constant.
-
-        speed : (n,) plane m/s of the points; scale : the largest they reach, which turns metres into plane metres
-        """
-
-    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return (n,) bounds on the angle, radians, from the plane line to a place to the gradient of its distance.
-
-        distance_m : a bound on the distance; scale : the largest at either place
-        """
-
-    def christoffel_bound(self, scale: Floats) -> Floats:
-        """Return (n,) bounds on the Christoffel symbols of the plane, 1/m.
-
-        A point with constant velocity in the plane has a covariant acceleration on the earth of at most this times
-        speed^2, m/s^2. Its speed on the earth is at most its plane speed over the smallest scale.
-        """
-
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
-        """Return by how much, at most, the true distance exceeds `distance_m` where that is this long."""
-
-    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
-        """Return (n,) the least distance on the earth of disjoint polygons (2, va, n), (2, vb, n), plane metres.
-
-        That is the length of the geodesic, any way round the earth. It is never too large, and too small by less than
-        `distance_error_m`.
-        """
+        """Return by how much, at most, the true distance exceeds what the kernel finds where that is so long."""
 
     def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
         """Return (n,) a number for the formula of each piece's shape: pieces in one array have the same."""
@@ -207,16 +173,6 @@ class StaticShapes:
 
     def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
         return np.zeros(self.xy.shape[2])
-
-
-def sides_of(count: int, *, convex: bool) -> Sides:
-    """Return the vertices that sides of polygons run between: any two, where the sides of their hull are not known.
-
-    A side starts at each vertex.
-    """
-    start = np.arange(count)
-    steps = np.arange(1, 2 if convex else max(count // 2 + 1, 2))
-    return np.tile(start, len(steps)), ((start + steps[:, None]) % count).reshape(-1)
 
 
 def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb import kernel
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.arcs import least_chord
-from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, Sides, direction_of, great_circle_step, shorter_way_deg
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG
 from conflictdb.motion.contract import shape_class, shape_vertices
 from conflictdb.motion.great_circles import (
@@ -138,42 +137,9 @@ class Gnomonic:
         """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
         return np.asarray(distance_m * scale)
 
-    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
-        return np.asarray(span_m / scale)
-
-    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
-        """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
-
-        With the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
-        at most 2 |x| v / R^2; in metres of the plane at the largest scale, A.
-        """
-        return np.asarray(distance_m * 2.0 * np.sqrt(scale - 1.0) * scale / MEAN_RADIUS_M * speed)
-
-    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return the largest angle between a step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2."""
-        return np.arctan(0.5 * (scale - 1.0) / np.sqrt(scale))
-
-    def christoffel_bound(self, scale: Floats) -> Floats:
-        """Return by how much points that are even in the plane gain or lose speed on straight ways, 1/m.
-
-        A velocity v at x has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); of what v is on the
-        earth, at least |v| cos(c)^2 outward from the centre, x.v / (R sec(c)^2) is at most tan(c).
-        """
-        return np.asarray(2.0 * np.sqrt(scale - 1.0) / MEAN_RADIUS_M)
-
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return the rounding of a distance that has a closed form."""
         return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)
-
-    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
-        """Return (n,) the least distance on the sphere of disjoint polygons (2, va, n) and (2, vb, n), plane metres.
-
-        Of two arcs of great circles that do not cross, one has an end that is nearest to the other.
-        """
-        a, b = a / MEAN_RADIUS_M, b / MEAN_RADIUS_M
-        chord = np.minimum(least_chord(a, b, sides_b), least_chord(b, a, sides_a))
-        distance = MEAN_RADIUS_M * 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-        return np.maximum(distance - _DISTANCE_ROUNDING_M, 0.0)
 
     def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
         """Return (n,) 1 for havens that may not be convex, else 0; and _CHANGES more for those that change."""

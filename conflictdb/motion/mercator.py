@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from conflictdb import kernel
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth import rhumb_distance
-from conflictdb.earth.geodesy import Earth, Floats, Sides, direction_of
-from conflictdb.earth.rhumb_distance import BLOCK_NUMBERS, NEARBY
+from conflictdb.earth.geodesy import Earth, Floats, direction_of
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG
 from conflictdb.motion import rhumb
 
@@ -104,55 +103,8 @@ class Mercator:
         beyond = np.pi + (3.0 * np.pi - 4.0) * np.log(np.maximum(s, 1.0))
         return np.asarray(radius * np.where(s < 1.0, 2.0 * s + (np.pi - 2.0) * s**3, beyond))
 
-    def least_m(self, span_m: Floats, scale: Floats) -> Floats:
-        """Return the least distance of places this far apart in the plane: what `span_m` is from."""
-        radius = self.earth.radius_m
-        sine = np.sin(np.minimum(0.5 * span_m / radius, 0.5 * np.pi))
-        theta = 2.0 * np.arcsin(np.minimum(sine / np.maximum(scale, 1.0), 1.0))
-        return np.asarray(radius * theta / (1.0 + self._most_change(1.01 * theta)))
-
-    def distortion_rate(self, distance_m: Floats | float, scale: Floats, speed: Floats) -> Floats:
-        """Return the rate, plane m/s, at which distances may change for points that keep their plane distance.
-
-        The shortest way pulls at its ends with 1 / scale, and on the way that changes by tanh(psi) / radius a metre.
-        """
-        sine = np.sin(self._highest(distance_m, scale))
-        return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * sine * scale * speed)
-
-    def gradient_angle(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return by how much the shortest way turns in the plane, radians: by tan(latitude) / radius a metre."""
-        highest = self._highest(distance_m, scale)
-        tangent = np.tan(np.minimum(highest, 0.5 * np.pi - 1e-9))
-        return np.asarray(distance_m / self.earth.radius_m * (1.0 + self._shrinks) * tangent)
-
-    def christoffel_bound(self, scale: Floats) -> Floats:
-        """Return |grad ln(scale)|, 1/m: of a conformal metric ds = |dz| / scale it bounds the Christoffel symbols."""
-        tangent = scale * np.sin(self._highest(0.0, scale))
-        return np.asarray((1.0 + self._shrinks) * tangent / self.earth.radius_m)
-
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         return rhumb_distance.error_m(self.earth, distance_m)
-
-    def distance_m(self, a: Floats, b: Floats, sides_a: Sides, sides_b: Sides) -> Floats:
-        earth = self.earth
-        found = np.empty(a.shape[2])
-        step = max(1, BLOCK_NUMBERS // max(a.shape[1] * len(sides_b[0]), b.shape[1] * len(sides_a[0])))
-        for first in range(0, a.shape[2], step):
-            block = slice(first, first + step)
-            one, other = a[:, :, block] / earth.radius_m, b[:, :, block] / earth.radius_m
-            least = np.minimum(
-                rhumb_distance.nearby_m(earth, one, other, sides_b), rhumb_distance.nearby_m(earth, other, one, sides_a)
-            )
-            # This is the least distance if all places that are as near lie nearby in the plane, and none across the
-            # seam.
-            corners = np.concatenate([one, other], axis=1)
-            width = corners[0].max(axis=0) - corners[0].min(axis=0)
-            span = self.span_m(least, earth.plane_scale(np.abs(corners[1]).max(axis=0)))
-            far = np.flatnonzero((span > NEARBY * earth.radius_m) | (width > 2.0 * np.pi - NEARBY))
-            if far.size:
-                least[far] = rhumb_distance.anywhere_m(earth, one[:, :, far], other[:, :, far], sides_a, sides_b)
-            found[block] = least
-        return np.maximum(found - rhumb_distance.overestimate_m(earth, found), 0.0)
 
     def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
         return rhumb.shape_variant(self.earth, pieces)
@@ -168,16 +120,6 @@ class Mercator:
     def _scale(self, y_m: Floats) -> Floats:
         return self.earth.plane_scale(y_m / self.earth.radius_m)
 
-    @property
-    def _shrinks(self) -> float:
-        """The most that the conformal sphere's radius adds to the scale and how it changes, as a share of tanh(psi)."""
-        return 3.02 * self.earth.oblateness
-
     def _most_change(self, theta: Floats | float) -> Floats:
         """Return by what share the radius of the conformal sphere may change on a way of theta radians."""
         return np.asarray(1.01 * self.earth.oblateness * np.minimum(theta, 1.0))
-
-    def _highest(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return at least the highest conformal latitude, radians, of a shortest way whose ends have this scale."""
-        highest = np.arccos(1.0 / np.maximum(scale, 1.0)) + 0.505 * distance_m / self.earth.radius_m
-        return np.asarray(np.minimum(highest, 0.5 * np.pi))

@@ -6,6 +6,7 @@ of the earth, across the seam, at the rim.
 
 from typing import Final
 
+import kernel_planes
 import numpy as np
 import pytest
 from hypothesis import assume
@@ -141,7 +142,7 @@ def test_scales_of_a_polygon_are_those_of_all_its_points(
 
 @for_every_motion(places_apart)
 def test_distances_and_spans_bound_each_other(row: MotionRow, places: tuple[Place, Place]) -> None:
-    """`span_m`, also half of it at the scale of each end, `least_m`, and what hulls are padded by."""
+    """`span_m`, also half of it at the scale of each end, `plane_least_m`, and what hulls are padded by."""
     one, other = places[0], near(*places) if row.has_seam else places[1]
     a, b = row.xy(one), row.xy(other)
     distance, span = row.geod.inv(*one, *other)[2], float(np.hypot(*(b - a))[0])
@@ -149,10 +150,11 @@ def test_distances_and_spans_bound_each_other(row: MotionRow, places: tuple[Plac
     scale = np.maximum(*scales)
     rounding = 3e-8 + ROUNDING_M * float(scale[0])
     assert span <= plane.span_m(distance, scale)[0] + rounding
+    assert kernel_planes.span_m(plane, distance, scale[0]) == pytest.approx(plane.span_m(distance, scale)[0], rel=1e-12)
     assert span <= 0.5 * sum(plane.span_m(distance, s)[0] for s in scales) + rounding
     # On the other side of the earth an arcsine is taken next to 1, where it has half the digits: up to 0.1 m.
     half = 0.5 * distance / row.geod.a
-    assert plane.least_m(np.array([span]), scale)[0] <= distance + ROUNDING_M + row.geod.a * 4e-16 / max(
+    assert kernel_planes.least_m(plane, span, scale[0]) <= distance + ROUNDING_M + row.geod.a * 4e-16 / max(
         np.cos(half), 3e-8
     )
     pads = [padding_m(plane, s, distance)[0] for s in scales]
@@ -169,7 +171,7 @@ def test_bounds_on_spans_are_of_use(row: MotionRow, place: Place) -> None:
     """For what is a kilometre apart they are a kilometre at that scale, up to a hundredth."""
     scale = row.plane.largest_scale(row.xy(place)[:, :, None])
     assert row.plane.span_m(1000.0, scale)[0] <= 1000.0 * scale[0] * (1.0 + NEARLY)
-    assert row.plane.least_m(1000.0 * scale, scale)[0] >= 1000.0 * (1.0 - NEARLY)
+    assert kernel_planes.least_m(row.plane, 1000.0 * scale[0], scale[0]) >= 1000.0 * (1.0 - NEARLY)
 
 
 def rate_and_bound(row: MotionRow, places: tuple[Place, Place], bearing: float) -> tuple[float, float, float]:
@@ -183,7 +185,7 @@ def rate_and_bound(row: MotionRow, places: tuple[Place, Place], bearing: float) 
     (before, middle, after) = (float(row.apart_m(a + way * v, b + way * v)[0]) for way in (-step, 0.0, step))
     points = np.concatenate([xy + way * v for xy in (a, b) for way in (-step, step)], axis=1)
     scale = plane.largest_scale(points[:, :, None])
-    bound = plane.distortion_rate(np.array([max(before, middle, after)]), scale, np.ones(1))[0]
+    bound = kernel_planes.drift(plane, max(before, middle, after), scale[0], 1.0)
     rounding = RATE_ROUNDING + WAY_ROUNDING * middle / row.geod.a
     return abs(after - before) / (2.0 * step) * float(scale[0]), float(bound), rounding
 
@@ -199,7 +201,7 @@ def test_distances_of_what_moves_alike_change_no_faster_than_bounded(
 
 @for_every_motion(places_apart)
 def test_distances_grow_fastest_near_the_way_in_the_plane(row: MotionRow, places: tuple[Place, Place]) -> None:
-    """No further off than the plane's `gradient_angle`: the gradient of the distance from a place, by differences."""
+    """No further off than the kernel's `plane_slant`: the gradient of the distance from a place, by differences."""
     one, other = places[0], near(*places) if row.has_seam else places[1]
     distance = row.geod.inv(*one, *other)[2]
     assume(1e3 < distance < FURTHEST_M)
@@ -218,7 +220,7 @@ def turned_and_bound(row: MotionRow, one: Place, other: Place) -> tuple[float, f
     way = (b - a).ravel()
     cosine = way @ gradient / np.hypot(*way) / np.hypot(*gradient)
     sine = (way[0] * gradient[1] - way[1] * gradient[0]) / np.hypot(*way) / np.hypot(*gradient)
-    return abs(float(np.arctan2(sine, cosine))), float(plane.gradient_angle(np.array([distance]), np.array([scale]))[0])
+    return abs(float(np.arctan2(sine, cosine))), kernel_planes.slant(plane, distance, scale)
 
 
 def bent_and_bound(row: MotionRow, place: Place, bearing: float) -> tuple[float, float]:
@@ -231,8 +233,8 @@ def bent_and_bound(row: MotionRow, place: Place, bearing: float) -> tuple[float,
     up = outward(row, xy)
     change = after - 2.0 * here + before
     change = change - (change @ up) * up
-    return float(np.linalg.norm(change) / np.linalg.norm(0.5 * (after - before)) ** 2), float(
-        plane.christoffel_bound(scale)[0]
+    return float(np.linalg.norm(change) / np.linalg.norm(0.5 * (after - before)) ** 2), kernel_planes.christoffel(
+        plane, scale[0]
     )
 
 
@@ -260,7 +262,7 @@ def test_straight_lines_bend_on_the_earth_no_more_than_bounded(row: MotionRow, p
 
 @every_motion
 def test_bounds_on_what_changes_are_of_use(row: MotionRow) -> None:
-    """Over a fan of directions from a place in the middle they are nearly reached, `gradient_angle` by half."""
+    """Over a fan of directions from a place in the middle they are nearly reached, `plane_slant` by half."""
     one = row.home
     rates, turns, bends = [], [], []
     for bearing in np.arange(0.0, 360.0, 15.0):

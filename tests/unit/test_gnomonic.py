@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 import pytest
+from kernel_planes import distance_m
 from mpmath import mp, mpf
 
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.motion.contract import sides_of
 from conflictdb.motion.gnomonic import Gnomonic
 from conflictdb.motion.great_circles import GreatCircles, GreatCircleShapes, great_circle_shapes
 
@@ -34,10 +34,6 @@ class Case:
     def shapes(self) -> GreatCircleShapes:
         legs = GreatCircles.between(self.plane, np.array([self.start]), np.array([self.end]))
         return great_circle_shapes(legs, self.outline_m, np.zeros(1), np.array([LEG_S]), self.origin)
-
-
-def distance_m(plane: Gnomonic, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return plane.distance_m(a, b, *(sides_of(xy.shape[1], convex=True) for xy in (a, b)))
 
 
 def away(rng: np.random.Generator, place: tuple[float, float], degrees: float) -> tuple[float, float]:
@@ -166,7 +162,7 @@ def test_distance_is_the_shortest_way_on_the_sphere(gap_m: float, size_m: float)
         middle = rng.uniform(-6e6, 6e6, 2) * rng.integers(2)
         a = middle[:, None] + size_m * ring[:, 0]
         b = middle[:, None] + size_m * ring[:, 1] + np.array([[2.2 * size_m + gap_m], [0.0]])
-        found = float(distance_m(Gnomonic(0.0, 0.0), a[..., None], b[..., None])[0])
+        found = distance_m(Gnomonic(0.0, 0.0), a, b)
         sampled = np.inf
         for one, other in ((a, b), (b, a)):
             edges = [_arc(*_in_space(one[:, [i, (i + 1) % 5]]), 4001) for i in range(5)]
@@ -181,8 +177,8 @@ def test_distance_is_the_shortest_way_on_the_sphere(gap_m: float, size_m: float)
 def test_distance_between_points_is_known() -> None:
     plane = Gnomonic(0.0, 0.0)
     east, west = np.array(plane.to_plane(50.0, 0.0)), np.array(plane.to_plane(-50.0, 0.0))
-    found = distance_m(plane, east.reshape(2, 1, 1), west.reshape(2, 1, 1))
-    assert found[0] == pytest.approx(np.radians(100.0) * RADIUS_M, abs=1e-7)
-    edge = np.stack([plane.to_plane(np.array([-20.0, 40.0]), np.array([0.0, 0.0]))]).reshape(2, 2, 1)
-    off = np.array(plane.to_plane(7.0, 3.0)).reshape(2, 1, 1)
-    assert distance_m(plane, off, edge)[0] == pytest.approx(np.radians(3.0) * RADIUS_M, abs=1e-7)
+    found = distance_m(plane, east.reshape(2, 1), west.reshape(2, 1))
+    assert found == pytest.approx(np.radians(100.0) * RADIUS_M, abs=1e-7)
+    edge = np.stack([plane.to_plane(np.array([-20.0, 40.0]), np.array([0.0, 0.0]))]).reshape(2, 2)
+    off = np.array(plane.to_plane(7.0, 3.0)).reshape(2, 1)
+    assert distance_m(plane, off, edge) == pytest.approx(np.radians(3.0) * RADIUS_M, abs=1e-7)

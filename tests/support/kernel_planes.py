@@ -1,0 +1,67 @@
+"""The planes of the kernel (`plane.h`), called with numbers: bounds on distances, and distances of polygons."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from conflictdb.kernel.library import library
+from conflictdb.motion.contract import Plane
+
+_NUMBER = ctypes.c_double
+
+
+class Vector(ctypes.Structure):
+    _fields_ = (("x", _NUMBER), ("y", _NUMBER))
+
+
+class Polygon(ctypes.Structure):
+    _fields_ = (("x", ctypes.c_void_p), ("y", ctypes.c_void_p), ("count", ctypes.c_int64))
+
+    @classmethod
+    def of(cls, xy: np.ndarray) -> "Polygon":
+        """A convex polygon of corners (2, v), counter-clockwise."""
+        made = cls()
+        made.held = np.ascontiguousarray(xy, np.float64)
+        made.x, made.y, made.count = made.held[0].ctypes.data, made.held[1].ctypes.data, xy.shape[1]
+        return made
+
+
+def _called(name: str, plane: Plane, *arguments: float) -> float:
+    function = getattr(library(), name)
+    function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p, *[_NUMBER] * len(arguments)]
+    return float(function(ctypes.byref(plane.kernel_plane), *map(float, arguments)))
+
+
+def least_m(plane: Plane, span_m: float, scale: float) -> float:
+    return _called("plane_least_m", plane, span_m, scale)
+
+
+def drift(plane: Plane, distance_m: float, scale: float, speed: float) -> float:
+    return _called("plane_drift", plane, distance_m, scale, speed)
+
+
+def slant(plane: Plane, distance_m: float, scale: float) -> float:
+    return _called("plane_slant", plane, distance_m, scale)
+
+
+def christoffel(plane: Plane, scale: float) -> float:
+    return _called("plane_christoffel", plane, scale)
+
+
+def span_m(plane: Plane, distance_m: float, scale: float) -> float:
+    return _called("plane_span_m", plane, distance_m, scale)
+
+
+def distance_error_m(plane: Plane, distance_m: float) -> float:
+    return _called("plane_distance_error_m", plane, distance_m)
+
+
+def distance_m(plane: Plane, a: np.ndarray, b: np.ndarray) -> float:
+    """How far apart polygons with corners (2, v) and (2, w) are, counted from the first corner, as the kernel does."""
+    function: Any = library().plane_distance_m
+    function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p] * 3 + [Vector]
+    origin = a[:, :1]
+    one, other = Polygon.of(a - origin), Polygon.of(b - origin)
+    given = ctypes.byref(plane.kernel_plane), ctypes.byref(one), ctypes.byref(other)
+    return float(function(*given, Vector(*origin.ravel())))
