@@ -368,7 +368,7 @@ class Database:
     ) -> Listing[Conflict]:
         """Return the conflicts of a scene that are known, with `at` only those at that instant.
 
-        Where each conflict is (`region`) is computed only `with_region`, because it takes time. The list says whether
+        Where each conflict is (`region`) is read only `with_region`. The list says whether
         it is complete (`is_current`, `state`); while changes of the scene wait for detection it comes with an
         IncompleteWarning.
         """

@@ -66,7 +66,8 @@ $$;
 COMMENT ON FUNCTION _conflict_region(
     bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
 'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a '
-'superset, the intersection of what they sweep while in conflict. Computed from their current pieces.';
+'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
+'not find it out: great circles, and what could not be cut or solved.';
 
 CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -75,9 +76,9 @@ BEGIN
     DROP TABLE IF EXISTS pg_temp.found;
     CREATE TEMPORARY TABLE found (
         a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
-        periods tstzmultirange, verdict text, first_contact_point geometry, time_error_s double precision,
-        closest_at timestamptz, closest_m double precision, closest_error_m double precision,
-        closest_a_point geometry, closest_b_point geometry
+        periods tstzmultirange, verdict text, region geometry, first_contact_point geometry,
+        time_error_s double precision, closest_at timestamptz, closest_m double precision,
+        closest_error_m double precision, closest_a_point geometry, closest_b_point geometry
     ) ON COMMIT DROP;
 END
 $$;
@@ -97,6 +98,7 @@ DECLARE
     v_start timestamptz := clock_timestamp();
     v_method text := p_run ->> 'method';
     v_scene_name text;
+    v_plane text;
     v_run_id bigint;
     v_last run%ROWTYPE;
     v_kinds smallint[];
@@ -105,7 +107,8 @@ DECLARE
     v_more bigint;
     v_more_unresolved bigint;
 BEGIN
-    SELECT s.name INTO STRICT v_scene_name FROM scene s WHERE s.scene_id = p_scene_id;
+    SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
+        FROM scene s WHERE s.scene_id = p_scene_id;
     SELECT r.* INTO v_last FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
     -- First: its reference to the scene keeps that from being removed meanwhile, which conflicts do without. Counts
     -- that the writing below finds out are filled in at the end.
@@ -140,8 +143,8 @@ BEGIN
           AND (c.a_kind, c.a_id) NOT IN (SELECT n.kind, n.id FROM dirty n)
     ), old AS (
         -- As found is: the smaller kind and number first, which the smaller key need not have.
-        SELECT k.place, k.periods, k.verdict, k.first_contact_point, k.time_error_s, k.closest_at, k.closest_m,
-               k.closest_error_m, k.method, k.found_at,
+        SELECT k.place, k.periods, k.verdict, k.region, k.first_contact_point, k.time_error_s, k.closest_at,
+               k.closest_m, k.closest_error_m, k.method, k.found_at,
                CASE WHEN t.is_turned THEN k.b_kind ELSE k.a_kind END AS a_kind,
                CASE WHEN t.is_turned THEN k.b_id ELSE k.a_id END AS a_id,
                CASE WHEN t.is_turned THEN k.b_version ELSE k.a_version END AS a_version,
@@ -157,11 +160,14 @@ BEGIN
                o.a_version AS old_a_version, o.b_version AS old_b_version
         FROM pg_temp.found f FULL JOIN old o USING (a_kind, a_id, b_kind, b_id)
         WHERE f.verdict IS NULL OR o.place IS NULL
-           OR (f.a_version, f.b_version, f.periods, f.verdict, f.first_contact_point, f.time_error_s, f.closest_at,
-               f.closest_m, f.closest_error_m, f.closest_a_point, f.closest_b_point, v_method)
+           -- Where that is not known it follows from the rest.
+           OR (f.a_version, f.b_version, f.periods, f.verdict, coalesce(f.region, o.region), f.first_contact_point,
+               f.time_error_s, f.closest_at, f.closest_m, f.closest_error_m, f.closest_a_point, f.closest_b_point,
+               v_method)
               IS DISTINCT FROM
-              (o.a_version, o.b_version, o.periods, o.verdict, o.first_contact_point, o.time_error_s, o.closest_at,
-               o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point, o.method)
+              (o.a_version, o.b_version, o.periods, o.verdict, o.region, o.first_contact_point,
+               o.time_error_s, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point,
+               o.method)
     ), placed AS MATERIALIZED (
         -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own, and its
         -- pairs drop out; its number may be that of another object by now.
@@ -184,7 +190,11 @@ BEGIN
     ), removed AS (
         DELETE FROM conflict c USING placed p WHERE c.ctid = p.place AND NOT p.is_found
     ), ordered AS NOT MATERIALIZED (
-        SELECT p.place, p.stays, p.periods, p.verdict, p.first_contact_point, p.time_error_s, p.closest_at,
+        SELECT p.place, p.stays, p.periods, p.verdict,
+               CASE WHEN p.region IS NULL AND p.verdict <> 'near' THEN
+                   _conflict_region(p_scene_id, p.a_kind, p.a_id, p.a_version, p.b_kind, p.b_id, p.b_version, p.periods,
+                                    v_plane)
+               ELSE p.region END AS region, p.first_contact_point, p.time_error_s, p.closest_at,
                p.closest_m, p.closest_error_m,
                CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
                CASE WHEN p.is_turned THEN p.b_id ELSE p.a_id END AS a_id,
@@ -204,17 +214,17 @@ BEGIN
         UPDATE conflict c
             SET run_id = v_run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version, a_key = o.a_key,
                 b_kind = o.b_kind, b_id = o.b_id, b_version = o.b_version, b_key = o.b_key, periods = o.periods,
-                verdict = o.verdict, region = NULL, first_contact_point = o.first_contact_point, method = v_method,
+                verdict = o.verdict, region = o.region, first_contact_point = o.first_contact_point, method = v_method,
                 time_error_s = o.time_error_s, closest_at = o.closest_at, closest_m = o.closest_m,
                 closest_error_m = o.closest_error_m, closest_a_point = o.closest_a_point,
                 closest_b_point = o.closest_b_point, found_at = o.found_at
             FROM ordered o WHERE c.ctid = o.place
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
-                              periods, verdict, first_contact_point, method, time_error_s, found_at, closest_at,
+                              periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,
                               closest_m, closest_error_m, closest_a_point, closest_b_point)
             SELECT p_scene_id, v_run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version,
-                   o.b_key, o.periods, o.verdict, o.first_contact_point, v_method, o.time_error_s, o.found_at,
+                   o.b_key, o.periods, o.verdict, o.region, o.first_contact_point, v_method, o.time_error_s, o.found_at,
                    o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point
             FROM ordered o WHERE o.place IS NULL
     )

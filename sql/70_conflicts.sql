@@ -7,10 +7,7 @@ SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
-       coalesce(c.region, _conflict_region(c.scene_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version,
-                                           c.periods, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))
-           ::geometry(Geometry, 4326) AS region,
-       c.first_contact_point, c.method, c.time_error_s,
+       c.region, c.first_contact_point, c.method, c.time_error_s,
        NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
                    AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
@@ -36,8 +33,8 @@ COMMENT ON COLUMN conflicts.verdict IS
 'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor decided, '
 'periods then say when they might meet.';
 COMMENT ON COLUMN conflicts.region IS
-'Where, longitude and latitude in degrees. Computed when the column is read: leave it out where it is not needed. '
-'Two areas: the intersection; else a superset, where what both sweep meanwhile meets.';
+'Where, longitude and latitude in degrees; cut at the seam. Two areas that overlap: the intersection; else a superset, '
+'what both sweep during their contacts, and what comes within tolerance and separation of it, in common.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
 'Where they first touch, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
@@ -165,24 +162,34 @@ COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, 
 'Pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between two heights '
 '(metres; null is unbounded): stages 1 and 2.';
 
+CREATE OR REPLACE FUNCTION _window(p_geometry geometry, p_plane text) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- The box of a region holds it in both planes but for this: a millimetre (_meets), and the latitudes by which sides
+    -- of 25 km (_from_gnomonic) leave theirs on great circles: less than 0.1 degrees, and that next to a pole.
+    WITH shown AS MATERIALIZED (
+        SELECT CASE WHEN p_plane IN ('wgs84', 'sphere') THEN ST_Expand(p_geometry, 1e-7)
+                    ELSE ST_Expand(_wrapped(_from_plane(_to_plane(p_geometry, p_plane), p_plane)), 1e-7, 0.2) END AS box
+    )
+    -- What reaches the seam may have regions on both of its sides.
+    SELECT CASE WHEN ST_XMin(s.box) > -180 AND ST_XMax(s.box) < 180 THEN ST_Envelope(s.box)
+                ELSE ST_MakeEnvelope(-180, ST_YMin(s.box), 180, ST_YMax(s.box), 4326) END
+    FROM shown s;
+END;
+COMMENT ON FUNCTION _window(geometry, text) IS
+'A box (degrees, within +-180) that all regions touch that meet a geometry (longitude and latitude) in the plane of a '
+'scene: for an index.';
+
 CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
-    -- Both members must come near the geometry, which the index tells; only then is a region computed.
-    WITH near AS MATERIALIZED (
-        SELECT DISTINCT n.object_kind, coalesce(a.key, t.key) AS key
-        FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), NULL, NULL) n
-        LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
-        LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
-        WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
-    )
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
       AND _check_place(p_geometry, p_span, NULL, NULL)
       AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
-      -- As subplans these are looked up in a table of hashes.
-      AND (c.a_key IN (SELECT n.key FROM near n)) IS TRUE AND (c.b_key IN (SELECT n.key FROM near n)) IS TRUE
+      AND c.region && (SELECT _window(p_geometry, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat))
+                       FROM scene o WHERE o.scene_id = _scene_id(p_scene))
       AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
                                         FROM scene o WHERE o.scene_id = _scene_id(p_scene)));
 END;

@@ -149,7 +149,7 @@ COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor decided; '
 'near: no conflict, but within the scene''s nearest_m. Each detection of the pair decides anew.';
 COMMENT ON COLUMN conflict.region IS
-'Two areas: their intersection, longitude and latitude. Null: computed by the view.';
+'Where, longitude and latitude: see the view conflicts; null for pairs that are only near.';
 COMMENT ON COLUMN conflict.first_contact_point IS
 'Where they first touch, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.method IS 'Method that found it.';

@@ -65,6 +65,7 @@ class Conflicts:
         may be; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
+    region : (n,) geometries   where, longitude and latitude; None where that is not known; None if nobody asked
     """
 
     a_kind: NDArray[np.int8]
@@ -83,6 +84,7 @@ class Conflicts:
     closest_error_m: NDArray[np.float64]
     closest_a_deg: NDArray[np.float64]
     closest_b_deg: NDArray[np.float64]
+    region: NDArray[np.object_] | None = None
 
     def __len__(self) -> int:
         return len(self.a_id)
@@ -96,5 +98,9 @@ class Conflicts:
             if column.name == "period_offset":
                 ends = np.cumsum([0, *(part[-1] for part in parts)])
                 parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
+            if column.name == "region":
+                if all(part is None for part in parts):
+                    continue
+                parts = [np.full(len(batch), None) if batch.region is None else batch.region for batch in batches]
             columns[column.name] = np.concatenate(parts)
         return cls(**columns)

@@ -328,9 +328,7 @@ def _add_wait(parser: Parser) -> None:
 
 def _add_output(parser: Parser) -> None:
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
-    parser.add_argument(
-        "--no-region", action="store_true", help="json and geojson: leave out where each conflict is, which takes time"
-    )
+    parser.add_argument("--no-region", action="store_true", help="json and geojson: leave out where each conflict is")
 
 
 def name(text: str) -> str:

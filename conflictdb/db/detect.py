@@ -271,7 +271,7 @@ def _refresh_conflicts(
     source = _SceneSource(conn, scene_id, way.memory)
     staged = store.begin_write(conn, scene_id)
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
-    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
+    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress, regions=True)
     for found, of_chunk in chunks:
         store.stage(conn, staged, found)
         funnel.add(of_chunk)

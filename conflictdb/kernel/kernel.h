@@ -32,6 +32,10 @@
 #define KERNEL_HULL_PER_VERTEX 6
 #define KERNEL_HULL_MORE 5
 
+/* The rings of the region of two pieces of n vertices together have at most REGION_PER_VERTEX n + REGION_MORE vertices. */
+#define KERNEL_REGION_PER_VERTEX 8
+#define KERNEL_REGION_MORE 8
+
 /* Coefficients of the longest series of a figure of the earth. */
 #define KERNEL_HARMONICS 6
 #define KERNEL_RADII 7
@@ -253,5 +257,18 @@ KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, 
 KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
                                int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
                                double *b_deg, KernelWork *work);
+
+/* Find where pairs come within reach_m of each other during [low_s, high_s], or might: what both sweep meanwhile, grown by
+ * half of reach_m each, and that in common. Of two that stand still and overlap it is what they have in common; that
+ * which is no wider than a micrometre is nothing.
+ *
+ * ring : (REGION_PER_VERTEX v + REGION_MORE count, 2) v the vertices of all pieces of the pairs: plane metres, within half a
+ *     turn, counter-clockwise, each ring with its first vertex again at its end
+ * ring_offset : (2 count + 1,) rings 2 i and 2 i + 1 of pair i, the second where it lies across the seam. Both are empty
+ *     where they do not come so near.
+ * is_known : (count,) whether that is known: not where a piece cannot be or goes around the earth, nor in a gnomonic plane
+ */
+KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
+                            int64_t *ring_offset, int8_t *is_known);
 
 #endif

@@ -43,6 +43,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_references": (_POINTER,) * 4,
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
+    "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
 }
 _RETURNS: Final[dict[str, Any]] = {
     "kernel_fingerprint": ctypes.c_char_p,

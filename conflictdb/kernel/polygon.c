@@ -108,9 +108,7 @@ Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *t
     return widest;
 }
 
-/* Which part of a polygon lies left of the line from `start` along `way`, in the order of its vertices; false where there
- * is no room for it, as that of a convex polygon has one vertex more at most. */
-static bool clip(const Polygon *polygon, Vector start, Vector way, Polygon *kept, int64_t room) {
+bool polygon_clip(const Polygon *polygon, Vector start, Vector way, Polygon *kept, int64_t room) {
     kept->count = 0;
     for (int64_t i = 0; i < polygon->count; i++) {
         if (kept->count + 2 > room) return false;
@@ -154,8 +152,7 @@ static Vector crossing_of(const Polygon *a, const Polygon *b) {
 }
 
 /* I. E. Sutherland, G. W. Hodgman, "Reentrant polygon clipping", Commun. ACM 17 (1974), doi:10.1145/360767.360802. */
-Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare) {
-    if (a->count < 3 && b->count < 3) return crossing_of(a, b);
+Polygon *polygon_common(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare) {
     const Polygon *whole = b->count < 3 ? b : a, *edges = b->count < 3 ? a : b;
     Polygon *kept = room, *next = spare;
     int64_t most = a->count + b->count + 2;
@@ -163,10 +160,16 @@ Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, P
     for (int64_t i = 0; i < whole->count; i++) kept->x[i] = whole->x[i], kept->y[i] = whole->y[i];
     for (int64_t k = 0; k < edges->count && kept->count > 0; k++) {
         Polygon *before = kept;
-        if (!clip(kept, (Vector){edges->x[k], edges->y[k]}, side_of(edges, k), next, most)) break;
+        if (!polygon_clip(kept, (Vector){edges->x[k], edges->y[k]}, side_of(edges, k), next, most)) break;
         kept = next, next = before;
     }
-    if (kept->count > 0) return centroid(kept);
+    return kept;
+}
+
+Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare) {
+    if (a->count < 3 && b->count < 3) return crossing_of(a, b);
+    const Polygon *common = polygon_common(a, b, room, spare);
+    if (common->count > 0) return centroid(common);
     /* They touch, to rounding. */
     Vector from, to;
     polygon_nearest(a, b, &from, &to);

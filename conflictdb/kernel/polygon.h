@@ -66,6 +66,14 @@ Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *t
 /* The nearest points of the outlines of a and b, which do not cross; their distance. */
 double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector *to);
 
+/* Which part of a polygon lies left of the line from `start` along `way`, in the order of its vertices; false where there
+ * is no room for it, as that of a convex polygon has one vertex more at most. */
+bool polygon_clip(const Polygon *polygon, Vector start, Vector way, Polygon *kept, int64_t room);
+
+/* What two polygons have in common, one of which has an inside: room or spare, which are for two vertices more than both
+ * have together. */
+Polygon *polygon_common(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare);
+
 /* A point of both of two polygons that overlap or touch: the middle of what they have in common. room, spare: for two
  * vertices more than both have together. */
 Vector polygon_common_point(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare);

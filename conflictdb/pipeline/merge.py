@@ -13,17 +13,27 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
+from conflictdb.pipeline.regions import regions_of
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
 from conflictdb.results import Verdict
 from conflictdb.stage4.meeting import meeting_points
 
 
 def merged_by_object(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, contacts: Contacts, footprints: Footprints
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    pairs: Pairs,
+    contacts: Contacts,
+    footprints: Footprints,
+    *,
+    regions: bool = False,
+    threads: int = 1,
 ) -> Conflicts:
     """Return one row per pair of objects with a contact; closest approaches are still missing.
 
     footprints : asked for whole areas where contacts are shallow in all parts of one
+    regions : whether to find out where they are
     """
     a, b, _ = ordered_members(pieces, pairs)
     a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
@@ -78,6 +88,18 @@ def merged_by_object(
         closest_error_m=np.full(n, np.nan),
         closest_a_deg=np.full((n, 2), np.nan),
         closest_b_deg=np.full((n, 2), np.nan),
+        region=regions_of(
+            scene,
+            plane,
+            pieces,
+            PieceRows(a[order]),
+            PieceRows(b[order]),
+            (contacts.start_s[order], contacts.end_s[order]),
+            group,
+            threads=threads,
+        )
+        if regions
+        else None,
     )
 
 

@@ -37,11 +37,12 @@ def run_scene(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
+    regions: bool = False,
 ) -> Iterator[tuple[Conflicts, Funnel]]:
     """Yield the conflicts among the pieces of a source, a chunk of its pairs at a time, and what was counted for each.
 
     plane : of the scene, which the pieces were made in
-    jobs, progress : see `run_stages`
+    jobs, progress, regions : see `run_stages`
     """
     solved = 0
     chunks = source.candidates()
@@ -56,7 +57,14 @@ def run_scene(
         pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
         stage2_s = time.perf_counter() - clock
         found, funnel = run_stages(
-            scene, plane, pieces, pairs, source.footprints, jobs=jobs, progress=_after(solved, progress)
+            scene,
+            plane,
+            pieces,
+            pairs,
+            source.footprints,
+            jobs=jobs,
+            progress=_after(solved, progress),
+            regions=regions,
         )
         funnel.candidate_pairs, funnel.intersecting_pairs = len(a), len(pairs)
         funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
@@ -82,6 +90,7 @@ def run_stages(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
+    regions: bool = False,
 ) -> tuple[Conflicts, Funnel]:
     """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
 
@@ -89,6 +98,7 @@ def run_stages(
     footprints : asked for whole areas where contacts are shallow in all parts of one
     jobs : threads of the kernel; the answer does not depend on it
     progress : told how many pairs are decided, and of how many
+    regions : whether to find out where objects interfere
     """
     funnel = Funnel()
     started = time.perf_counter()
@@ -121,7 +131,7 @@ def run_stages(
             parts.append(solved.of_pairs(moving))
     found = Contacts.concatenate(parts)
     funnel.met_pairs = len(np.unique(found.pair))
-    conflicts = merged_by_object(scene, plane, pieces, pairs, found, footprints)
+    conflicts = merged_by_object(scene, plane, pieces, pairs, found, footprints, regions=regions, threads=jobs)
     if method.solver is not None:
         conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s

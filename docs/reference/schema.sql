@@ -279,6 +279,7 @@ CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(sc
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id);
+CREATE INDEX conflict_scene_id_region_periods_gist ON conflictdb.conflict USING gist (scene_id, region, periods) WHERE (verdict <> 'near'::text);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 
@@ -606,6 +607,9 @@ FUNCTION _wgs84_m()
 
 FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision, p_is_changed boolean)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _window(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;

@@ -160,9 +160,11 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
 
 def test_regions_are_not_made_of_the_pieces_of_another(conn: Conn, numbers: dict[str, int]) -> None:
     """Between the two transactions of a detection, and when the number is in use in another scene."""
-    conn.execute("UPDATE conflict SET region = NULL")
-    region = "SELECT ST_AsText(region, 6) FROM conflicts WHERE scene = 'one'"
+    region = """SELECT ST_AsText(_conflict_region(c.scene_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id,
+                                                  c.b_version, c.periods, 'wgs84'), 6)
+                FROM conflict c JOIN scene USING (scene_id) WHERE name = 'one'"""
     (before,) = conn.execute(region.encode()).fetchall()
+    assert before != (None,)
     pass_on(conn, numbers["one B"], "two", "NEW", 0.2)
     detect(conn, "two", jobs=1)
     assert conn.execute(region.encode()).fetchall() == [before]

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from piecework import load
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
+from conflictdb.methods import Method
 from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
@@ -169,14 +171,60 @@ def test_part_of_a_region_whose_edges_cross_when_rounded_is_mended(conn: Conn) -
     assert row[1:] == (True, pytest.approx(1.0, abs=1e-4))
 
 
-def test_region_is_computed_only_when_it_is_read(conn_with_conflicts: Conn) -> None:
-    plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT a_key, periods FROM conflicts_of('s', 'FERRY')")
+def test_regions_are_stored(conn_with_conflicts: Conn) -> None:
+    """Reading them computes nothing."""
+    plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT * FROM conflicts_of('s', 'FERRY')")
     assert "_conflict_region" not in str(plan.fetchall())
-    plan = conn_with_conflicts.execute("EXPLAIN (VERBOSE) SELECT region FROM conflicts_of('s', 'FERRY')")
-    assert "_conflict_region" in str(plan.fetchall())
     assert all(c.region is None for c in store.conflicts(conn_with_conflicts, "s"))
     with_region = store.conflicts(conn_with_conflicts, "s", with_region=True)
     assert {json.loads(c.region or "")["type"] for c in with_region} == {"Polygon", "MultiPolygon"}
+
+
+@pytest.mark.parametrize("method", Method)
+def test_all_conflicts_have_a_valid_region(conn: Conn, method: Method) -> None:
+    load(conn, Scene("s", method=method), AREAS, TRACKS)
+    detect(conn, "s", jobs=1)
+    rows = conn.execute(
+        "SELECT GeometryType(region), ST_IsValid(region), ST_SRID(region) FROM conflictdb.conflict"
+    ).fetchall()
+    assert {*rows} == {("POLYGON", True, 4326), ("MULTIPOLYGON", True, 4326)}
+
+
+def test_regions_of_older_conflicts_are_filled_in_by_an_upgrade(conn_with_conflicts: Conn) -> None:
+    conn = conn_with_conflicts
+    before = {(c.a_key, c.b_key): c.region for c in store.conflicts(conn, "s", with_region=True)}
+    conn.execute("UPDATE conflict SET region = NULL")
+    conn.execute((Path(__file__).parents[2] / "sql" / "92_regions.sql").read_bytes())
+    for row in store.conflicts(conn, "s", with_region=True):
+        # Of what pieces sweep in all, not during the contacts.
+        whole, exact = (shapely.from_geojson(one or "") for one in (row.region, before[row.a_key, row.b_key]))
+        assert whole.buffer(1e-6).covers(exact)
+        assert whole.area < 2.0 * exact.area
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        """SELECT * FROM conflictdb.conflicts_within('grid', ST_MakeEnvelope(3.03, 3.03, 3.04, 3.04, 4326),
+                                                     '[2026-03-01,2026-03-02)')""",
+        """SELECT * FROM conflictdb.conflicts
+           WHERE scene = 'grid' AND region && ST_MakeEnvelope(3.03, 3.03, 3.04, 3.04, 4326)
+           AND periods && tstzrange '[2026-03-01,2026-03-02)'""",
+    ],
+)
+def test_conflicts_in_a_window_are_looked_up_in_an_index(conn: Conn, query: str) -> None:
+    """By where and when: the plan reads no more of them."""
+    rows = [(i, j) for i in range(40) for j in range(40)]
+    areas = [box(f"A{i}-{j}", 0.1 * i, 0.1 * j, 0.1 * i + 0.06, 0.1 * j + 0.06) for i, j in rows]
+    more = [box(f"B{i}-{j}", 0.1 * i + 0.02, 0.1 * j + 0.02, 0.1 * i + 0.08, 0.1 * j + 0.08) for i, j in rows]
+    load(conn, Scene("grid"), [*areas, *more], [])
+    detect(conn, "grid", jobs=1)
+    conn.execute("ANALYZE")
+    plan = "\n".join(row[0] for row in conn.execute(f"EXPLAIN ANALYZE {query}".encode()).fetchall())
+    assert "conflict_scene_id_region_periods_gist" in plan
+    condition = next(line for line in plan.splitlines() if "Index Cond" in line and "region" in line)
+    assert "periods &&" in condition
+    assert conn.execute(query.encode()).rowcount == 1
 
 
 def test_areas_nearer_than_the_separation_have_a_region_between_them(conn: Conn) -> None:

@@ -107,6 +107,24 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 
+/* Ask where pairs meet; rings have room for them, and for no more. */
+static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, const int64_t *offset, int64_t n, double reach,
+                        int64_t calls[16]) {
+    int64_t room = KERNEL_REGION_MORE * pairs->count, *ring_offset = block(2 * pairs->count + 1, 8);
+    for (int64_t i = 0; scene && i < pairs->count; i++) {
+        int64_t a = pairs->a[i], b = pairs->b[i];
+        if (a < 0 || a >= n || b < 0 || b >= n) continue;
+        room += KERNEL_REGION_PER_VERTEX * (offset[a + 1] - offset[a] + offset[b + 1] - offset[b]);
+    }
+    double *ring = block(2 * room, 8);
+    int8_t *is_known = block(pairs->count, 1);
+    KernelStatus status = kernel_regions(scene, pairs, reach, ring, ring_offset, is_known);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < 2 * ring_offset[2 * pairs->count]; k++)
+        if (!isfinite(ring[k])) abort();
+    free(ring), free(ring_offset), free(is_known);
+}
+
 static void play(int64_t calls[16], int64_t outcomes[4]) {
     static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
     const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
@@ -173,6 +191,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     double *degrees = block(2 * m, 8);
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
+    ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);
     double *place_a = block(2 * groups, 8), *place_b = block(2 * groups, 8);

@@ -63,7 +63,11 @@ def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts)
 def _some(found: Conflicts, rows: NDArray[np.int64]) -> Conflicts:
     period_offset, index = ragged_rows(found.period_offset, rows)
     columns = {column.name: getattr(found, column.name) for column in fields(found)}
-    columns = {name: values[rows] for name, values in columns.items() if not name.startswith("period_")}
+    columns = {
+        name: None if values is None else values[rows]
+        for name, values in columns.items()
+        if not name.startswith("period_")
+    }
     return Conflicts(**columns, period_us=found.period_us[index], period_offset=period_offset)
 
 

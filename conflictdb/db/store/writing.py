@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import psycopg
+import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
@@ -112,6 +113,7 @@ def _columns(found: Conflicts) -> dict[str, copy_binary.Column]:
         "b_version": copy_binary.fixed(first(found.b_version, found.a_version), "i8"),
         "periods": copy_binary.multispans(found.period_us, found.period_offset),
         "verdict": _VERDICT_NAMES.take(found.verdict.astype(np.int64)),
+        "region": _geometries(found),
         "first_contact_point": copy_binary.points(found.first_contact_deg, _SRID),
         "time_error_s": copy_binary.fixed(found.time_error_s, "f8"),
         "closest_at": copy_binary.nullable(copy_binary.instants(found.closest_us), found.closest_us == SINCE_EVER_US),
@@ -120,3 +122,10 @@ def _columns(found: Conflicts) -> dict[str, copy_binary.Column]:
         "closest_a_point": copy_binary.points(first(found.closest_a_deg, found.closest_b_deg), _SRID),
         "closest_b_point": copy_binary.points(first(found.closest_b_deg, found.closest_a_deg), _SRID),
     }
+
+
+def _geometries(found: Conflicts) -> copy_binary.Ragged:
+    """Return where conflicts are; null where that is not known."""
+    if found.region is None:
+        return copy_binary.Ragged.of([None] * len(found))
+    return copy_binary.Ragged.of(shapely.to_wkb(found.region, byte_order=1, include_srid=True).tolist())

@@ -1,0 +1,65 @@
+"""Where pairs of pieces meet during a time."""
+
+import ctypes
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.ragged import offsets
+from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.scene import HeldPairs, Scene
+
+# As kernel.h has them: room for the rings of a pair, vertices per vertex of its pieces, and more.
+_PER_VERTEX: Final = 8
+_MORE: Final = 8
+_PAIRS_AT_ONCE: Final = 4096  # bounds the room
+
+_Ints = NDArray[np.int64]
+
+
+def regions(
+    scene: Scene,
+    vertices: _Ints,
+    a: _Ints,
+    b: _Ints,
+    zero_us: _Ints,
+    low_s: Floats,
+    high_s: Floats,
+    reach_m: float,
+    threads: int = 1,
+) -> tuple[Floats, _Ints, NDArray[np.bool_]]:
+    """Return where pieces a and b may come within reach_m of each other during times (n,): a superset.
+
+    Of two that stand still and overlap it is what they have in common. Rings are closed: plane metres within half a
+    turn (m, 2), and their offsets (2 n + 1,). Rings 2 i and 2 i + 1 are those of pair i, the second where it lies
+    across the seam, both without vertices where they come no nearer. And (n,) whether that is known: not where a piece
+    cannot be or goes around the earth, nor in a gnomonic plane.
+
+    vertices : (pieces,) how many each piece has
+    low_s, high_s : (n,) seconds after zero_us (n,), within what both pieces have
+    """
+    pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
+    is_known = np.empty(len(a), np.bool_)
+
+    def make(rows: slice) -> tuple[list[Floats], list[_Ints]]:
+        found: list[Floats] = []
+        counts: list[_Ints] = []
+        for first in range(rows.start, rows.stop, _PAIRS_AT_ONCE):
+            some = slice(first, min(first + _PAIRS_AT_ONCE, rows.stop))
+            n = some.stop - some.start
+            room = _PER_VERTEX * int(vertices[a[some]].sum() + vertices[b[some]].sum()) + _MORE * n
+            ring, ring_offset = np.empty((room, 2)), np.empty(2 * n + 1, np.int64)
+            held = HeldPairs.of(pairs, some)
+            arrays = [array.ctypes.data for array in (ring, ring_offset, is_known[some])]
+            check(library().kernel_regions(scene.handle, ctypes.byref(held), reach_m, *arrays))
+            found.append(ring[: ring_offset[-1]].copy())
+            counts.append(np.diff(ring_offset))
+        return found, counts
+
+    shares = shared(make, len(a), threads)
+    rings = [ring for found, _ in shares for ring in found]
+    counts = [count for _, some in shares for count in some]
+    offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))
+    return np.concatenate([np.empty((0, 2)), *rings]), offset, is_known

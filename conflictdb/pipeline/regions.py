@@ -1,0 +1,86 @@
+"""Where pairs of objects interfere, in longitude and latitude."""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.regions import regions
+from conflictdb.model import Scene
+from conflictdb.motion.contract import Plane
+from conflictdb.pieces.covers import COVER
+
+_SRID = 4326
+_SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
+
+
+def regions_of(
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    a: PieceRows,
+    b: PieceRows,
+    seconds: tuple[Floats, Floats],
+    group: NDArray[np.int64],
+    *,
+    threads: int = 1,
+) -> NDArray[np.object_]:
+    """Return where pairs of objects interfere: polygons, valid, cut at the seam; None where that is not known.
+
+    Of two areas it is what they have in common; else a superset, what both sweep during their contacts. Not known it
+    is in a gnomonic plane, and of objects that could not be cut: the database finds it out from the hulls of pieces.
+
+    a, b : (m,) the pieces of each contact
+    seconds : (m,) from when to when after the start of what they share; infinite of areas that are there for ever
+    group : (m,) which pair of objects a contact is of, from 0, not decreasing; every pair has one
+    """
+    found = np.full(group[-1] + 1 if len(group) else 0, None, dtype=object)
+    known = ~((pieces.part[a] == COVER) | (pieces.part[b] == COVER))
+    if plane.turn_m == 0.0:
+        return found
+    prepared = kernel.Scene(plane.kernel_plane, pieces, a[known], b[known])
+    zero_us, _ = pieces.shared_span(a, b)
+    low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[known] for one in seconds)
+    vertices, reach_m = np.diff(pieces.shape_offset), scene.tolerance_m + scene.separation_m
+    ring, offset, is_known = regions(
+        prepared, vertices, a[known], b[known], zero_us[known], low_s, high_s, reach_m, threads
+    )
+    count = np.diff(offset)
+    rings = np.flatnonzero(count)
+    parts = _polygons(ring, count[rings])
+    owner = group[known][rings // 2]
+    _put(found, parts, owner)
+    found[group[~known]] = None
+    found[group[known][~is_known]] = None
+
+    def degrees(xy: Floats) -> Floats:
+        lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
+        on_seam = np.abs(lon) > 180.0 - _SEAM_DEG
+        return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
+
+    # Parts are put together in the plane, where their sides are straight: not in degrees.
+    found = shapely.set_srid(shapely.transform(found, degrees), _SRID)
+    # Parts of a union that all but touch may cross when they are rounded.
+    crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
+    found[crossed] = shapely.make_valid(found[crossed], method="structure", keep_collapsed=False)
+    return np.asarray(found)
+
+
+def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Return polygons of closed rings, one after the other, of so many vertices each."""
+    if not len(count):
+        return np.empty(0, dtype=object)
+    rings = shapely.linearrings(ring, indices=np.repeat(np.arange(len(count)), count))
+    return np.asarray(shapely.polygons(rings))
+
+
+def _put(found: NDArray[np.object_], parts: NDArray[np.object_], owner: NDArray[np.int64]) -> None:
+    """Put the unions of parts where they belong; owner : (p,) not decreasing."""
+    start = np.flatnonzero(np.diff(owner, prepend=-1))
+    size = np.diff(start, append=len(owner))
+    for k in np.unique(size).tolist():
+        rows = start[size == k]
+        of_row = parts[rows[:, None] + np.arange(k)]
+        found[owner[rows]] = of_row[:, 0] if k == 1 else shapely.union_all(of_row, axis=1)

@@ -1,0 +1,129 @@
+"""Where objects interfere: regions hold all places of contact, held to the oracle, and little more."""
+
+from dataclasses import replace
+
+import numpy as np
+import oracle
+import pytest
+import shapely
+from workloads import GROWING, HIGH_LATITUDE, PAPER, SEAM, Workload, throw
+
+from conflictdb import Method
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.model import SINCE_EVER_US, Area, EarthModel, Scene, Track
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import run_stages
+from conflictdb.results import Kind
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
+
+# Metres: coordinates are rounded by less, also those of the oracle.
+ROUNDED_M = 1e-2
+
+
+def found(scene: Scene, areas: list[Area], tracks: list[Track], jobs: int = 1) -> Conflicts:
+    """Return the conflicts of a scene with their regions; objects have their places in the lists as numbers."""
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    pairs = intersections(pieces, *candidates(pieces), regions=scene.method == Method.WINDOW)
+    footprints = np.array([area.footprint for area in areas], dtype=object)
+    return run_stages(scene, plane, pieces, pairs, lambda ids: footprints[ids], jobs=jobs, regions=True)[0]
+
+
+def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon: float) -> shapely.Geometry:
+    """Return a region in plane metres east of a longitude, so many turns aside."""
+    plane = plane_of(scene)
+
+    def project(lonlat: np.ndarray) -> np.ndarray:
+        return np.stack(plane.to_plane(lonlat[:, 0] - near_lon + 360.0 * turns, lonlat[:, 1]), axis=1)
+
+    return shapely.transform(region, project)
+
+
+@pytest.mark.parametrize("earth", EarthModel)
+@pytest.mark.parametrize("method", [Method.EXACT, Method.WINDOW, Method.SCREEN])
+@pytest.mark.parametrize("workload", [PAPER, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
+def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
+    """At instants of the periods: what the polygons have in common; regions are valid and within +-180 degrees."""
+    scene, areas, tracks = throw(replace(workload, window=1.5), 3, 8, 10, earth, tolerance_m=0.0)
+    answer = found(replace(scene, method=method), areas, tracks)
+    assert answer.region is not None
+    assert len(answer) > 2
+    checked = 0
+    for k in range(len(answer)):
+        region = answer.region[k]
+        if region is None and method != Method.EXACT:  # they come no nearer than wanted
+            continue
+        assert region is not None
+        assert region.is_valid
+        assert region.geom_type in ("Polygon", "MultiPolygon")
+        assert shapely.get_srid(region) == 4326
+        west, south, east, north = region.bounds
+        assert -180.0 <= west < east <= 180.0
+        assert -90.0 < south < north < 90.0
+        pair = [
+            (areas if kind[k] == Kind.AREA.code else tracks)[number[k]]
+            for kind, number in ((answer.a_kind, answer.a_id), (answer.b_kind, answer.b_id))
+        ]
+        lon = shapely.get_parts(region)[0].centroid.x
+        around = shapely.union_all([region_in_plane(scene, region, turn, lon) for turn in (-1, 0, 1)]).buffer(ROUNDED_M)
+        for start, end in answer.period_us[answer.period_offset[k] : answer.period_offset[k + 1]].tolist():
+            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > SINCE_EVER_US else [0]:
+                first, second = (shapely.union_all(oracle.polygons_at(scene, one, at, lon)) for one in pair)
+                common = first.intersection(second)
+                half = np.pi * oracle.Globe.of(earth).a
+                common = common.intersection(shapely.box(-half, -1e9, half, 1e9))
+                assert common.difference(around).area < 1e-3, (k, at)
+                checked += not common.is_empty
+    assert checked > 5
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda workload: workload.name)
+def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: Workload) -> None:
+    """Of two areas it is what they have in common; a haven that only just touches leaves but a spot."""
+    scene, areas, tracks = throw(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
+    answer, screened = found(scene, areas, tracks), found(replace(scene, method=Method.SCREEN), areas, tracks)
+    assert answer.region is not None
+    assert screened.region is not None
+    of_pair = {
+        key: region
+        for *key, region in zip(
+            screened.a_kind, screened.a_id, screened.b_kind, screened.b_id, screened.region, strict=True
+        )
+        for key in [tuple(int(part) for part in key)]
+    }
+    static = 0
+    for k in range(len(answer)):
+        key = tuple(int(column[k]) for column in (answer.a_kind, answer.a_id, answer.b_kind, answer.b_id))
+        assert answer.region[k].area <= of_pair[key].area * (1.0 + 1e-6)
+        if key[0] == key[2] == Kind.AREA.code:
+            static += 1
+            at = int(answer.period_us[answer.period_offset[k], 0])
+            lon = shapely.get_parts(answer.region[k])[0].centroid.x
+            first, second = (shapely.union_all(oracle.polygons_at(scene, areas[n], at, lon)) for n in (key[1], key[3]))
+            here = shapely.union_all([region_in_plane(scene, answer.region[k], turn, lon) for turn in (-1, 0, 1)])
+            half = np.pi * oracle.Globe.of(scene.earth).a
+            common = first.intersection(second).intersection(shapely.box(-half, -1e9, half, 1e9))
+            assert here.symmetric_difference(common).intersection(shapely.box(-half, -1e9, half, 1e9)).area < 1.0
+    assert static > 0
+
+
+def test_regions_do_not_depend_on_threads() -> None:
+    scene, areas, tracks = throw(PAPER, 4, 20, 40)
+    one, three = found(scene, areas, tracks), found(scene, areas, tracks, jobs=3)
+    assert one.region is not None
+    assert three.region is not None
+    assert shapely.to_wkb(one.region).tolist() == shapely.to_wkb(three.region).tolist()
+
+
+def test_region_of_a_haven_that_passes_a_corner_is_about_that_corner() -> None:
+    """Not of all that the slice sweeps: the contact lasts a moment."""
+    area = Area("A", shapely.MultiPolygon([shapely.box(0.0, 0.0, 1.0, 1.0)]))
+    outline = np.array([[-100.0, -100.0], [100.0, -100.0], [100.0, 100.0], [-100.0, 100.0]])
+    # 100 m of the way in 141: the corner comes in by 40 m at most.
+    way = np.array([[0.5, 1.5], [1.5, 0.5]]) + 0.0005
+    track = Track("T", way, np.array([0, 36_000_000_000]), outline)
+    (region,) = found(Scene("s", tolerance_m=0.0), [area], [track]).region  # type: ignore[misc]
+    assert shapely.box(0.999, 0.999, 1.0, 1.0).buffer(1e-9).covers(region)
