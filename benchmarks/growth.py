@@ -44,6 +44,8 @@ SEA: Final = (500, 5_000, 50_000, 200_000, 1_000_000)
 BOX: Final = (500, 1_000, 2_000, 5_000, 10_000, 20_000)
 # Scenes up to this size are detected anew three times: what is measured is short beside what disturbs it.
 SMALL: Final = 5_000
+# Larger ones are not detected again in full: it takes as long as the first time.
+LARGE: Final = 200_000
 SEED: Final = 1
 
 
@@ -68,13 +70,14 @@ def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) ->
     for number in range(times):
         name = f"{series} {objects} {number}"
         in_fresh_process(load_scene, dsn, series, objects, name)
-        found.append(detect_alone(dsn, name, **settings))
-    new, same, changed = (medians([getattr(one, what) for one in found]) for what in ("new", "same", "changed"))
+        found.append(detect_alone(dsn, name, again=objects <= LARGE, **settings))
+    new, changed = medians([one.new for one in found]), medians([one.changed for one in found])
+    same = medians([one.same for one in found if one.same]) if objects <= LARGE else None
     row = {"series": series, "objects": objects, "pieces": count_pieces(dsn, name), **asdict(new)}
     return row | {
-        "same_total_s": same.total_s,
-        "same_write_s": same.write_s,
-        "same_cpu_s": same.cpu_s,
+        "same_total_s": same.total_s if same else None,
+        "same_write_s": same.write_s if same else None,
+        "same_cpu_s": same.cpu_s if same else None,
         "change_total_s": changed.total_s,
         "change_cpu_s": changed.cpu_s,
         "client_mb": max(one.client_mb for one in found),
@@ -131,7 +134,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                     f"**{row[stage]:.2g}**" if stage == f"{row['dominates']}_s" else f"{row[stage]:.2g}"
                     for stage in STAGES
                 ),
-                f"{row['same_total_s']:.3g}",
+                "" if row["same_total_s"] is None else f"{row['same_total_s']:.3g}",
                 "" if row["same_cpu_s"] is None else f"{row['same_cpu_s']:.3g}",
                 f"{1e6 * (row['cpu_s'] or row['total_s']) / row['objects']:,.0f}",
                 f"{1e3 * row['change_total_s']:.0f}",
@@ -165,9 +168,10 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     with figure(path, len(every), 3, (12.0, 3.4 * len(every))) as (drawn, panels):
         for (whole, stages, memory), series in zip(panels, every, strict=True):
             own = sorted((row for row in rows if row["series"] == series), key=lambda row: row["objects"])
-            objects = [row["objects"] for row in own]
             for name, label in (("total_s", "all rows new"), ("same_total_s", "the same again")):
-                whole.plot(objects, [row[name] for row in own], "o-", markersize=3, label=label)
+                at = [(row["objects"], row[name]) for row in own if row[name]]
+                if at:
+                    whole.plot(*zip(*at, strict=True), "o-", markersize=3, label=label)
             for stage, colour in colours.items():
                 at = [(row["objects"], row[stage]) for row in own if row[stage]]
                 if at:

@@ -131,30 +131,33 @@ def change_one(db: conflictdb.Database, scene: str, times: int, **settings: Any)
 class Alone:
     """What a process that only detects one scene took.
 
-    new, same : all rows to write; the same again in full
+    new, same : all rows to write; the same again in full, None where that was not asked for
     changed : the median of detections after one change each, right after that
     client_mb, server_mb : the most memory that the process held, and the server meanwhile; None where it is not seen
     """
 
     new: Detection
-    same: Detection
+    same: Detection | None
     changed: Detection
     client_mb: float
     server_mb: float | None
 
 
-def detect_alone(dsn: str, scene: str, **settings: Any) -> Alone:
+def detect_alone(dsn: str, scene: str, *, again: bool, **settings: Any) -> Alone:
     """Detect a scene in a process of its own, after a small one: all rows new, the same again, after changes."""
     with psycopg.connect(dsn) as conn, ServerMemory(server_pid(conn)) as server:
         conn.rollback()
-        new, same, changed, client_mb = in_fresh_process(_detections, dsn, scene, settings)
+        new, same, changed, client_mb = in_fresh_process(_detections, dsn, scene, again, settings)
     return Alone(new, same, changed, client_mb, server.peak_mb)
 
 
-def _detections(dsn: str, scene: str, settings: dict[str, Any]) -> tuple[Detection, Detection, Detection, float]:
+def _detections(
+    dsn: str, scene: str, again: bool, settings: dict[str, Any]
+) -> tuple[Detection, Detection | None, Detection, float]:
     with conflictdb.connect(dsn) as db:
         detect(db, WARM, **settings)
-        new, same = detect(db, scene, **settings), detect(db, scene, **settings)
+        new = detect(db, scene, **settings)
+        same = detect(db, scene, **settings) if again else None
         changed = medians(change_one(db, scene, CHANGES, **settings))
     return new, same, changed, peak_mb()
 
