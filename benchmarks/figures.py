@@ -16,6 +16,7 @@ except ImportError:
 mpl.use("svg")
 
 from matplotlib import pyplot as plt
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 GREY, BLUE, ORANGE, GREEN, PINK = "#999999", "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 # Text stays text, and nothing depends on the day or the run.
@@ -33,9 +34,14 @@ def figure(path: Path, rows: int, columns: int, size: tuple[float, float], **mor
 
 
 def both_logarithmic(panel: Any, title: str, across: str, up: str) -> None:
-    """Label a panel of powers."""
+    """Label a panel of powers, in which all is drawn."""
     panel.set_xscale("log")
     panel.set_yscale("log")
+    for axis in (panel.xaxis, panel.yaxis):
+        low, high = axis.get_view_interval()
+        if high < 300.0 * low:  # so narrow that powers of ten alone say little
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.set_title(title, fontsize=9.0)
     panel.set_xlabel(across)
     panel.set_ylabel(up)

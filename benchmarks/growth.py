@@ -164,11 +164,12 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     from figures import BLUE, GREEN, GREY, ORANGE, PINK, both_logarithmic, figure
 
     colours = dict(zip(STAGES, (ORANGE, BLUE, GREEN, GREY, PINK, "#000000"), strict=True))
+    del colours["stage3_s"]  # `exact` leaves it out
     every = list(dict.fromkeys(row["series"] for row in rows))
     with figure(path, len(every), 3, (12.0, 3.4 * len(every))) as (drawn, panels):
         for (whole, stages, memory), series in zip(panels, every, strict=True):
             own = sorted((row for row in rows if row["series"] == series), key=lambda row: row["objects"])
-            for name, label in (("total_s", "all rows new"), ("same_total_s", "the same again")):
+            for name, label in (("cpu_s", "all rows new"), ("same_cpu_s", "the same again")):
                 at = [(row["objects"], row[name]) for row in own if row[name]]
                 if at:
                     whole.plot(*zip(*at, strict=True), "o-", markersize=3, label=label)
@@ -182,8 +183,8 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
                 at = [(row["objects"], row[name]) for row in own if row[name]]
                 if at:
                     memory.plot(*zip(*at, strict=True), "o-", markersize=3, label=name.removesuffix("_mb"))
-            both_logarithmic(whole, f"{series}: detection", "objects", "seconds")
-            both_logarithmic(stages, f"{series}: stages, all rows new", "objects", "seconds")
+            both_logarithmic(whole, f"{series}: detection", "objects", "processor seconds")
+            both_logarithmic(stages, f"{series}: stages, all rows new", "objects", "processor seconds")
             both_logarithmic(memory, f"{series}: most memory", "objects", "MB")
             for panel in (whole, stages, memory):
                 panel.legend(fontsize=7, frameon=False)
