@@ -77,7 +77,11 @@ class RhumbOracle:
         return self._plane(*one.vertices(self.globe, one.outline_m, fraction))
 
     def rounding_m(self, track: Track) -> float:
-        return 0.0
+        """Latitudes of both ends are rounded to 2.2e-16: that turns a short leg, and what lies far from it."""
+        (lon0, lat0), (lon1, lat1) = track.positions_deg
+        length_m = self.course((lon0, lat0), near((lon0, lat0), (lon1, lat1)))[0]
+        size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+        return 4.5e-16 * self.globe.a * size_m / length_m if length_m > 0.0 else 0.0
 
     def _plane(self, lon: Floats, lat: Floats) -> Floats:
         return self.globe.a * np.stack(np.broadcast_arrays(lon, self.globe.isometric(lat)), axis=-1)
@@ -369,7 +373,11 @@ class Moving:
     origin: Floats = field(default_factory=lambda: np.zeros((2, 1)))
 
     def __repr__(self) -> str:
-        return f"{self.track}, piece {self.piece} of {len(self.pieces)}, {self.t0} to {self.t1} s, from {self.origin}"
+        # To the last digit, so that it can be had again.
+        given = {name: getattr(self.track, name) for name in ("positions_deg", "times_us", "outline_m", "outlines_m")}
+        exact = {name: None if array is None else array.tolist() for name, array in given.items()}
+        which = f"piece {self.piece} of {len(self.pieces)}, {self.t0} to {self.t1} s, from {self.origin.tolist()}"
+        return f"{exact}, growing {self.track.grow_mps} m/s, {which}"
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
         # Hypothesis would print all arrays.

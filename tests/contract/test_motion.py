@@ -18,6 +18,7 @@ from conflictdb.kernel.movement import Movement
 # A vertex is a sum of about ten terms that are rounded to 1e-16 of a turn (4e7 m) each, or of the several turns that a
 # haven may go around a pole; and so is the oracle's.
 TURN_M: Final = 4e7
+EARTH_M: Final = 6.37e6
 PLANE_ROUNDING: Final = 3e-15
 # Long steps along a parallel are as much off as the parallel's length by the last digits of its latitude.
 LATITUDE_ROUNDING: Final = 1e-15
@@ -57,7 +58,9 @@ def test_vertices_are_where_the_oracle_has_them(row: MotionRow, haven: Moving) -
     # Some vertices may count more than once in one of them, so that the middles do not say which turn is meant.
     homes = [found - np.array([[[turn * turn_m]], [[0.0]]]) for turn in {np.floor(turns), np.ceil(turns)}]
     off = min(far_from(home, expected) for home in homes)
-    at_most(off, rounding_m(haven) + haven.scale * row.oracle.rounding_m(haven.track))
+    # What is off to the north or south is so to the east or west, too, by as much of the way along its parallel.
+    turned = row.oracle.rounding_m(haven.track) * (1.0 + np.abs(haven.positions).max() / EARTH_M)
+    at_most(off, rounding_m(haven) + haven.scale * turned)
 
 
 @for_every_motion(moving, fixed=extremes)
