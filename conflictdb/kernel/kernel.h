@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 8
+#define KERNEL_ABI 9
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -270,5 +270,16 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
  */
 KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
                             int64_t *ring_offset, int8_t *is_known);
+
+/* A part of rows of bytes, of one width, or ragged where there are offsets. */
+typedef struct {
+    const uint8_t *data;
+    int64_t size;          /* bytes of data */
+    const int64_t *offset; /* (count + 1,) where the part of each row begins in data, and the last ends; or NULL */
+    int64_t width;         /* bytes of the part of each row, where offset is NULL */
+} KernelPart;
+
+/* Write rows of bytes one after the other: of each row its parts, in their order. rows: (size,), which they fill. */
+KernelStatus kernel_interleave(const KernelPart *parts, int64_t part_count, int64_t count, uint8_t *rows, int64_t size);
 
 #endif

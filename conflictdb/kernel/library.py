@@ -15,7 +15,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 8
+ABI: Final = 9
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -42,6 +42,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_references": (_POINTER,) * 4,
     "kernel_bounds": (_POINTER,) * 5,
+    "kernel_interleave": (_POINTER, _COUNT, _COUNT, _POINTER, _COUNT),
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
     "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
 }

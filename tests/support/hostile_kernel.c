@@ -80,6 +80,18 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
     free(hull), free(deviation), free(size), free(offset);
 }
 
+/* Lay parts of a few bytes side by side, with offsets that now and then lead elsewhere. */
+static void lay_rows(int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(6), width = below(4), size = n * width, room = 2 * size + (below(odd) ? 0 : below(9) - 4);
+    uint8_t *data = block(size, 1), *rows = block(room < 0 ? 0 : room, 1);
+    int64_t *offset = block(n + 1, 8);
+    for (int64_t i = 0; i < size; i++) data[i] = (uint8_t)draw();
+    for (int64_t i = 0; i <= n; i++) offset[i] = below(odd) ? i * width : instant(-2, 20, 2);
+    const KernelPart parts[] = {{data, size, NULL, width}, {data, size, offset, 0}};
+    calls[kernel_interleave(parts, 2, n, rows, room)]++;
+    free(data), free(rows), free(offset);
+}
+
 static double some_guess(void *of, int64_t pair, double low, double high, int32_t is_last) {
     return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
 }
@@ -161,6 +173,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     KernelScene *scene = NULL;
     KernelStatus status = kernel_scene_make(&plane, &pieces, &scene);
     calls[status]++;
+    lay_rows(odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);

@@ -11,6 +11,7 @@ import shapely
 
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.copy_binary import Ragged
+from conflictdb.kernel.rows import interleaved
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 
 EPOCH_US = 946_684_800_000_000
@@ -196,3 +197,22 @@ def test_an_answer_is_not_held_twice(size: int | None) -> None:
         tracemalloc.stop()
     assert len(answer[0]["i"]) == 1000 * count
     assert peak < 1.5 * held + 6 * 2**20
+
+
+@pytest.mark.parametrize("offset", [[0, 4, 2], [-1, 1, 2], [0, 2, 9], [1, 0, 3]])
+def test_parts_beyond_their_bytes_are_refused(offset: list[int]) -> None:
+    with pytest.raises(ValueError, match="kernel"):
+        interleaved([np.zeros((2, 3), np.uint8), (np.zeros(4, np.uint8), np.array(offset))])
+
+
+def test_parts_of_other_lengths_are_refused() -> None:
+    with pytest.raises(ValueError, match="kernel"):
+        interleaved([np.zeros((2, 3), np.uint8), np.zeros((3, 1), np.uint8)])
+
+
+def test_rows_are_their_parts_one_after_the_other() -> None:
+    """Also of parts that are empty, and of bytes of which none are used."""
+    fixed = np.arange(4, dtype=np.uint8).reshape(2, 2)
+    ragged = np.arange(10, 20, dtype=np.uint8), np.array([1, 1, 4])
+    assert interleaved([fixed, ragged, np.empty((2, 0), np.uint8)]).tolist() == [0, 1, 2, 3, 11, 12, 13]
+    assert interleaved([fixed[:0]]).tolist() == []

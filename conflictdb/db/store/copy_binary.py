@@ -13,6 +13,7 @@ import psycopg
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.db.store.connection import translated
+from conflictdb.kernel.rows import Part, interleaved
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 
 Bytes = NDArray[np.uint8]
@@ -23,7 +24,7 @@ _EPOCH_US: Final = 946_684_800_000_000
 _SIGNATURE: Final = b"PGCOPY\n\xff\r\n\0"
 _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
-_ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of the index arrays
+_ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of what is sent
 _CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
 
 WKB_POINT: Final = 1
@@ -160,11 +161,7 @@ def _wkb(code: int, before: list[int], vertices: NDArray[np.float64], offset: Of
     head[:, -4:] = count.astype("<u4").view(np.uint8).reshape(n, 4)
     size = 8 * vertices.shape[1]
     data = np.ascontiguousarray(vertices, dtype="<f8").view(np.uint8).reshape(-1)
-    out = offsets(head.shape[1] + size * count)
-    result = np.empty(out[-1], dtype=np.uint8)
-    result[out[:-1, None] + np.arange(head.shape[1])] = head
-    result[_rows_of(out[:-1] + head.shape[1], size * count)] = data
-    return Ragged(result, out)
+    return Ragged(interleaved([head, (data, size * offset)]), offsets(head.shape[1] + size * count))
 
 
 def closed_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.float64], Offsets]:
@@ -208,30 +205,16 @@ def _blocks(columns: list[Column], rows: int = _ROWS_PER_BLOCK) -> Iterator[byte
 def _block(columns: list[Column], first: int, end: int) -> Bytes:
     """Return rows [first, end) as bytes: per row the number of fields, per field its length (-1 null) and data."""
     n = end - first
-    sizes = np.full(n, 2, dtype=np.int64)
-    for column in columns:
-        width = column.shape[1] if isinstance(column, np.ndarray) else np.diff(column.offset[first : end + 1])
-        sizes += 4 + width
-    start = offsets(sizes)
-    out = np.empty(start[-1], dtype=np.uint8)
-    cursor = start[:-1].copy()
-    out[cursor[:, None] + np.arange(2)] = np.frombuffer(len(columns).to_bytes(2, "big"), dtype=np.uint8)
-    cursor += 2
+    parts: list[Part] = [fixed(np.full(n, len(columns)), "i2")]
     for column in columns:
         if isinstance(column, np.ndarray):
-            width = column.shape[1]
-            field = np.empty((n, 4 + width), dtype=np.uint8)
-            field[:, :4] = np.frombuffer(width.to_bytes(4, "big"), dtype=np.uint8)
-            field[:, 4:] = column[first:end]
-            out[cursor[:, None] + np.arange(4 + width)] = field
-            cursor += 4 + width
+            parts += [fixed(np.full(n, column.shape[1]), "i4"), column[first:end]]
         else:
-            lengths = np.diff(column.offset[first : end + 1])
+            offset = column.offset[first : end + 1]
+            lengths = np.diff(offset)
             announced = lengths if column.is_null is None else np.where(column.is_null[first:end], -1, lengths)
-            out[cursor[:, None] + np.arange(4)] = fixed(announced, "i4")
-            out[_rows_of(cursor + 4, lengths)] = column.data[column.offset[first] : column.offset[end]]
-            cursor += 4 + lengths
-    return out
+            parts += [fixed(announced, "i4"), (column.data, offset)]
+    return interleaved(parts)
 
 
 def receive(

@@ -1,0 +1,45 @@
+"""Bytes of rows, made of those of their parts: what binary formats are written with."""
+
+import ctypes
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.kernel.library import check, library
+
+Bytes = NDArray[np.uint8]
+# (n, width) bytes of each row; or bytes, and where those of each row begin and the last end (n + 1,).
+Part = Bytes | tuple[Bytes, NDArray[np.int64]]
+
+
+class _HeldPart(ctypes.Structure):
+    """KernelPart."""
+
+    _fields_: ClassVar = [
+        ("data", ctypes.c_void_p),
+        ("size", ctypes.c_int64),
+        ("offset", ctypes.c_void_p),
+        ("width", ctypes.c_int64),
+    ]
+
+
+def interleaved(parts: Sequence[Part]) -> Bytes:
+    """Return the bytes of n rows, one after the other: of each row those of its parts (one at least) in their order."""
+    held = (_HeldPart * len(parts))()
+    kept, n, total = [], 0, 0
+    for one, part in zip(held, parts, strict=True):
+        if isinstance(part, tuple):
+            data, offset = np.ascontiguousarray(part[0]), np.ascontiguousarray(part[1], np.int64)
+            n, total = len(offset) - 1, total + int(offset[-1] - offset[0])
+            one.data, one.size, one.offset = data.ctypes.data, data.size, offset.ctypes.data
+            kept += [data, offset]
+        else:
+            data = np.ascontiguousarray(part)
+            n, total = len(data), total + data.size
+            one.data, one.size, one.width = data.ctypes.data, data.size, data.shape[1]
+            kept.append(data)
+    rows = np.empty(total, np.uint8)
+    check(library().kernel_interleave(held, len(parts), n, rows.ctypes.data, total))
+    return rows
