@@ -29,8 +29,19 @@ EARTH_ROUNDING_M: Final = 1.5e-7
 def rounding_m(haven: Moving) -> float:
     """What places in the plane are rounded to, plane metres."""
     furthest = np.abs(haven.positions).max()
-    own = PLANE_ROUNDING * max(TURN_M, furthest) + EARTH_ROUNDING_M * haven.scale
+    own = PLANE_ROUNDING * max(TURN_M, furthest) + (EARTH_ROUNDING_M + tip_rounding_m(haven)) * haven.scale
     return float(own + LATITUDE_ROUNDING * furthest * haven.scale)
+
+
+def tip_rounding_m(haven: Moving) -> float:
+    """What sharp corners of havens that grow are rounded to, metres on the earth.
+
+    A corner runs f times as fast as the sides grow, with 2 / f^2 = 1 + the cosine between their normals, which is
+    rounded to 1.1e-16 here and in the oracle.
+    """
+    grown_m = haven.track.grow_mps * haven.leg_s
+    tip_m = float(np.hypot(*(haven.pieces.shape_to_xy - haven.pieces.shape_xy).T).max())
+    return 1.1e-16 * (tip_m / grown_m) ** 2 * tip_m if grown_m > 0.0 else 0.0
 
 
 def at_most(found: float, bound: float) -> None:
