@@ -5,7 +5,7 @@
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 import psycopg
 
 from conflictdb import inputs
-from conflictdb.db import schema, store
+from conflictdb.db import attached, schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text, write_lines
 from conflictdb.io.gather import Plan, gather
@@ -26,7 +26,7 @@ from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
-from conflictdb.results import Approach, Conflict, Listing, SceneState
+from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -349,6 +349,7 @@ class Database:
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
+        attached.follow(self.connection, scene, again=True)
         # Not above: the solvers bring scipy, which takes longer to import than everything else.
         from conflictdb.db import detect
 
@@ -403,6 +404,75 @@ class Database:
         timeout = timedelta(seconds=inputs.seconds("wait_until_current", "timeout_s", timeout_s))
         with self._transaction():
             store.wait_until_current(self.connection, scene, timeout)
+
+    def attach(
+        self,
+        scene: str,
+        kind: Kind | str,
+        table: str,
+        mapped: Mapping[str, str],
+        *,
+        every_s: float | None = None,
+    ) -> int:
+        """Attach a table of this database to a scene, and return the number of the attachment.
+
+        Its rows become objects of the scene with the next detection, and follow the table from then on.
+
+        Parameters
+        ----------
+        kind : str
+            What the rows become: ``area`` or ``track``.
+        table : str
+            Name of a table, view or foreign table, as in SQL: ``mission.ops``.
+        mapped : mapping of str to str
+            For each field, a column or an SQL expression of the columns of a row.
+        every_s : float, optional
+            How often to look for changes, seconds. By default triggers tell of them, which needs the owner of the
+            table; views and foreign tables, which have none, are looked at every minute.
+
+        Raises
+        ------
+        InvalidInput
+            The scene is not known, or the table or the map cannot be used; nothing has been changed.
+        """
+        with self._transaction():
+            return store.attach(self.connection, scene, str(kind), table, mapped, _interval("attach", every_s))
+
+    def preview_attachment(
+        self,
+        scene: str,
+        kind: Kind | str,
+        table: str,
+        mapped: Mapping[str, str],
+        *,
+        every_s: float | None = None,
+    ) -> store.AttachmentPreview:
+        """Return what `attach` would do, and the first objects; changes nothing, and raises what `attach` raises."""
+        every = _interval("preview_attachment", every_s)
+        with self._transaction():
+            return store.preview_attachment(self.connection, scene, str(kind), table, mapped, every)
+
+    def detach(self, scene: str, table: str, *, keep: bool = False) -> int:
+        """Detach a table from a scene, and return how many objects were removed with it.
+
+        keep : leave the objects in the scene, as if they had been put in one by one
+        """
+        with self._transaction():
+            return store.detach(self.connection, scene, table, keep=keep)
+
+    def attachments(self, scene: str | None = None) -> list[store.Attachment]:
+        """Return the tables that are attached to a scene, or to any, and how that goes."""
+        with self._transaction():
+            return store.attachments(self.connection, scene)
+
+    def unmapped(self, scene: str) -> list[store.Unmapped]:
+        """Return the rows of attached tables that are no objects of a scene, or not as they are now, and why."""
+        with self._transaction():
+            return store.unmapped(self.connection, scene)
+
+    def follow(self, scene: str) -> None:
+        """Bring the objects of a scene in step with its attached tables, as every detection does first."""
+        attached.follow(self.connection, scene, again=True)
 
     def advise(
         self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
@@ -463,6 +533,10 @@ class Database:
     def load_demo(self) -> Loaded:
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _interval(who: str, every_s: float | None) -> timedelta | None:
+    return None if every_s is None else timedelta(seconds=inputs.seconds(who, "every_s", every_s))
 
 
 def _require_objects(plan: Plan) -> None:

@@ -268,11 +268,17 @@ are longitude and latitude in degrees, SRID 4326, unless it is said otherwise. [
 schema.
 """
 ROLES: Final = {
-    "To ask: conflictdb_reader": ("conflictdb_reader", ["conflicts", "approaches", "scenes"]),
+    "To ask: conflictdb_reader": (
+        "conflictdb_reader",
+        ["conflicts", "approaches", "scenes", "attachments", "unmapped"],
+    ),
     "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
     "To detect: conflictdb_worker": (
         "conflictdb_worker",
-        ["run", "conflict", "piece", "change", "object_key", "scene_lock"],
+        [
+            *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
+            *("attachment", "attached_change", "attached_object"),
+        ],
     ),
 }
 MAKES_INPUT: Final = ("rectangle_outline", "track_path")  # anybody may call them, but only editors have a use for them

@@ -7,6 +7,8 @@ SET enable_seqscan = off AS $$
 BEGIN
     -- Whatever changes, settings too, leaves marks until a detection has succeeded.
     RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
+           AND NOT EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
+                           WHERE a.scene_id = p_scene_id)
            AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
                 OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
                    AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));
@@ -23,7 +25,9 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
                               WHERE m.scene_id = s.scene_id) d) AS pending,
        r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
-       _is_current(s.scene_id) AS is_current
+       _is_current(s.scene_id) AS is_current,
+       (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
+        WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped
 FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
@@ -47,6 +51,7 @@ COMMENT ON COLUMN scenes.last_run_at IS 'When that ended.';
 COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not.';
 COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
+COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
 
 CREATE OR REPLACE FUNCTION _scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
@@ -56,14 +61,21 @@ LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_waits text;
+    v_unmapped bigint;
 BEGIN
-    SELECT v.objects, v.pending, v.last_run_at, v.last_error, v.is_current
-        INTO objects, pending, last_run_at, last_error, is_current FROM scenes v WHERE v.scene = p_scene;
+    SELECT v.objects, v.pending, v.last_run_at, v.last_error, v.is_current, v.unmapped
+        INTO objects, pending, last_run_at, last_error, is_current, v_unmapped FROM scenes v WHERE v.scene = p_scene;
     v_waits := pending || CASE pending WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection';
     remark := nullif(concat_ws('; ',
         CASE WHEN is_current THEN NULL
              WHEN EXISTS (SELECT FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL) THEN v_waits
              ELSE 'never detected: ' || v_waits END,
+        CASE WHEN EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
+                          WHERE a.scene_id = v_scene_id) THEN 'changes of an attached table wait to be taken over' END,
+        CASE WHEN v_unmapped > 0 THEN v_unmapped || CASE v_unmapped WHEN 1 THEN ' row of an attached table is' ELSE
+            ' rows of attached tables are' END || ' left out (view unmapped)' END,
+        'an attached table cannot be read: ' || (SELECT a.error FROM attachment a WHERE a.scene_id = v_scene_id
+                                                 AND a.error IS NOT NULL ORDER BY a.failed_at DESC LIMIT 1),
         'the last detection failed: ' || last_error), '');
 END
 $$;
@@ -89,7 +101,11 @@ BEGIN
         END IF;
         IF pg_current_xact_id_if_assigned() IS NOT NULL
            AND EXISTS (SELECT FROM change m JOIN scene s USING (scene_id)
-                       WHERE s.name = p_scene AND m.changed_at = now()) THEN
+                       WHERE s.name = p_scene AND m.changed_at = now()
+                       UNION ALL
+                       SELECT FROM attached_change q JOIN attachment a USING (attachment_id)
+                       JOIN scene s USING (scene_id)
+                       WHERE s.name = p_scene AND q.changed_at = now()) THEN
             PERFORM _refuse('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
                             'until it is committed', 'wait_sees_committed', 'Commit first.');
         END IF;

@@ -101,6 +101,36 @@ COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if th
 CREATE OR REPLACE FUNCTION _pending_scenes() RETURNS SETOF text
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name FROM scene s JOIN change m USING (scene_id) GROUP BY s.name ORDER BY min(m.change_id);
+    SELECT s.name
+    FROM (SELECT m.scene_id, m.changed_at AS at, m.change_id AS n FROM change m
+          UNION ALL
+          -- An attached table that could not be read is left alone for a minute.
+          SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
+          FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
+          WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
+                AND (a.failed_at > now() - interval '1 minute') IS NOT TRUE) p
+    JOIN scene s USING (scene_id)
+    GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;
-COMMENT ON FUNCTION _pending_scenes() IS 'Scenes with objects that wait for detection, the longest waiting first.';
+COMMENT ON FUNCTION _pending_scenes() IS
+'Scenes with objects, or rows of attached tables, that wait for detection, the longest waiting first.';
+
+CREATE OR REPLACE FUNCTION _attachments(p_scene text) RETURNS SETOF attachments
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene) WHERE p_scene IS NOT NULL;
+    RETURN QUERY SELECT v.* FROM attachments v WHERE v.scene = coalesce(p_scene, v.scene)
+        ORDER BY v.scene, v."table", v.attachment_id;
+END
+$$;
+COMMENT ON FUNCTION _attachments(text) IS 'The tables that are attached to a scene, or to any (null).';
+
+CREATE OR REPLACE FUNCTION _unmapped(p_scene text) RETURNS SETOF unmapped
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY SELECT v.* FROM unmapped v WHERE v.scene = p_scene ORDER BY v."table", v.identity;
+END
+$$;
+COMMENT ON FUNCTION _unmapped(text) IS
+'The rows of attached tables that are no objects of a scene, or not as they are now.';

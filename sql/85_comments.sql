@@ -170,3 +170,42 @@ COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it until its transaction ends. Only workers can.';
 COMMENT ON COLUMN scene_lock.scene_id IS 'The scene.';
 COMMENT ON COLUMN scene_lock.taken IS 'How often the lock was taken and work was done under it.';
+
+COMMENT ON TABLE attachment IS 'Tables of others that are attached to scenes. The view attachments shows them.';
+COMMENT ON COLUMN attachment.attachment_id IS 'Number; names of triggers and of the function have it.';
+COMMENT ON COLUMN attachment.scene_id IS 'Scene, which cannot be removed before.';
+COMMENT ON COLUMN attachment.object_kind IS 'What its rows become: 0 area, 1 track.';
+COMMENT ON COLUMN attachment.table_schema IS 'Schema of the table.';
+COMMENT ON COLUMN attachment.table_name IS 'Name of the table.';
+COMMENT ON COLUMN attachment.map IS 'For each field, the column or expression as it was given.';
+COMMENT ON COLUMN attachment.identity_columns IS
+'The columns that the key is made of: they tell the rows of its objects apart.';
+COMMENT ON COLUMN attachment.has_triggers IS 'Whether triggers note its changes.';
+COMMENT ON COLUMN attachment.every IS 'How often all its rows are compared.';
+COMMENT ON COLUMN attachment.attached_at IS 'When it was attached.';
+COMMENT ON COLUMN attachment.turn IS 'How often rows were taken over: who has read at another turn must read anew.';
+COMMENT ON COLUMN attachment.compared_at IS 'When all its rows were last compared; null if they never were.';
+COMMENT ON COLUMN attachment.failed_at IS 'When it could not be read, last; null if it could.';
+COMMENT ON COLUMN attachment.error IS 'Why it could not be read; null if it could.';
+
+COMMENT ON TABLE attached_change IS
+'Notes of changes of attached tables, made by triggers on them, deleted when their rows are taken over.';
+COMMENT ON COLUMN attached_change.attached_change_id IS 'Number of the note.';
+COMMENT ON COLUMN attached_change.attachment_id IS 'Attachment; it may be gone.';
+COMMENT ON COLUMN attached_change.identities IS
+'Of the rows that changed, before and after, the columns that tell them apart, as texts of an array; null: of any.';
+COMMENT ON COLUMN attached_change.changed_at IS 'When the change was made.';
+
+COMMENT ON TABLE attached_object IS
+'What was made of the rows of attached tables: an object, or a reason why there is none (view unmapped).';
+COMMENT ON COLUMN attached_object.attachment_id IS 'Attachment.';
+COMMENT ON COLUMN attached_object.identity IS 'What the columns that tell rows apart hold, as texts of an array.';
+COMMENT ON COLUMN attached_object.hash IS 'Of the columns of its rows that the map uses: other rows have another one.';
+COMMENT ON COLUMN attached_object.key IS 'Key that the rows give; null if there is none.';
+COMMENT ON COLUMN attached_object.object_id IS 'area_id or track_id of the object; null if there never was one.';
+COMMENT ON COLUMN attached_object.version IS 'Version of the object when it was made of its rows.';
+COMMENT ON COLUMN attached_object.reason IS
+'Why the rows as they are now could not be made an object; null if they were.';
+COMMENT ON COLUMN attached_object.is_taken IS
+'Whether that is because its key is taken: it is tried again when the key is free.';
+COMMENT ON COLUMN attached_object.since IS 'Since when that is so.';

@@ -45,8 +45,16 @@ $$;
 -- Editors change the input. Marks and keys are kept by triggers that run as their owner.
 GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
+GRANT INSERT, UPDATE, DELETE ON attachment, attached_change, attached_object TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene,
                           _ensure_centre, _first_version, _begin_load, _load
+    TO conflictdb_editor;
+-- Attaching a table, and taking its rows over. Who writes to the table needs nothing of this.
+GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
+                          _close_attached_schema, _map_expression, _create_attached_rows,
+                          _create_attached_triggers, _create_note, _drop_note, _attached_rows,
+                          _attachment_failed, _begin_attached, _staged_tracks, _put_attached, _put_attached_by_halves,
+                          _take_over_attached
     TO conflictdb_editor;
 
 -- Workers keep the derived tables.

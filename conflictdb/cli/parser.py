@@ -69,7 +69,7 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _schema, _server):
+    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _attach, _schema, _server):
         add(commands)
     for add in (_psql, _demo):
         add(commands)
@@ -226,6 +226,46 @@ def _status(commands: Any) -> None:
     parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
 
 
+def _attach(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "attach",
+        "attaching:attach",
+        "make the rows of a table of the database objects of a scene, now and as they change",
+        "Triggers on the table tell of changes; its own data and structure stay as they are, and `detach` takes the "
+        "triggers away. A scene that is not there yet is created.",
+    )
+    parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="what the rows become: area or track")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to attach it to")
+    parser.add_argument("--table", required=True, type=name, metavar="TABLE", help="table or view, as SCHEMA.TABLE")
+    parser.add_argument(
+        "--map",
+        required=True,
+        action="append",
+        type=mapping,
+        metavar="FIELD=COLUMN,…",
+        help="for each field, a column or an SQL expression of the columns of a row; may be repeated",
+    )
+    parser.add_argument(
+        "--every",
+        type=duration_s,
+        metavar="DURATION",
+        help="look for changes so often (30s, 5m) in place of triggers, as who does not own the table (views, foreign "
+        "tables: default 60s)",
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print what would be done and the first objects, and change nothing"
+    )
+    parser = _command(commands, "detach", "attaching:detach", "detach a table from a scene, and remove its objects")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene it is attached to")
+    parser.add_argument("--table", required=True, type=name, metavar="TABLE", help="table or view, as SCHEMA.TABLE")
+    parser.add_argument("--keep", action="store_true", help="leave its objects in the scene")
+    parser = _command(
+        commands, "attachments", "attaching:attachments", "show attached tables, and which of their rows are left out"
+    )
+    parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
+
+
 def _schema(commands: Any) -> None:
     again = "May be called again, also by several at once. The embedded database is brought up to date by itself."
     _command(commands, "init", "operation:init", "create the schema `conflictdb` in a database", again)
@@ -338,6 +378,30 @@ def name(text: str) -> str:
     except UnicodeEncodeError:
         raise argparse.ArgumentTypeError(f"must be UTF-8; got {text!a}") from None
     return text
+
+
+def mapping(text: str) -> dict[str, str]:
+    """Return the fields of ``key=id,floor_m=-depth_ft*0.3048``; commas in parentheses and quotes part nothing."""
+    parts, depth, quote, start = [], 0, "", 0
+    for i, sign in enumerate(text):
+        if quote:
+            quote = "" if sign == quote else quote
+        elif sign in "'\"":
+            quote = sign
+        elif sign in "([":
+            depth += 1
+        elif sign in ")]":
+            depth -= 1
+        elif sign == "," and depth == 0:
+            parts.append(text[start:i])
+            start = i + 1
+    fields = {}
+    for part in [*parts, text[start:]]:
+        match = re.fullmatch(r"\s*(\w+)\s*=(.*)", part, re.DOTALL)
+        if not match or not match[2].strip() or match[1] in fields:
+            raise argparse.ArgumentTypeError(f"must be FIELD=COLUMN, each field once, parted by commas; got {part!r}")
+        fields[match[1]] = match[2].strip()
+    return fields
 
 
 def metres(text: str) -> float:

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db import detect, schema, store
+from conflictdb.db import attached, detect, schema, store
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError
 from conflictdb.pipeline.memory import MEMORY_MB
 
@@ -28,6 +28,8 @@ _LONGEST_PAUSE_S: Final = 60.0
 # who that is. Another worker at work is nothing to speak of, unless somebody waits for `once`.
 _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
+# However often attached tables are to be compared.
+_LEAST_PAUSE_S: Final = 0.1
 # How often to look for changes where no notification arrives.
 _DEAF_PAUSE_S: Final = 2.0
 
@@ -100,12 +102,18 @@ class Worker:
                     pause_s = _PAUSE_S
                     while True:
                         self._round(connection, _SAY_BUSY_AFTER_S)
-                        store.wait_for_change(connection, min(every_s, _BUSY_PAUSE_S) if self._busy else every_s)
+                        store.wait_for_change(connection, self._pause_s(connection, every_s))
             except (SchemaError, ReadOnlyDatabase):
                 raise
             except ConflictDBError as error:
                 _log.warning("lost the database, trying again: %s", error)
             connection, pause_s = self._reconnected(pause_s)
+
+    def _pause_s(self, connection: "psycopg.Connection[Any]", every_s: float) -> float:
+        """Return when to look again at the latest, seconds: a scene was busy, an attached table is to be compared."""
+        due_s = store.seconds_to_comparison(connection)
+        pause_s = min(every_s, _BUSY_PAUSE_S) if self._busy else every_s
+        return pause_s if due_s is None else min(pause_s, max(due_s, _LEAST_PAUSE_S))
 
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
         """Listen for changes; return how often to look for them without being told, seconds."""
@@ -141,6 +149,7 @@ class Worker:
                 continue
             self._failed_at.pop(scene, None)
             try:
+                attached.follow(connection, scene, again=False)
                 run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
                 self._busy.pop(scene, None)
                 if run is not None:

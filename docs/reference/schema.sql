@@ -3,6 +3,10 @@
 
 SEQUENCE area_area_id_seq;
 
+SEQUENCE attached_change_attached_change_id_seq;
+
+SEQUENCE attachment_attachment_id_seq;
+
 SEQUENCE change_change_id_seq;
 
 SEQUENCE piece_piece_id_seq;
@@ -31,6 +35,42 @@ TABLE area (
     properties jsonb NOT NULL DEFAULT '{}'::jsonb,
     version bigint NOT NULL,
     first_version bigint NOT NULL DEFAULT 0
+);
+
+TABLE attached_change (
+    attached_change_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    attachment_id bigint NOT NULL,
+    identities text[],
+    changed_at timestamp with time zone NOT NULL DEFAULT now()
+);
+
+TABLE attached_object (
+    attachment_id bigint NOT NULL,
+    identity text COLLATE C NOT NULL,
+    hash bigint,
+    key text COLLATE C,
+    object_id bigint,
+    version bigint,
+    reason text,
+    is_taken boolean NOT NULL DEFAULT false,
+    since timestamp with time zone NOT NULL DEFAULT now()
+);
+
+TABLE attachment (
+    attachment_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    object_kind smallint NOT NULL,
+    table_schema text NOT NULL,
+    table_name text NOT NULL,
+    map jsonb NOT NULL,
+    identity_columns text[] NOT NULL,
+    has_triggers boolean NOT NULL,
+    every interval NOT NULL,
+    attached_at timestamp with time zone NOT NULL DEFAULT now(),
+    turn bigint NOT NULL DEFAULT 0,
+    compared_at timestamp with time zone,
+    failed_at timestamp with time zone,
+    error text
 );
 
 TABLE change (
@@ -177,6 +217,24 @@ VIEW approaches (
     scene_is_current boolean
 );
 
+VIEW attachments (
+    scene text COLLATE C,
+    attachment_id bigint,
+    kind text,
+    table text,
+    map jsonb,
+    role name,
+    has_triggers boolean,
+    every interval,
+    objects bigint,
+    unmapped bigint,
+    is_waiting boolean,
+    compared_at timestamp with time zone,
+    failed_at timestamp with time zone,
+    error text,
+    remark text
+);
+
 VIEW conflicts (
     scene text COLLATE C,
     a_key text COLLATE C,
@@ -217,7 +275,20 @@ VIEW scenes (
     last_run_id bigint,
     last_run_at timestamp with time zone,
     last_error text,
-    is_current boolean
+    is_current boolean,
+    unmapped bigint
+);
+
+VIEW unmapped (
+    scene text COLLATE C,
+    attachment_id bigint,
+    table text,
+    identity_columns text[],
+    identity text COLLATE C,
+    key text COLLATE C,
+    reason text,
+    since timestamp with time zone,
+    is_kept boolean
 );
 
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
@@ -229,6 +300,15 @@ CONSTRAINT area_pkey ON area: PRIMARY KEY (area_id);
 CONSTRAINT area_properties_object ON area: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT area_scene_fkey ON area: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT area_span_not_empty ON area: CHECK ((NOT isempty(active_span)));
+CONSTRAINT attached_change_pkey ON attached_change: PRIMARY KEY (attached_change_id);
+CONSTRAINT attached_object_attachment_fkey ON attached_object: FOREIGN KEY (attachment_id) REFERENCES attachment(attachment_id) ON DELETE CASCADE;
+CONSTRAINT attached_object_mapped_or_told ON attached_object: CHECK ((num_nonnulls(object_id, reason) > 0));
+CONSTRAINT attached_object_pkey ON attached_object: PRIMARY KEY (attachment_id, identity);
+CONSTRAINT attachment_every_positive ON attachment: CHECK ((every >= '00:00:01'::interval));
+CONSTRAINT attachment_failure_told ON attachment: CHECK (((failed_at IS NULL) = (error IS NULL)));
+CONSTRAINT attachment_kind_known ON attachment: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT attachment_pkey ON attachment: PRIMARY KEY (attachment_id);
+CONSTRAINT attachment_scene_fkey ON attachment: FOREIGN KEY (scene_id) REFERENCES scene(scene_id);
 CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, closest_error_m, closest_a_point, closest_b_point) = ANY (ARRAY[0, 4])) AND ((closest_at IS NULL) OR (closest_m IS NOT NULL)) AND ((verdict <> 'near'::text) OR (closest_m IS NOT NULL))));
@@ -276,6 +356,9 @@ CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
 CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 
+CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
+CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
+CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id);
@@ -295,6 +378,7 @@ CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN 
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
 CREATE TRIGGER scene_replicated AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal() -- replicas;
+CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_resettled() -- always;
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before() -- always;
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
@@ -320,11 +404,47 @@ FUNCTION _after_scene_change()
 FUNCTION _after_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _after_scene_resettled()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _approaches(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _area_feature(p_area area)
+    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+
+FUNCTION _attached_footprint(p_who text, p_shape geometry)
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamp with time zone[], p_has_times boolean)
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _attached_rows(p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text)
+    RETURNS SETOF attached_row LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamp with time zone, p_end timestamp with time zone)
+    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _attached_tables(p_relation oid)
+    RETURNS TABLE(relation oid, is_root boolean) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _attached_work(p_attachment_id bigint, OUT turn bigint, OUT change_ids bigint[], OUT is_full boolean)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _attachment_failed(p_attachment_id bigint, p_error text)
+    RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _attachments(p_scene text)
+    RETURNS SETOF attachments LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _begin_attached()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_load()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
@@ -338,11 +458,17 @@ FUNCTION _begin_write()
 FUNCTION _candidates(p_scene_id bigint, p_first bigint, p_last bigint, p_is_all_dirty boolean, p_most bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off;
 
+FUNCTION _cast_to(p_type oid, p_wanted oid)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -363,6 +489,9 @@ FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m doub
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_leg_heights(p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[])
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
@@ -389,6 +518,12 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _close_attached_schema()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _combined_hash(p_sum numeric)
+    RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
@@ -398,8 +533,23 @@ FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region b
 FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
+    RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _create_note(p_attachment_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _drifted_objects(p_attachment_id bigint)
+    RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _drop_note(p_attachment_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
@@ -409,6 +559,9 @@ FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _find_attached(p_scene text, p_table text)
+    RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -434,7 +587,13 @@ FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _identity_of(p_alias text, p_columns text[])
+    RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _is_all_dirty(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_compared(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_current(p_scene_id bigint)
@@ -445,6 +604,9 @@ FUNCTION _is_pending(p_scene_id bigint)
 
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -460,6 +622,15 @@ FUNCTION _lift_limits(p_lock_timeout_s double precision)
 
 FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off;
+
+FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _map_expression(p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid, OUT expression text, OUT columns smallint[])
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _map_fields(p_kind smallint)
+    RETURNS TABLE(field text, attribute text) LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -491,6 +662,9 @@ FUNCTION _object_number(p_kind smallint, p_id bigint)
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _open_attached_schema()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+
 FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -515,6 +689,12 @@ FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_ce
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -538,6 +718,9 @@ FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constrai
 
 FUNCTION _refuse_truncate()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
+    RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -572,6 +755,9 @@ FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT 
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _seconds_to_comparison()
+    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -581,11 +767,20 @@ FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
 FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _short_identity(p_identity text)
+    RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
+    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _take_over_attached(p_attachment_id bigint, p_turn bigint, p_change_ids bigint[], p_is_full boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -595,6 +790,12 @@ FUNCTION _to_plane(p_geometry geometry, p_plane text)
 
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _track_feature(p_track track)
+    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+
+FUNCTION _unmapped(p_scene text)
+    RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _warn_if_incomplete(p_scene text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;
@@ -620,6 +821,9 @@ FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opene
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET lock_timeout=10s;
+
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
@@ -635,11 +839,17 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET lock_timeout=10s;
+
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION heights_at(p_scene text, p_key text, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
+    RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;

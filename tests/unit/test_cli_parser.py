@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 
 from conflictdb.cli import codes
-from conflictdb.cli.parser import build, count, duration_s, instant, metres, speed_kn
+from conflictdb.cli.parser import build, count, duration_s, instant, mapping, metres, speed_kn
 from conflictdb.methods import Method
 
 
@@ -92,3 +92,22 @@ def test_instant_needs_an_offset() -> None:
     assert instant("2026-06-01T11:30:00+02:00") == datetime(2026, 6, 1, 9, 30, tzinfo=UTC)
     with pytest.raises(argparse.ArgumentTypeError, match="offset"):
         instant("2026-06-01T11:30:00")
+
+
+def test_a_map_is_parted_at_commas_outside_of_parentheses_and_quotes() -> None:
+    given = (
+        """key=id,floor_m = -depth_ft*0.3048 ,position=ST_Point(x, y, 3857),name=concat(a[1,2], ','),outline="a,b"=1"""
+    )
+    assert mapping(given) == {
+        "key": "id",
+        "floor_m": "-depth_ft*0.3048",
+        "position": "ST_Point(x, y, 3857)",
+        "name": "concat(a[1,2], ',')",
+        "outline": '"a,b"=1',
+    }
+
+
+@pytest.mark.parametrize("text", ["", "key", "key=", "key=id,,name=n", "key=id,key=nr", "=id", "key=id,", "a b=c"])
+def test_a_map_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="FIELD=COLUMN"):
+        mapping(text)

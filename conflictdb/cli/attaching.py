@@ -1,0 +1,89 @@
+"""`attach`, `detach` and `attachments`."""
+
+import argparse
+from typing import Final
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import out, remark, table
+from conflictdb.cli.parser import check
+from conflictdb.cli.session import database
+from conflictdb.database import Database
+from conflictdb.db import store
+from conflictdb.model import Scene
+
+# Rows that are told, a screen full.
+_MOST_TOLD: Final = 20
+
+
+def attach(args: argparse.Namespace) -> int:
+    """Attach a table, or say what that would do."""
+    mapped: dict[str, str] = {}
+    for one in args.map:
+        check(args, [(field in mapped, f"--map gives {field} twice") for field in one])
+        mapped |= one
+    given = (args.scene, args.kind, args.table, mapped)
+    with database(args) as db:
+        with db.connection.transaction(force_rollback=args.dry_run):
+            if all(status.scene.name != args.scene for status in db.scenes()):
+                store.set_scene(db.connection, Scene(args.scene))
+            if args.dry_run:
+                _show(db.preview_attachment(*given, every_s=args.every))
+                return DONE
+            number = db.attach(*given, every_s=args.every)
+        db.follow(args.scene)
+        _report(db, args.scene, number)
+    return DONE
+
+
+def _show(preview: store.AttachmentPreview) -> None:
+    for step in preview.steps:
+        out(f"would {step}")
+    for one in preview.objects:
+        out(one)
+    for one in preview.unmapped:
+        remark(f"left out: {one}")
+
+
+def _report(db: Database, scene: str, number: int) -> None:
+    one = next(one for one in db.attachments(scene) if one.attachment_id == number)
+    if one.error:
+        remark(f"{one.table} cannot be read: {one.error}")
+    left_out = f", {one.unmapped} left out" if one.unmapped else ""
+    how = "triggers tell of changes" if one.has_triggers else f"changes are looked for every {one.every}"
+    out(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
+    for row in db.unmapped(scene)[:_MOST_TOLD]:
+        if row.attachment_id == number:
+            remark(f"left out: {row.identity}: {row.reason}")
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+
+
+def detach(args: argparse.Namespace) -> int:
+    """Detach a table."""
+    with database(args) as db:
+        removed = db.detach(args.scene, args.table, keep=args.keep)
+    out(f"{args.scene}: {args.table} is detached, {_counted(removed, 'object')} removed")
+    return DONE
+
+
+def attachments(args: argparse.Namespace) -> int:
+    """Show attached tables."""
+    with database(args) as db:
+        found = db.attachments(args.scene)
+        rows = [row for scene in sorted({one.scene for one in found}) for row in db.unmapped(scene)]
+    header = ["SCENE", "TABLE", "KIND", "OBJECTS", "LEFT OUT", "CHANGES BY", "REMARK"]
+    lines = [
+        [
+            *(one.scene, one.table, one.kind, one.objects, one.unmapped),
+            *("triggers" if one.has_triggers else f"every {one.every}", one.error or one.remark),
+        ]
+        for one in found
+    ]
+    out(table(header, lines, right=header[3:5]) if found else "nothing is attached")
+    for row in rows[:_MOST_TOLD]:
+        out(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
+    if len(rows) > _MOST_TOLD:
+        out(f"and {len(rows) - _MOST_TOLD:,} more in the view conflictdb.unmapped")
+    return DONE

@@ -1,0 +1,175 @@
+-- The map of an attachment: which expression of a table's columns gives which field of an object.
+--
+-- The server parses an expression, as the only column of a view over nothing but the table, and writes it out again
+-- with all names qualified. What that view turns out to be tells whether it is one expression of the columns of a row.
+
+CREATE OR REPLACE FUNCTION _map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT v.field, v.attribute
+    FROM (VALUES (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
+                 (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'),
+                 (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
+                 (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
+                 (1, 'outline', 'outline'), (1, 'outlines', 'outlines'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'),
+                 (1, 'port_m', 'port_m'), (1, 'starboard_m', 'starboard_m'), (1, 'grow_mps', 'grow_mps'),
+                 (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m')) v (kind, field, attribute)
+    WHERE coalesce(v.kind, p_kind) = p_kind;
+END;
+COMMENT ON FUNCTION _map_fields(smallint) IS
+'The fields that the map of an attachment may give (0 area, 1 track), and where attached_row has them.';
+
+CREATE OR REPLACE FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_field text;
+    v_ways text;
+BEGIN
+    IF jsonb_typeof(p_map) IS DISTINCT FROM 'object' THEN
+        PERFORM _refuse('ZC009', p_who, 'map', 'must be a JSON object of fields and expressions', 'map_object',
+                        'Such as {"key": "id", "footprint": "shape"}.');
+    END IF;
+    SELECT m.key INTO v_field FROM jsonb_each(p_map) m WHERE m.key NOT IN (SELECT f.field FROM _map_fields(p_kind) f)
+        ORDER BY m.key LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', p_who, v_field,
+                        format('is no field of %s; known: %s', CASE p_kind WHEN 0 THEN 'an area' ELSE 'a track' END,
+                               (SELECT string_agg(f.field, ', ') FROM _map_fields(p_kind) f)), 'map_field_known');
+    END IF;
+    SELECT m.key INTO v_field FROM jsonb_each(p_map) m
+        WHERE jsonb_typeof(m.value) <> 'string' OR btrim(m.value #>> '{}') = '' ORDER BY m.key LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', p_who, v_field, 'must be the name of a column or an SQL expression', 'map_expression');
+    END IF;
+    IF NOT p_map ? 'key' THEN
+        PERFORM _refuse('ZC009', p_who, 'key', 'is missing: which object a row is about', 'map_key');
+    END IF;
+    v_ways := CASE
+        WHEN p_kind = 0 AND NOT p_map ? 'footprint' THEN 'footprint'
+        WHEN p_kind = 1 AND NOT (p_map ? 'path' OR p_map ?& '{position,time}')
+            THEN 'path (a LineStringM, or a LineString and times), or position and time (a row for each waypoint)' END;
+    IF v_ways IS NOT NULL THEN
+        PERFORM _refuse('ZC009', p_who, 'map', 'must give ' || v_ways, 'map_shape');
+    END IF;
+    IF p_map ?| '{position,time}' AND p_map ?| '{path,times,outlines,floors_m,ceilings_m}' THEN
+        PERFORM _refuse('ZC009', p_who, 'map', 'gives waypoints one by one, and what holds for a whole path too',
+                        'map_one_shape', 'With a row for each waypoint, outline and heights may differ by row.');
+    END IF;
+    IF p_map ? 'span' AND p_map ?| '{start,end}' THEN
+        PERFORM _refuse('ZC009', p_who, 'span', 'must not be given together with start or end', 'map_one_span');
+    END IF;
+    IF p_kind = 1 AND NOT (p_map ?| '{outline,outlines}' OR p_map ?& '{fore_m,aft_m,port_m,starboard_m}') THEN
+        PERFORM _refuse('ZC009', p_who, 'map',
+                        'must give outline, outlines, or all of fore_m, aft_m, port_m, starboard_m', 'map_haven',
+                        'Constants will do: fore_m=50. A size of 0 everywhere is a point.');
+    END IF;
+    IF p_map ?| '{outline,outlines}' AND p_map ?| '{fore_m,aft_m,port_m,starboard_m}' THEN
+        PERFORM _refuse('ZC009', p_who, 'map', 'gives the haven twice, as an outline and as sizes', 'map_one_haven');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_map(text, smallint, jsonb) IS
+'Refuses (ZC009) a map of unknown fields, or without what an object must have.';
+
+CREATE OR REPLACE FUNCTION _cast_to(p_type oid, p_wanted oid) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Only what means the same in either type. A timestamp without time zone is no instant.
+    SELECT CASE
+        WHEN p_type = p_wanted OR p_wanted = 'text'::regtype THEN true
+        WHEN p_wanted = 'geometry'::regtype THEN p_type = 'geography'::regtype
+        WHEN p_wanted = 'jsonb'::regtype THEN p_type = 'json'::regtype
+        WHEN p_wanted = 'double precision'::regtype
+            THEN p_type IN ('smallint'::regtype, 'integer'::regtype, 'bigint'::regtype, 'real'::regtype,
+                            'numeric'::regtype)
+        WHEN p_wanted = 'double precision[]'::regtype
+            THEN p_type IN ('smallint[]'::regtype, 'integer[]'::regtype, 'bigint[]'::regtype, 'real[]'::regtype,
+                            'numeric[]'::regtype)
+        ELSE false END;
+END;
+COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may stand for those of the type that a field has.';
+
+CREATE OR REPLACE FUNCTION _map_expression(
+    p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid,
+    OUT expression text, OUT columns smallint[]
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_from CONSTANT text := format('FROM %s AS t, generate_series(1, 1) AS conflictdb_one', p_relation);
+    c_probe CONSTANT text := format('conflictdb_attached.probe_%s', pg_backend_pid());
+    v_path text := current_setting('search_path');
+    v_text text := p_text;
+    v_cursor refcursor;
+    v_tree text;
+    v_type oid;
+    v_rule text;
+    v_around text;
+    v_where text;
+BEGIN
+    IF EXISTS (SELECT FROM pg_catalog.pg_attribute a
+               WHERE a.attrelid = p_relation AND a.attname = p_text AND a.attnum > 0 AND NOT a.attisdropped) THEN
+        v_text := format('t.%I', p_text); -- a column by its name, whatever characters it has
+    END IF;
+    v_text := format(E'SELECT (%s\n) AS conflictdb_value %s', v_text, c_from);
+    BEGIN
+        -- A cursor takes one statement, which must be a query; nothing is fetched.
+        OPEN v_cursor NO SCROLL FOR EXECUTE v_text;
+        CLOSE v_cursor;
+        EXECUTE format('CREATE VIEW %s AS SELECT 1 AS conflictdb_value %s', c_probe, c_from);
+        PERFORM set_config('search_path', '', true);
+        v_around := pg_get_viewdef(c_probe::regclass);
+        PERFORM set_config('search_path', v_path, true);
+        EXECUTE format('DROP VIEW %s', c_probe);
+        EXECUTE format('CREATE VIEW %s AS %s', c_probe, v_text);
+    EXCEPTION WHEN OTHERS THEN
+        IF SQLSTATE !~ '^(42|22|0A|2F|34|54|P0)' THEN
+            RAISE;
+        END IF;
+        PERFORM _refuse('ZC009', p_who, p_field, format('%s cannot be used: %s', quote_literal(p_text), SQLERRM),
+                        'map_expression',
+                        'An expression of the columns of one row. Names that are no plain identifiers take double '
+                        'quotes, functions outside of pg_catalog, PostGIS and conflictdb their schema.');
+    END;
+    SELECT r.ev_action::text INTO v_tree FROM pg_catalog.pg_rewrite r WHERE r.ev_class = c_probe::regclass;
+    v_rule := CASE
+        WHEN (SELECT count(*) FROM regexp_matches(v_tree, '\{QUERY :', 'g')) <> 1
+            OR (SELECT c.relnatts FROM pg_catalog.pg_class c WHERE c.oid = c_probe::regclass) <> 1
+            THEN 'must be one expression without subqueries'
+        WHEN v_tree ~ ':(hasAggs|hasWindowFuncs|hasTargetSRFs) true' OR v_tree !~ ':groupClause <> '
+            THEN 'must be an expression of one row, without aggregates, window functions and functions that return sets'
+        WHEN v_tree ~ '\{SQLVALUEFUNCTION ' OR EXISTS (
+            SELECT FROM regexp_matches(v_tree, ':(?:funcid|opfuncid) (\d+)', 'g') f
+            JOIN pg_catalog.pg_proc p ON p.oid = f[1]::oid
+            WHERE p.provolatile = 'v' OR p.pronamespace = 'pg_catalog'::regnamespace
+                  AND p.proname IN ('now', 'transaction_timestamp', 'statement_timestamp'))
+            THEN 'must depend on nothing but the row: a volatile function, the time or the user change without it' END;
+    SELECT format_type(a.atttypid, a.atttypmod), coalesce(nullif(y.typbasetype, 0), y.oid) INTO v_where, v_type
+        FROM pg_catalog.pg_attribute a JOIN pg_catalog.pg_type y ON y.oid = a.atttypid
+        WHERE a.attrelid = c_probe::regclass AND a.attnum = 1;
+    IF v_rule IS NULL AND NOT _cast_to(v_type, p_wanted) THEN
+        v_rule := format('must be of type %s; got %s', format_type(p_wanted, -1), v_where);
+    END IF;
+    IF v_rule IS NOT NULL THEN
+        PERFORM _refuse('ZC009', p_who, p_field, format('%s %s', quote_literal(p_text), v_rule), 'map_expression',
+            CASE WHEN v_type IS NULL OR _cast_to(v_type, p_wanted) THEN ''
+                 WHEN p_wanted = 'geometry'::regtype THEN 'ST_GeomFromText, ST_GeomFromGeoJSON or ST_Point make one.'
+                 WHEN p_wanted = 'timestamptz'::regtype THEN
+                     'COLUMN AT TIME ZONE ''UTC'' says which instant a time is, to_timestamp(COLUMN) what seconds are.'
+                 WHEN p_wanted = 'tstzrange'::regtype THEN
+                     'Or give start and end. tstzrange(lower(COLUMN) AT TIME ZONE ''UTC'', …) says which instants.'
+                 ELSE '' END);
+    END IF;
+    PERFORM set_config('search_path', '', true);
+    -- Around every expression stands the same.
+    expression := format('(%s)::%s',
+        substr(pg_get_viewdef(c_probe::regclass), strpos(v_around, '1'),
+               length(pg_get_viewdef(c_probe::regclass)) - length(v_around) + 1),
+        format_type(p_wanted, -1));
+    PERFORM set_config('search_path', v_path, true);
+    columns := ARRAY(SELECT DISTINCT c[1]::smallint FROM regexp_matches(v_tree, ':varattno (-?\d+)', 'g') c ORDER BY 1);
+    EXECUTE format('DROP VIEW %s', c_probe);
+END
+$$;
+COMMENT ON FUNCTION _map_expression(text, text, regclass, text, oid) IS
+'An expression of the columns of a table (alias t), written out with all names qualified and as the type wanted, and '
+'the numbers of its columns (0: the whole row). Refuses (ZC009) what is no expression of one row, or volatile.';

@@ -1,0 +1,122 @@
+-- What triggers on an attached table do: they note which rows changed, by the columns that tell objects apart, and wake
+-- the workers. Nothing is mapped, checked or waited for here: the writers of the table pay for one row of
+-- attached_change for each statement, and what cannot be mapped cannot make them fail.
+--
+-- Each attachment has a function of its own for its triggers: what names the columns is planned once a session. It goes
+-- with the schema conflictdb, and the triggers with it.
+
+CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- By output functions alone: casts can be made by users.
+    SELECT format('concat(ARRAY[%s])',
+                  string_agg(format('CASE WHEN %1$s.%2$I IS NOT NULL THEN concat(%1$s.%2$I) END', p_alias, c.name), ', '
+                             ORDER BY c.n))
+    FROM unnest(p_columns) WITH ORDINALITY c (name, n);
+END;
+COMMENT ON FUNCTION _identity_of(text, text[]) IS
+'SQL of the identity of a row: the texts of the columns that tell objects apart, as an array in text form.';
+
+CREATE OR REPLACE FUNCTION _create_note(p_attachment_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Statements that change more rows have them found by comparing the whole table: reading so many takes longer than
+    -- writers may notice.
+    c_most CONSTANT integer := 100;
+    v_columns text[] := (SELECT a.identity_columns FROM attachment a WHERE a.attachment_id = p_attachment_id);
+BEGIN
+    EXECUTE format('CREATE OR REPLACE FUNCTION _note_%s() RETURNS trigger LANGUAGE plpgsql VOLATILE SECURITY DEFINER '
+                   -- As the function that reads the rows has them (42_attach.sql): the texts must be the same.
+                   'SET search_path FROM CURRENT SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
+                   'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
+                   p_attachment_id, format($body$
+DECLARE
+    v_identities text[] := '{}';
+BEGIN
+    -- The columns may have another name by now.
+    IF TG_OP = 'TRUNCATE' OR (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
+                              AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) < %3$s THEN
+        INSERT INTO attached_change (attachment_id) VALUES (%1$s);
+    ELSIF TG_LEVEL = 'ROW' THEN
+        IF TG_OP <> 'INSERT' THEN
+            v_identities := v_identities || %4$s;
+        END IF;
+        IF TG_OP <> 'DELETE' THEN
+            v_identities := v_identities || %5$s;
+        END IF;
+        INSERT INTO attached_change (attachment_id, identities) VALUES (%1$s, v_identities);
+    ELSIF TG_OP = 'DELETE' THEN
+        INSERT INTO attached_change (attachment_id, identities)
+            SELECT %1$s, CASE WHEN count(*) <= %6$s THEN array_agg(%7$s) END
+            FROM (SELECT * FROM old_rows LIMIT %6$s + 1) r HAVING count(*) > 0;
+    ELSIF (SELECT count(*) FROM (SELECT FROM new_rows LIMIT %6$s + 1) r) > %6$s THEN
+        INSERT INTO attached_change (attachment_id) VALUES (%1$s);
+    ELSIF TG_OP = 'INSERT' THEN
+        INSERT INTO attached_change (attachment_id, identities)
+            SELECT %1$s, array_agg(%7$s) FROM new_rows r HAVING count(*) > 0;
+    ELSE
+        INSERT INTO attached_change (attachment_id, identities)
+            SELECT %1$s, array_agg(c.identity)
+            FROM (SELECT %7$s FROM new_rows r UNION ALL SELECT %7$s FROM old_rows r) c (identity) HAVING count(*) > 0;
+    END IF;
+    -- A queue that nobody empties must not make the writer fail: workers look by themselves too.
+    IF FOUND AND pg_notification_queue_usage() < 0.5 THEN
+        PERFORM pg_notify('conflictdb_request', '');
+    END IF;
+    RETURN NULL;
+END
+$body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', v_columns),
+        _identity_of('NEW', v_columns), c_most, _identity_of('r', v_columns)));
+    EXECUTE format('REVOKE ALL ON FUNCTION _note_%s() FROM PUBLIC', p_attachment_id);
+    EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO conflictdb_editor', p_attachment_id);
+    EXECUTE format('COMMENT ON FUNCTION _note_%s() IS %L', p_attachment_id,
+                   'Trigger on an attached table: notes which rows changed. Runs as its owner: who writes to the table '
+                   'needs no right here.');
+END
+$$;
+COMMENT ON FUNCTION _create_note(bigint) IS
+'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema.';
+
+CREATE OR REPLACE FUNCTION _drop_note(p_attachment_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    -- Not while a table has its triggers.
+    EXECUTE format('DROP FUNCTION IF EXISTS _note_%s()', p_attachment_id);
+END
+$$;
+COMMENT ON FUNCTION _drop_note(bigint) IS 'Removes the function of the triggers of an attachment, once they are gone.';
+
+-- What is attached already.
+DO $$
+BEGIN
+    PERFORM _create_note(a.attachment_id) FROM attachment a WHERE a.has_triggers;
+END
+$$;
+
+CREATE OR REPLACE FUNCTION _attached_tables(p_relation oid) RETURNS TABLE (relation oid, is_root boolean)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    WITH RECURSIVE tree AS (
+        SELECT p_relation AS relation, true AS is_root
+        UNION
+        SELECT i.inhrelid, false FROM tree JOIN pg_catalog.pg_inherits i ON i.inhparent = tree.relation
+    )
+    SELECT tree.relation, tree.is_root FROM tree;
+END;
+COMMENT ON FUNCTION _attached_tables(oid) IS
+'A table, its partitions and heirs: a statement fires the triggers of the table that it names, and of no other.';
+
+CREATE OR REPLACE FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT count(*) > 0 AND bool_and(
+        (SELECT count(*) FROM pg_catalog.pg_trigger g
+         WHERE g.tgrelid = t.relation AND g.tgname ~ format('^conflictdb_%s_(inserted|updated|deleted|truncated)$',
+                                                            p_attachment_id)
+               AND g.tgenabled IN ('O', 'A')) = 4)
+    FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+    CROSS JOIN LATERAL _attached_tables(c.oid) t
+    WHERE n.nspname = p_table_schema AND c.relname = p_table_name;
+END;
+COMMENT ON FUNCTION _is_watched(bigint, text, text) IS
+'Whether an attached table and all its partitions have their triggers, and none is switched off.';

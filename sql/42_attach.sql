@@ -1,0 +1,415 @@
+-- Attaching somebody's table to a scene: its rows are objects of the scene, and stay so until it is detached.
+--
+-- What the map says is run by one function, conflictdb_attached.rows_N. It belongs to the role that attaches and runs
+-- with the rights of that role (SECURITY DEFINER); so nobody gets to see by it what that role may not. The schema is
+-- there while something is attached: roles that edit may create functions in it, which they may not in conflictdb,
+-- where names are looked up. Whoever calls such a function runs foreign code: see 43_attached_rows.sql.
+
+CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+BEGIN
+    IF to_regnamespace('conflictdb_attached') IS NULL THEN
+        CREATE SCHEMA IF NOT EXISTS conflictdb_attached;
+        COMMENT ON SCHEMA conflictdb_attached IS
+            'One function for each table that is attached to a scene of conflictdb; it belongs to who attached it.';
+        GRANT USAGE, CREATE ON SCHEMA conflictdb_attached TO conflictdb_editor;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _open_attached_schema() IS
+'Makes sure of the schema conflictdb_attached. Runs as the owner of conflictdb, who owns it.';
+
+CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    DROP SCHEMA conflictdb_attached;
+EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name THEN
+    NULL; -- Other tables are attached.
+END
+$$;
+COMMENT ON FUNCTION _close_attached_schema() IS
+'Removes the schema conflictdb_attached if nothing is in it. Runs as its owner.';
+
+CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_table record;
+    v_other regclass;
+BEGIN
+    SELECT c.relkind, c.relpersistence, n.nspname INTO v_table
+        FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace WHERE c.oid = p_table;
+    IF v_table.relkind NOT IN ('r', 'p', 'v', 'm', 'f') THEN
+        PERFORM _refuse('ZC009', p_who, 'table', 'must be a table or a view', 'attached_is_table');
+    END IF;
+    IF v_table.relpersistence = 't' THEN
+        PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
+    END IF;
+    IF v_table.nspname IN ('conflictdb', 'pg_catalog', 'information_schema') THEN
+        PERFORM _refuse('ZC009', p_who, 'table', 'is none of a mission''s', 'attached_is_foreign');
+    END IF;
+    IF NOT has_table_privilege(p_table, 'SELECT') THEN
+        PERFORM _refuse('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
+                        format('GRANT SELECT ON %s TO %I lets it.', p_table, current_user));
+    END IF;
+    IF row_security_active(p_table) THEN
+        PERFORM _refuse('ZC009', p_who, 'table',
+                        format('hides rows from role %I by row-level security, and others may be hidden tomorrow',
+                               current_user), 'attached_whole',
+                        'Attach it as its owner, as a role with BYPASSRLS, or attach a view of a role that sees all.');
+    END IF;
+    IF NOT p_has_triggers THEN
+        RETURN;
+    END IF;
+    SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
+        WHERE c.relkind = 'f' LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', p_who, 'table', format('has a foreign partition, %s, whose changes no trigger sees',
+                        v_other), 'attached_watchable',
+                        'Say how often to look for changes in place of triggers: every.');
+    END IF;
+    SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
+        WHERE NOT pg_has_role(c.relowner, 'USAGE') LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', p_who, 'table',
+                        format('gets triggers, which only its owner may give it: role %I does not own %s', current_user,
+                               v_other), 'attached_owned',
+                        'Attach it as its owner, or say how often to look for changes in place of triggers: every.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_attachable(text, regclass, boolean) IS
+'Refuses (ZC009) a table that cannot be attached by the current role, or not with triggers.';
+
+CREATE OR REPLACE FUNCTION _create_attached_rows(
+    p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[]
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_path text := current_setting('search_path');
+    v_expressions jsonb := '{}';
+    v_columns smallint[] := '{}';
+    v_table text;
+    v_identity text;
+    v_hash text;
+    v_list text;
+    v_marks text;
+    v_decoded text;
+    v_joined text;
+    v_null text;
+    v_one record;
+BEGIN
+    FOR v_one IN
+        SELECT f.field, f.attribute, m.value AS given, a.atttypid AS wanted
+        FROM jsonb_each_text(p_map) m JOIN _map_fields(p_kind) f ON f.field = m.key
+        JOIN pg_catalog.pg_attribute a ON a.attrelid = 'attached_row'::regclass AND a.attname = f.attribute
+        ORDER BY f.field LOOP
+        SELECT v_expressions || jsonb_build_object(v_one.attribute, x.expression), v_columns || x.columns,
+               CASE v_one.field WHEN 'key' THEN ARRAY(
+                   SELECT a.attname::text FROM unnest(x.columns) n
+                   LEFT JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attnum = n AND n > 0 ORDER BY n)
+                   ELSE identity_columns END
+            INTO v_expressions, v_columns, identity_columns
+            FROM _map_expression(p_who, v_one.field, p_table, v_one.given, v_one.wanted) x;
+    END LOOP;
+    IF cardinality(identity_columns) = 0 OR array_position(identity_columns, NULL) IS NOT NULL THEN
+        PERFORM _refuse('ZC009', p_who, 'key', 'must be made of columns of the table, and name them', 'map_key');
+    END IF;
+    v_identity := _identity_of('t', identity_columns);
+    -- From here on all names that are written out are qualified.
+    PERFORM set_config('search_path', '', true);
+    v_table := p_table::text;
+    SELECT CASE WHEN 0 = ANY (v_columns) THEN 'hashtextextended((t.*)::text, 0)'
+                ELSE format('hashtextextended(ROW(%s)::text, 0)',
+                            string_agg(format('t.%I', a.attname), ', ' ORDER BY a.attnum)) END
+        INTO v_hash FROM pg_catalog.pg_attribute a WHERE a.attrelid = p_table AND a.attnum = ANY (v_columns);
+    v_expressions := v_expressions || jsonb_build_object('identity', v_identity, 'hash', v_hash, 'is_asked', 'false');
+    SELECT string_agg(coalesce(v_expressions ->> a.attname, 'NULL::' || format_type(a.atttypid, -1)), ', '
+                      ORDER BY a.attnum),
+           string_agg(CASE WHEN a.attname IN ('identity', 'hash', 'is_asked') THEN v_expressions ->> a.attname
+                           WHEN a.attname = 'error' THEN 'conflictdb_error'
+                           ELSE 'NULL::' || format_type(a.atttypid, -1) END, ', ' ORDER BY a.attnum)
+        INTO v_list, v_marks
+        FROM pg_catalog.pg_attribute a
+        WHERE a.attrelid = 'conflictdb.attached_row'::regclass AND a.attnum > 0 AND NOT a.attisdropped;
+    -- Typed, so that an index on these columns is used.
+    SELECT string_agg(format('((i.i)::text[])[%s]::%s AS c%1$s', c.n, format_type(a.atttypid, -1)), ', ' ORDER BY c.n),
+           string_agg(format('t.%I = i.c%s', c.name, c.n), ' AND ' ORDER BY c.n),
+           string_agg(format('t.%I IS NULL', c.name), ' OR ' ORDER BY c.n)
+        INTO v_decoded, v_joined, v_null
+        FROM unnest(identity_columns) WITH ORDINALITY c (name, n)
+        JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attname = c.name;
+    -- As text: the table can be changed and dropped as if it were not attached.
+    EXECUTE format('CREATE FUNCTION conflictdb_attached.rows_%s(text[], text) RETURNS SETOF conflictdb.attached_row '
+                   'LANGUAGE plpgsql STABLE SECURITY DEFINER SET search_path = pg_catalog, pg_temp '
+                   'SET row_security = off SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
+                   'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
+                   p_attachment_id,
+                   format($body$
+#variable_conflict use_column
+DECLARE
+    conflictdb_error text;
+BEGIN
+    -- $1: the identities wanted, null: all; $2: hashes only, rows, or rows one by one so that one that fails is told.
+    IF $2 = 'hashes' THEN
+        RETURN QUERY SELECT %1$s FROM %2$s AS t;
+    ELSIF $2 = 'rows' AND $1 IS NULL THEN
+        RETURN QUERY SELECT %3$s FROM %2$s AS t;
+    ELSIF $2 = 'rows' THEN
+        RETURN QUERY SELECT %3$s FROM (SELECT DISTINCT %4$s FROM unnest($1) i (i)) i JOIN %2$s AS t ON %5$s;
+        IF EXISTS (SELECT FROM unnest($1) i (i) WHERE array_position((i.i)::text[], NULL) IS NOT NULL) THEN
+            RETURN QUERY SELECT %3$s FROM %2$s AS t WHERE %6$s;
+        END IF;
+    ELSE
+        DECLARE
+            t record;
+            v_row conflictdb.attached_row;
+        BEGIN
+            FOR t IN SELECT t.* FROM %2$s AS t WHERE $1 IS NULL OR %7$s = ANY ($1) LOOP
+                BEGIN
+                    SELECT %3$s INTO v_row;
+                EXCEPTION WHEN OTHERS THEN
+                    conflictdb_error := SQLERRM;
+                    SELECT %1$s INTO v_row;
+                END;
+                RETURN NEXT v_row;
+            END LOOP;
+        END;
+    END IF;
+END
+$body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity));
+    EXECUTE format('REVOKE ALL ON FUNCTION conflictdb_attached.rows_%s(text[], text) FROM PUBLIC', p_attachment_id);
+    EXECUTE format('GRANT EXECUTE ON FUNCTION conflictdb_attached.rows_%s(text[], text) TO conflictdb_worker',
+                   p_attachment_id);
+    EXECUTE format('COMMENT ON FUNCTION conflictdb_attached.rows_%s(text[], text) IS %L', p_attachment_id,
+                   format('Rows of %s as conflictdb reads them; conflictdb.detach removes this.', v_table));
+    PERFORM set_config('search_path', v_path, true);
+    BEGIN
+        EXECUTE format('SELECT count(*) FROM conflictdb_attached.rows_%s(''{}'', ''rows'')', p_attachment_id);
+    EXCEPTION WHEN OTHERS THEN
+        IF SQLSTATE !~ '^42' THEN
+            RAISE;
+        END IF;
+        PERFORM _refuse('ZC009', p_who, 'map', 'cannot be used: ' || SQLERRM, 'map_usable');
+    END;
+END
+$$;
+COMMENT ON FUNCTION _create_attached_rows(text, bigint, smallint, regclass, jsonb) IS
+'Creates the function that reads an attached table, as the current role; returns the columns that the key is made of.';
+
+CREATE OR REPLACE FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_one record;
+BEGIN
+    PERFORM _create_note(p_attachment_id);
+    FOR v_one IN
+        SELECT t.relation::regclass AS relation, t.is_root, g.name, g.event, g.level
+        FROM _attached_tables(p_table) t
+        CROSS JOIN (VALUES
+            ('inserted', 'INSERT', 'REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT'),
+            ('updated', 'UPDATE', 'REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT'),
+            ('deleted', 'DELETE', 'REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT'),
+            ('truncated', 'TRUNCATE', 'FOR EACH STATEMENT'),
+            -- What arrives as a replica fires no triggers of statements. Partitions get this one by themselves.
+            ('replicated', 'INSERT OR UPDATE OR DELETE', 'FOR EACH ROW')) g (name, event, level)
+        WHERE t.is_root OR g.name <> 'replicated' OR NOT EXISTS (
+            SELECT FROM pg_catalog.pg_class c WHERE c.oid = t.relation AND c.relispartition) LOOP
+        EXECUTE format('CREATE TRIGGER conflictdb_%s_%s AFTER %s ON %s %s '
+                       'EXECUTE FUNCTION conflictdb._note_%1$s()',
+                       p_attachment_id, v_one.name, v_one.event, v_one.relation, v_one.level);
+        IF v_one.name IN ('truncated', 'replicated') THEN
+            EXECUTE format('ALTER TABLE %s ENABLE %s TRIGGER conflictdb_%s_%s', v_one.relation,
+                           CASE v_one.name WHEN 'truncated' THEN 'ALWAYS' ELSE 'REPLICA' END, p_attachment_id,
+                           v_one.name);
+        END IF;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _create_attached_triggers(bigint, regclass) IS
+'Gives an attached table, its partitions and heirs the triggers that note what changes.';
+
+CREATE OR REPLACE FUNCTION _register_attachment(
+    p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval
+) RETURNS attachment
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- With triggers, a comparison only finds what no trigger sees: partitions added later, triggers switched off.
+    c_with_triggers CONSTANT interval := '1 hour';
+    c_without CONSTANT interval := '1 minute';
+    v_scene_id bigint := _scene_id(p_scene);
+    v_who text := format('attachment of %s', p_table);
+    v_kind smallint := CASE p_kind WHEN 'area' THEN 0 WHEN 'track' THEN 1 END;
+    v_has_triggers boolean := p_every IS NULL AND EXISTS (
+        SELECT FROM pg_catalog.pg_class c WHERE c.oid = p_table AND c.relkind IN ('r', 'p'));
+    v_attachment attachment%ROWTYPE;
+BEGIN
+    IF v_kind IS NULL THEN
+        PERFORM _refuse('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
+    END IF;
+    IF p_every < interval '1 second' THEN
+        PERFORM _refuse('ZC009', v_who, 'every', format('must be a second at least; got %s', p_every),
+                        'attachment_every_positive');
+    END IF;
+    PERFORM _check_attachable(v_who, p_table, v_has_triggers);
+    PERFORM _check_map(v_who, v_kind, p_map);
+    PERFORM _open_attached_schema();
+    INSERT INTO attachment (scene_id, object_kind, table_schema, table_name, map, identity_columns, has_triggers, every)
+        SELECT v_scene_id, v_kind, n.nspname, c.relname, p_map, '{}', v_has_triggers,
+               coalesce(p_every, CASE WHEN v_has_triggers THEN c_with_triggers ELSE c_without END)
+        FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace WHERE c.oid = p_table
+        RETURNING * INTO v_attachment;
+    v_attachment.identity_columns := _create_attached_rows(v_who, v_attachment.attachment_id, v_kind, p_table, p_map);
+    UPDATE attachment a SET identity_columns = v_attachment.identity_columns
+        WHERE a.attachment_id = v_attachment.attachment_id;
+    RETURN v_attachment;
+END
+$$;
+COMMENT ON FUNCTION _register_attachment(text, text, regclass, jsonb, interval) IS
+'Attaches a table but for its triggers: refuses what cannot be, notes the attachment, creates the function that reads.';
+
+CREATE OR REPLACE FUNCTION attach(
+    p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Triggers wait for writers of the table, and others wait behind them meanwhile.
+SET lock_timeout = '10s' AS $$
+DECLARE
+    v_attachment attachment := _register_attachment(p_scene, p_kind, p_table, p_map, p_every);
+BEGIN
+    -- Everything is new. Rows come over when this is committed: the table is not locked for so long.
+    INSERT INTO attached_change (attachment_id) VALUES (v_attachment.attachment_id);
+    IF v_attachment.has_triggers THEN
+        PERFORM _create_attached_triggers(v_attachment.attachment_id, p_table);
+    END IF;
+    PERFORM pg_notify('conflictdb_request', '');
+    RETURN v_attachment.attachment_id;
+END
+$$;
+COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
+'Attaches a table, view or foreign table to a scene: its rows become areas or tracks of it, and these follow the rows. '
+'The map gives for each field a column, or an SQL expression of the columns of a row. It is run with the rights of the '
+'role that calls this, which must own the table, for its triggers, or say p_every: how often to look for changes in '
+'their place; at views and foreign tables that is every minute. Returns the number of the attachment. Workers take the '
+'rows over as soon as this is committed; the view unmapped tells which cannot be.';
+
+CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_name text[] := parse_ident(p_table);
+    v_tables text;
+BEGIN
+    RETURN QUERY SELECT a.* FROM attachment a
+        WHERE a.scene_id = v_scene_id AND a.table_name = v_name[cardinality(v_name)]
+          AND (cardinality(v_name) = 1 OR a.table_schema = v_name[cardinality(v_name) - 1]);
+    IF NOT FOUND THEN
+        SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ') INTO v_tables
+            FROM attachment a WHERE a.scene_id = v_scene_id;
+        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'table',
+                        format('%s is not attached to it; attached: %s', p_table, coalesce(v_tables, 'none')),
+                        'table_attached');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _find_attached(text, text) IS
+'The attachments of a table (SCHEMA.TABLE as the view attachments has it) to a scene; refuses (ZC011) if it has none.';
+
+CREATE OR REPLACE FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET lock_timeout = '10s' AS $$
+DECLARE
+    v_one attachment%ROWTYPE;
+    v_trigger record;
+    v_objects bigint := 0;
+    v_rows bigint;
+BEGIN
+    FOR v_one IN SELECT * FROM _find_attached(p_scene, p_table) LOOP
+        IF NOT p_keep THEN
+            DELETE FROM area a USING attached_object o
+                WHERE v_one.object_kind = 0 AND o.attachment_id = v_one.attachment_id AND a.area_id = o.object_id
+                  AND a.scene_id = v_one.scene_id;
+            GET DIAGNOSTICS v_rows = ROW_COUNT;
+            v_objects := v_objects + v_rows;
+            DELETE FROM track t USING attached_object o
+                WHERE v_one.object_kind = 1 AND o.attachment_id = v_one.attachment_id AND t.track_id = o.object_id
+                  AND t.scene_id = v_one.scene_id;
+            GET DIAGNOSTICS v_rows = ROW_COUNT;
+            v_objects := v_objects + v_rows;
+        END IF;
+        DELETE FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
+        EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text)', v_one.attachment_id);
+        -- Last, because it locks the table. Wherever they are: a partition may be a table of its own by now.
+        FOR v_trigger IN
+            SELECT g.tgname, g.tgrelid::regclass AS relation FROM pg_catalog.pg_trigger g
+            WHERE g.tgfoid = to_regproc(format('_note_%s', v_one.attachment_id)) AND g.tgparentid = 0 LOOP
+            EXECUTE format('DROP TRIGGER %I ON %s', v_trigger.tgname, v_trigger.relation);
+        END LOOP;
+        PERFORM _drop_note(v_one.attachment_id);
+        DELETE FROM attached_change q WHERE q.attachment_id = v_one.attachment_id;
+    END LOOP;
+    PERFORM _close_attached_schema();
+    RETURN v_objects;
+END
+$$;
+COMMENT ON FUNCTION detach(text, text, boolean) IS
+'Detaches a table (SCHEMA.TABLE) from a scene: its triggers go, and the objects made of its rows, unless p_keep, which '
+'leaves them as if they had been put in one by one. Returns how many objects were removed. Needs the rights that '
+'attaching needs.';
+
+CREATE OR REPLACE VIEW attachments AS
+SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
+       format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
+       pg_catalog.pg_get_userbyid(p.proowner) AS role, a.has_triggers, a.every,
+       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.object_id IS NOT NULL)
+           AS objects,
+       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.reason IS NOT NULL)
+           AS unmapped,
+       EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id) AS is_waiting,
+       a.compared_at, a.failed_at, a.error,
+       CASE WHEN p.oid IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
+            WHEN NOT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                             WHERE n.nspname = a.table_schema AND c.relname = a.table_name)
+                THEN 'there is no table of that name any more: detach it'
+            WHEN a.has_triggers AND NOT _is_watched(a.attachment_id, a.table_schema, a.table_name)
+                THEN 'triggers are missing or switched off, maybe on a new partition: detach, and attach again'
+       END AS remark
+FROM attachment a JOIN scene s USING (scene_id)
+LEFT JOIN pg_catalog.pg_proc p ON p.proname = format('rows_%s', a.attachment_id)
+     AND p.pronamespace = (SELECT n.oid FROM pg_catalog.pg_namespace n WHERE n.nspname = 'conflictdb_attached');
+
+COMMENT ON VIEW attachments IS 'Tables that are attached to scenes, and how that goes.';
+COMMENT ON COLUMN attachments.scene IS 'Name of the scene.';
+COMMENT ON COLUMN attachments.attachment_id IS 'Number; names of triggers and of the function have it.';
+COMMENT ON COLUMN attachments.kind IS 'What its rows become: area or track.';
+COMMENT ON COLUMN attachments."table" IS 'The table, as SCHEMA.TABLE.';
+COMMENT ON COLUMN attachments.map IS 'The expressions of the fields, as they were given.';
+COMMENT ON COLUMN attachments.role IS
+'The role that attached it, with whose rights it is read; null if the function that reads is gone.';
+COMMENT ON COLUMN attachments.has_triggers IS 'Whether triggers note its changes.';
+COMMENT ON COLUMN attachments.every IS
+'How often all rows are compared: without triggers that is how changes are found.';
+COMMENT ON COLUMN attachments.objects IS 'How many objects of the scene are made of its rows.';
+COMMENT ON COLUMN attachments.unmapped IS 'How many could not be made, see the view unmapped.';
+COMMENT ON COLUMN attachments.is_waiting IS 'Whether changes of it that triggers noted are not objects yet.';
+COMMENT ON COLUMN attachments.compared_at IS 'When all its rows were last compared; null if they never were.';
+COMMENT ON COLUMN attachments.failed_at IS
+'When it could not be read at all, last; null if it could. It is tried again after a minute.';
+COMMENT ON COLUMN attachments.error IS 'Why it could not be read; null if it could.';
+COMMENT ON COLUMN attachments.remark IS 'What is wrong with it, beyond error; null if nothing is.';
+
+CREATE OR REPLACE VIEW unmapped AS
+SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
+       a.identity_columns, o.identity, o.key, o.reason, o.since, o.object_id IS NOT NULL AS is_kept
+FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)
+WHERE o.reason IS NOT NULL;
+
+COMMENT ON VIEW unmapped IS 'Rows of attached tables that are no objects, or not as they are now, and why.';
+COMMENT ON COLUMN unmapped.scene IS 'Name of the scene.';
+COMMENT ON COLUMN unmapped.attachment_id IS 'Number of the attachment.';
+COMMENT ON COLUMN unmapped."table" IS 'The table, as SCHEMA.TABLE.';
+COMMENT ON COLUMN unmapped.identity_columns IS 'The columns that tell its objects apart.';
+COMMENT ON COLUMN unmapped.identity IS 'What they hold in this row, as texts of an array.';
+COMMENT ON COLUMN unmapped.key IS 'The key that the object would have; null if there is none.';
+COMMENT ON COLUMN unmapped.reason IS 'Why it could not be made.';
+COMMENT ON COLUMN unmapped.since IS 'Since when that is so.';
+COMMENT ON COLUMN unmapped.is_kept IS
+'Whether the scene still holds the object as it last was: it stays until the row can be mapped again, or is gone.';

@@ -1,0 +1,137 @@
+-- Reading attached tables. Two transactions, as conflictdb.db.attached has them:
+--
+--   1. READ ONLY, on one snapshot: which rows changed, and these rows in the terms of conflictdb. It is rolled back.
+--   2. The rows, which the client has kept, become objects (44_attached_objects.sql), if nobody else was quicker.
+--
+-- The function that reads a table is code of whoever attached it, and so are the views that it meets. It runs with the
+-- rights of that role, and in the first transaction only: what it does to the session (settings, temporary tables,
+-- deferred triggers) is rolled back before the session does anything of its own.
+
+CREATE OR REPLACE FUNCTION _short_identity(p_identity text) RETURNS text
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN octet_length(p_identity) <= 1000 THEN p_identity ELSE left(p_identity, 100) || md5(p_identity) END;
+END;
+COMMENT ON FUNCTION _short_identity(text) IS 'An identity that an index can hold.';
+
+CREATE OR REPLACE FUNCTION _drifted_objects(p_attachment_id bigint) RETURNS SETOF text
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Marks tell: whoever changes an object leaves one.
+    SELECT o.identity
+    FROM attachment a JOIN attached_object o USING (attachment_id)
+    WHERE a.attachment_id = p_attachment_id AND o.object_id IS NOT NULL
+      AND EXISTS (SELECT FROM change m WHERE m.scene_id = a.scene_id AND m.object_kind = a.object_kind
+                  AND m.object_id = o.object_id AND m.version <> o.version)
+      AND o.version IS DISTINCT FROM CASE a.object_kind
+          WHEN 0 THEN (SELECT x.version FROM area x WHERE x.area_id = o.object_id)
+          ELSE (SELECT x.version FROM track x WHERE x.track_id = o.object_id) END
+    UNION ALL
+    SELECT o.identity FROM attachment a JOIN attached_object o USING (attachment_id)
+    WHERE a.attachment_id = p_attachment_id AND o.reason IS NOT NULL AND o.is_taken
+      AND NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = a.scene_id AND k.key = o.key);
+END;
+COMMENT ON FUNCTION _drifted_objects(bigint) IS
+'Rows of an attachment whose objects somebody else changed or removed, and rows whose key is free by now.';
+
+CREATE OR REPLACE FUNCTION _is_compared(p_attachment attachment) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(p_attachment.compared_at + p_attachment.every > now(), false);
+END;
+COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether it is not time yet to compare all rows of an attachment.';
+
+CREATE OR REPLACE FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean) RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN QUERY SELECT a.attachment_id FROM attachment a
+        WHERE a.scene_id = _scene_id(p_scene)
+          AND (p_try_again OR (a.failed_at > now() - interval '1 minute') IS NOT TRUE)
+          AND (NOT _is_compared(a) OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
+               OR EXISTS (SELECT FROM _drifted_objects(a.attachment_id)))
+        ORDER BY a.attachment_id;
+END
+$$;
+COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
+'The attachments of a scene whose rows changed, or are to be compared. Those that failed within the last minute only '
+'if they are to be tried again.';
+
+CREATE OR REPLACE FUNCTION _attached_work(
+    p_attachment_id bigint, OUT turn bigint, OUT change_ids bigint[], OUT is_full boolean
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.turn, coalesce(q.change_ids, '{}'), NOT _is_compared(a) OR coalesce(q.is_full, false)
+    FROM attachment a CROSS JOIN LATERAL (
+        SELECT array_agg(c.attached_change_id) AS change_ids, bool_or(c.identities IS NULL) AS is_full
+        FROM attached_change c WHERE c.attachment_id = a.attachment_id) q
+    WHERE a.attachment_id = p_attachment_id;
+END;
+COMMENT ON FUNCTION _attached_work(bigint) IS
+'What there is to do for an attachment: notes of changes, and whether to compare all rows.';
+
+CREATE OR REPLACE FUNCTION _attached_rows(
+    p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text
+) RETURNS SETOF attached_row
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Beyond, one look at all rows costs less than looking each one up.
+    c_most_lookups CONSTANT integer := 10000;
+    v_asked text[];
+    v_compared text[] := '{}';
+    v_gone text[] := '{}';
+BEGIN
+    SELECT array_agg(DISTINCT x.identity) INTO v_asked FROM (
+        SELECT unnest(q.identities) FROM attached_change q WHERE q.attached_change_id = ANY (p_change_ids)
+        UNION ALL SELECT d FROM _drifted_objects(p_attachment_id) d) x (identity) WHERE x.identity IS NOT NULL;
+    IF p_is_full THEN
+        EXECUTE format('
+            SELECT array_agg(c.identity) FILTER (WHERE NOT c.is_gone), array_agg(c.identity) FILTER (WHERE c.is_gone)
+            FROM (SELECT coalesce(h.identity, o.identity) AS identity, h.identity IS NULL AS is_gone
+                  FROM (SELECT r.identity, _short_identity(r.identity) AS short, _combined_hash(sum(r.hash)) AS hash
+                        FROM conflictdb_attached.rows_%s(NULL, ''hashes'') r GROUP BY r.identity) h
+                  FULL JOIN (SELECT x.identity, x.hash FROM attached_object x WHERE x.attachment_id = $1) o
+                      ON o.identity = h.short
+                  WHERE h.identity IS NULL OR o.hash IS DISTINCT FROM h.hash) c', p_attachment_id)
+            INTO v_compared, v_gone USING p_attachment_id;
+    END IF;
+    v_asked := ARRAY(SELECT DISTINCT x FROM unnest(v_asked || v_compared) x);
+    RETURN QUERY SELECT r.* FROM unnest(v_asked || v_gone) x CROSS JOIN LATERAL jsonb_populate_record(
+        NULL::attached_row, jsonb_build_object('identity', x, 'is_asked', true)) r;
+    IF cardinality(v_asked) > c_most_lookups THEN
+        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s(NULL, $2) r
+                                     WHERE r.identity IN (SELECT unnest($1))', p_attachment_id) USING v_asked, p_how;
+    ELSIF cardinality(v_asked) > 0 THEN
+        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1, $2) r', p_attachment_id)
+            USING v_asked, p_how;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _attached_rows(bigint, bigint[], boolean, text) IS
+'The rows of an attached table that changed, by the notes given or by comparison of all, and a row for each identity '
+'asked for: one without others is gone. p_how: rows, or carefully: what fails is told in error. In a transaction that '
+'is READ ONLY and rolled back.';
+
+CREATE OR REPLACE FUNCTION _combined_hash(p_sum numeric) RETURNS bigint
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT mod(p_sum, 9223372036854775807)::bigint;
+END;
+COMMENT ON FUNCTION _combined_hash(numeric) IS 'One hash of the sum of the hashes of some rows, in whatever order.';
+
+CREATE OR REPLACE FUNCTION _attachment_failed(p_attachment_id bigint, p_error text) RETURNS void
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    UPDATE attachment a SET failed_at = now(), error = p_error WHERE a.attachment_id = p_attachment_id;
+END;
+COMMENT ON FUNCTION _attachment_failed(bigint, text) IS 'Records why an attached table cannot be read.';
+
+CREATE OR REPLACE FUNCTION _seconds_to_comparison() RETURNS double precision
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT extract(epoch FROM min(greatest(a.compared_at + a.every, a.failed_at + interval '1 minute')) - now())
+           ::double precision
+    FROM attachment a;
+END;
+COMMENT ON FUNCTION _seconds_to_comparison() IS
+'After how many seconds the next attached table is to be compared; null if none is attached.';

@@ -1,0 +1,377 @@
+-- Rows of attached tables become objects of their scene: set by set, and where a set fails, by halves, so that what is
+-- wrong with one row is told of that row and of no other.
+
+CREATE OR REPLACE FUNCTION _begin_attached() RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+BEGIN
+    -- They stay in the session, empty: a worker comes by many times a minute.
+    CREATE TEMPORARY TABLE IF NOT EXISTS staged_attached (LIKE attached_row) ON COMMIT DELETE ROWS;
+    CREATE INDEX IF NOT EXISTS staged_attached_btree ON pg_temp.staged_attached (identity);
+    CREATE TEMPORARY TABLE IF NOT EXISTS attached_item (
+        identity text COLLATE "C", hash bigint, rows bigint, key text COLLATE "C", reason text, is_taken boolean,
+        former_id bigint, object_id bigint, n bigint
+    ) ON COMMIT DELETE ROWS;
+    DELETE FROM pg_temp.staged_attached;
+    DELETE FROM pg_temp.attached_item;
+END
+$$;
+COMMENT ON FUNCTION _begin_attached() IS
+'Makes sure of the temporary tables staged_attached (rows as they were read) and attached_item (one row per object), '
+'empty.';
+
+CREATE OR REPLACE FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_placed geometry;
+BEGIN
+    IF p_geometry IS NULL OR ST_SRID(p_geometry) = 4326 THEN
+        RETURN p_geometry;
+    END IF;
+    IF ST_SRID(p_geometry) = 0 THEN
+        PERFORM _refuse('ZC001', p_who, p_field, 'has no SRID', 'attached_srid',
+                        'ST_SetSRID(COLUMN, 4326) in the map says that it is longitude and latitude on WGS84.');
+    END IF;
+    v_placed := ST_Transform(p_geometry, 4326);
+    IF ST_XMax(v_placed) - ST_XMin(v_placed) > 180 AND GeometryType(v_placed) LIKE '%POLYGON%' THEN
+        -- Wide, or cut by the transformation, which wraps longitudes at 180? Halfway along a side that jumps tells.
+        IF EXISTS (
+            SELECT FROM (SELECT ST_X(a.geom) AS lon, lead(ST_X(a.geom)) OVER w AS next,
+                                ST_X(ST_Transform(ST_Centroid(ST_MakeLine(b.geom, lead(b.geom) OVER w)), 4326))
+                                    AS middle
+                         FROM ST_DumpPoints(v_placed) a JOIN ST_DumpPoints(p_geometry) b USING (path)
+                         WINDOW w AS (PARTITION BY b.path[1:cardinality(b.path) - 1] ORDER BY b.path)) s
+            WHERE abs(s.next - s.lon) > 180 AND (s.middle < least(s.lon, s.next) OR s.middle > greatest(s.lon, s.next)
+                  OR abs(s.middle - (s.lon + s.next) / 2) > 90)) THEN
+            RETURN ST_ShiftLongitude(v_placed);
+        END IF;
+    END IF;
+    RETURN v_placed;
+END
+$$;
+COMMENT ON FUNCTION _lon_lat(text, text, geometry) IS
+'A geometry of any SRID as longitude and latitude (SRID 4326, degrees). What the transformation cut at longitude 180 '
+'is whole: longitudes run on from 0 to 360.';
+
+CREATE OR REPLACE FUNCTION _attached_footprint(p_who text, p_shape geometry) RETURNS geometry
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF (GeometryType(p_shape) IN ('POLYGON', 'MULTIPOLYGON')) IS FALSE THEN
+        PERFORM _refuse('ZC001', p_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+                        GeometryType(p_shape)), 'footprint_polygon');
+    END IF;
+    RETURN ST_Multi(_lon_lat(p_who, 'footprint', ST_Force2D(p_shape)));
+END
+$$;
+COMMENT ON FUNCTION _attached_footprint(text, geometry) IS 'The footprint of an area that is given in any SRID.';
+
+CREATE OR REPLACE FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz)
+RETURNS tstzrange
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_end <= p_start THEN
+        PERFORM _refuse('ZC003', p_who, 'end', format('must be later than start (%s); got %s', p_start, p_end),
+                        'span_not_empty');
+    END IF;
+    RETURN coalesce(p_span, tstzrange(p_start, p_end));
+END
+$$;
+COMMENT ON FUNCTION _attached_span(text, tstzrange, timestamptz, timestamptz) IS
+'When an area is active: a span, or [start, end); nulls are unbounded.';
+
+CREATE OR REPLACE FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean)
+RETURNS geometry
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_path geometry := CASE WHEN p_has_times THEN ST_Force2D(p_shape) ELSE ST_Force3DM(p_shape) END;
+BEGIN
+    IF ST_GeometryType(p_shape) <> 'ST_LineString' OR NOT p_has_times AND ST_Zmflag(p_shape) NOT IN (1, 3) THEN
+        PERFORM _refuse('ZC001', p_who, 'path',
+                        format('must be a %s; got %s', CASE WHEN p_has_times THEN 'LineString' ELSE 'LineStringM' END,
+                               GeometryType(p_shape)), 'path_linestring_m',
+                        'M is Unix seconds; or give times, an array of one instant for each waypoint.');
+    END IF;
+    IF p_has_times AND (p_times IS NULL OR array_position(p_times, NULL) IS NOT NULL) THEN
+        PERFORM _refuse('ZC002', p_who, 'times', 'must not be null', 'path_time_per_waypoint');
+    END IF;
+    v_path := _lon_lat(p_who, 'path', v_path);
+    RETURN CASE WHEN p_has_times THEN track_path(v_path, p_times) ELSE v_path END;
+END
+$$;
+COMMENT ON FUNCTION _attached_path(text, geometry, timestamptz[], boolean) IS
+'The path of a track that is given in any SRID: with instants as M, or in an array.';
+
+CREATE OR REPLACE FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
+RETURNS TABLE (
+    object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
+    grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
+    ceilings_m double precision[], properties jsonb
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT p_is_waypoints THEN
+        RETURN QUERY
+        SELECT i.object_id, i.key::text, s.name,
+               _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times),
+               coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m)),
+               ST_Force2D(s.outlines), coalesce(s.grow_mps, 0), s.floor_m, s.ceiling_m, s.floors_m, s.ceilings_m,
+               coalesce(s.properties, '{}')
+        FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
+        WHERE i.n BETWEEN p_first AND p_last;
+        RETURN;
+    END IF;
+    RETURN QUERY
+    WITH waypoint AS (
+        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.shape,
+               coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
+                   AS outline,
+               -- Between two waypoints it may be as low as at the lower one, and as high as at the higher one; null is
+               -- no limit at all.
+               nullif(least(coalesce(s.floor_m, '-infinity'), coalesce(lead(s.floor_m) OVER w, '-infinity')),
+                      '-infinity') AS floor_m,
+               nullif(greatest(coalesce(s.ceiling_m, 'infinity'), coalesce(lead(s.ceiling_m) OVER w, 'infinity')),
+                      'infinity') AS ceiling_m,
+               lead(s.at) OVER w IS NULL AS is_last
+        FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
+        WHERE i.n BETWEEN p_first AND p_last
+        WINDOW w AS (PARTITION BY i.n ORDER BY s.at)
+    ), whole AS (
+        SELECT w.n, w.object_id, w.key, (array_agg(w.name ORDER BY w.at))[1] AS name,
+               (array_agg(w.properties ORDER BY w.at))[1] AS properties,
+               (array_agg(w.grow_mps ORDER BY w.at))[1] AS grow_mps,
+               ST_MakeLine(ST_Force2D(w.shape) ORDER BY w.at) AS shape, array_agg(w.at ORDER BY w.at) AS times,
+               bool_and(ST_GeometryType(w.shape) = 'ST_Point' AND NOT ST_IsEmpty(w.shape)) AS is_of_points,
+               array_agg(w.outline ORDER BY w.at) AS outlines, bool_and(w.outline IS NOT NULL) AS has_outlines,
+               count(DISTINCT ST_AsBinary(w.outline)) > 1 AS is_changing,
+               array_agg(w.floor_m ORDER BY w.at) FILTER (WHERE NOT w.is_last) AS floors_m,
+               array_agg(w.ceiling_m ORDER BY w.at) FILTER (WHERE NOT w.is_last) AS ceilings_m
+        FROM waypoint w GROUP BY w.n, w.object_id, w.key
+    )
+    SELECT w.object_id, w.key::text, w.name,
+           _attached_path(format('track %L', w.key), CASE WHEN w.is_of_points THEN w.shape END, w.times, true),
+           CASE WHEN w.has_outlines THEN w.outlines[1] END,
+           CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END, coalesce(w.grow_mps, 0),
+           CASE WHEN NOT f.differ THEN w.floors_m[1] END, CASE WHEN NOT c.differ THEN w.ceilings_m[1] END,
+           CASE WHEN f.differ THEN w.floors_m END, CASE WHEN c.differ THEN w.ceilings_m END,
+           coalesce(w.properties, '{}')
+    FROM whole w
+    CROSS JOIN LATERAL (SELECT coalesce(bool_or(x IS DISTINCT FROM w.floors_m[1]), false) AS differ
+                        FROM unnest(w.floors_m) x) f
+    CROSS JOIN LATERAL (SELECT coalesce(bool_or(x IS DISTINCT FROM w.ceilings_m[1]), false) AS differ
+                        FROM unnest(w.ceilings_m) x) c;
+END
+$$;
+COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
+'The tracks of some staged rows. Of a row for each waypoint: name, properties and growth are those of the first; an '
+'outline that differs changes from waypoint to waypoint; a leg has the lower floor and the higher ceiling of its ends.';
+
+CREATE OR REPLACE FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_attachment.object_kind = 0 THEN
+        DELETE FROM area a USING pg_temp.attached_item i
+            WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id;
+        WITH new AS (
+            SELECT i.object_id, i.key, s.name, _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
+                   _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at) AS active_span, s.floor_m,
+                   s.ceiling_m, coalesce(s.properties, '{}') AS properties
+            FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
+            WHERE i.n BETWEEN p_first AND p_last
+        ), changed AS (
+            UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
+                              ceiling_m = n.ceiling_m, properties = n.properties
+            FROM new n
+            WHERE a.area_id = n.object_id
+              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties)
+                  IS DISTINCT FROM
+                  (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties)
+        )
+        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+            SELECT p_attachment.scene_id, n.key, n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m,
+                   n.properties
+            FROM new n WHERE n.object_id IS NULL;
+    ELSE
+        DELETE FROM track t USING pg_temp.attached_item i
+            WHERE i.n BETWEEN p_first AND p_last AND t.track_id = i.former_id;
+        WITH new AS (
+            SELECT n.* FROM _staged_tracks(p_attachment.map ? 'position', p_attachment.map ? 'times', p_first, p_last) n
+        ), changed AS (
+            UPDATE track t SET name = n.name, path = n.path, outline = n.outline, outlines = n.outlines,
+                               grow_mps = n.grow_mps, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
+                               floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties
+            FROM new n
+            WHERE t.track_id = n.object_id
+              AND (t.name, t.path, t.outline, t.outlines, t.grow_mps, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m,
+                   t.properties)
+                  IS DISTINCT FROM
+                  (n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m,
+                   n.properties)
+        )
+        INSERT INTO track (scene_id, key, name, path, outline, outlines, grow_mps, floor_m, ceiling_m, floors_m,
+                           ceilings_m, properties)
+            SELECT p_attachment.scene_id, n.key, n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m,
+                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties
+            FROM new n WHERE n.object_id IS NULL;
+    END IF;
+    INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)
+        SELECT p_attachment.attachment_id, i.identity, i.hash, i.key, x.object_id, x.version
+        FROM pg_temp.attached_item i JOIN (
+            SELECT a.key, a.area_id, a.version FROM area a
+            WHERE p_attachment.object_kind = 0 AND a.scene_id = p_attachment.scene_id
+            UNION ALL
+            SELECT t.key, t.track_id, t.version FROM track t
+            WHERE p_attachment.object_kind = 1 AND t.scene_id = p_attachment.scene_id) x (key, object_id, version)
+            ON x.key = i.key
+        WHERE i.n BETWEEN p_first AND p_last
+        ON CONFLICT (attachment_id, identity) DO UPDATE
+            SET hash = excluded.hash, key = excluded.key, object_id = excluded.object_id, version = excluded.version,
+                reason = NULL, is_taken = false, since = excluded.since;
+END
+$$;
+COMMENT ON FUNCTION _put_attached(attachment, bigint, bigint) IS
+'Makes objects of the items from p_first to p_last, all or none.';
+
+CREATE OR REPLACE FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_ranges int8range[] := ARRAY[int8range(1, p_items, '[]')];
+    v_first bigint;
+    v_last bigint;
+    v_reason text;
+BEGIN
+    WHILE cardinality(v_ranges) > 0 LOOP
+        v_first := lower(v_ranges[cardinality(v_ranges)]);
+        v_last := upper(v_ranges[cardinality(v_ranges)]) - 1;
+        v_ranges := v_ranges[:cardinality(v_ranges) - 1];
+        BEGIN
+            PERFORM _put_attached(p_attachment, v_first, v_last);
+        EXCEPTION WHEN OTHERS THEN
+            -- Of the row, or of the moment: somebody else's locks, the machine?
+            IF SQLSTATE ~ '^(40|53|55|57|58)' THEN
+                RAISE;
+            END IF;
+            v_reason := SQLERRM;
+            IF v_first = v_last THEN
+                UPDATE pg_temp.attached_item i SET reason = v_reason WHERE i.n = v_first;
+            ELSE
+                v_ranges := v_ranges || int8range((v_first + v_last) / 2 + 1, v_last, '[]')
+                            || int8range(v_first, (v_first + v_last) / 2, '[]');
+            END IF;
+        END;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _put_attached_by_halves(attachment, bigint) IS
+'Makes objects of all items that can be, and notes the reason of each that cannot.';
+
+CREATE OR REPLACE FUNCTION _take_over_attached(
+    p_attachment_id bigint, p_turn bigint, p_change_ids bigint[], p_is_full boolean,
+    OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_too_long CONSTANT text := 'key: its columns must hold at most 1000 bytes';
+    v_attachment attachment%ROWTYPE;
+BEGIN
+    mapped := 0; removed := 0; unmapped := 0;
+    UPDATE attachment a SET turn = a.turn + 1, failed_at = NULL, error = NULL,
+                            compared_at = CASE WHEN p_is_full THEN now() ELSE a.compared_at END
+        WHERE a.attachment_id = p_attachment_id AND a.turn = p_turn RETURNING a.* INTO v_attachment;
+    is_done := FOUND;
+    IF NOT is_done THEN
+        RETURN; -- Somebody else was quicker, or has detached the table.
+    END IF;
+    -- As loads of one scene: one after the other.
+    PERFORM FROM scene s WHERE s.scene_id = v_attachment.scene_id FOR NO KEY UPDATE;
+    UPDATE pg_temp.staged_attached s SET identity = _short_identity(s.identity), error = c_too_long
+        WHERE octet_length(s.identity) > 1000;
+    INSERT INTO pg_temp.attached_item (identity, hash, rows, key, reason, is_taken, former_id)
+        SELECT s.identity, s.hash, s.rows, s.key,
+               CASE WHEN s.rows = 0 THEN NULL
+                    WHEN s.error IS NOT NULL THEN s.error
+                    WHEN s.is_keyless THEN 'key: is null'
+                    WHEN NOT v_attachment.map ? 'position' AND s.rows > 1
+                        THEN format('key: %s rows of the table have it', s.rows)
+                    WHEN v_attachment.map ? 'position' AND s.is_timeless THEN 'time: is null in a row' END,
+               false, o.object_id
+        FROM (SELECT x.identity, _combined_hash(sum(x.hash)) AS hash, count(*) FILTER (WHERE NOT x.is_asked) AS rows,
+                     min(x.key) AS key, min(x.error) AS error, bool_or(x.key IS NULL AND NOT x.is_asked) AS is_keyless,
+                     bool_or(x.at IS NULL AND NOT x.is_asked) AS is_timeless
+              FROM pg_temp.staged_attached x GROUP BY x.identity) s
+        LEFT JOIN attached_object o ON o.attachment_id = p_attachment_id AND o.identity = s.identity;
+    ANALYZE pg_temp.staged_attached;
+    ANALYZE pg_temp.attached_item;
+
+    -- Rows that are gone; first, because others may have their keys now.
+    DELETE FROM area a USING pg_temp.attached_item i
+        WHERE v_attachment.object_kind = 0 AND i.rows = 0 AND a.area_id = i.former_id;
+    GET DIAGNOSTICS removed = ROW_COUNT;
+    IF v_attachment.object_kind = 1 THEN
+        DELETE FROM track t USING pg_temp.attached_item i WHERE i.rows = 0 AND t.track_id = i.former_id;
+        GET DIAGNOSTICS removed = ROW_COUNT;
+    END IF;
+    DELETE FROM attached_object o USING pg_temp.attached_item i
+        WHERE o.attachment_id = p_attachment_id AND o.identity = i.identity AND i.rows = 0;
+    DELETE FROM pg_temp.attached_item i WHERE i.rows = 0;
+
+    -- An object that has the key already is this row's own, or the key is taken.
+    UPDATE pg_temp.attached_item i SET object_id = i.former_id, former_id = NULL
+        WHERE EXISTS (SELECT FROM area a WHERE v_attachment.object_kind = 0 AND a.area_id = i.former_id
+                      AND a.scene_id = v_attachment.scene_id AND a.key = i.key)
+           OR EXISTS (SELECT FROM track t WHERE v_attachment.object_kind = 1 AND t.track_id = i.former_id
+                      AND t.scene_id = v_attachment.scene_id AND t.key = i.key);
+    UPDATE pg_temp.attached_item i SET is_taken = true, reason = 'key: is taken by ' || coalesce(
+               (SELECT format('a row of %I.%I', a.table_schema, a.table_name) FROM attached_object o
+                JOIN attachment a USING (attachment_id)
+                WHERE a.scene_id = v_attachment.scene_id AND o.key = i.key AND o.object_id IS NOT NULL LIMIT 1),
+               'an object of the scene that is not attached')
+        WHERE i.reason IS NULL AND i.object_id IS NULL
+          AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_attachment.scene_id AND k.key = i.key);
+    UPDATE pg_temp.attached_item i SET is_taken = true, reason = 'key: another row of the table has it too'
+        FROM (SELECT x.identity, row_number() OVER (PARTITION BY x.key ORDER BY x.object_id IS NULL, x.identity) AS n
+              FROM pg_temp.attached_item x WHERE x.reason IS NULL) d
+        WHERE i.identity = d.identity AND d.n > 1;
+
+    UPDATE pg_temp.attached_item i SET n = d.n
+        FROM (SELECT x.identity, row_number() OVER (ORDER BY x.identity) AS n FROM pg_temp.attached_item x
+              WHERE x.reason IS NULL) d
+        WHERE i.identity = d.identity;
+    SELECT count(i.n) INTO mapped FROM pg_temp.attached_item i;
+    IF mapped > 0 THEN
+        PERFORM _put_attached_by_halves(v_attachment, mapped);
+    END IF;
+    INSERT INTO attached_object AS o (attachment_id, identity, hash, key, reason, is_taken)
+        SELECT p_attachment_id, i.identity, i.hash, left(i.key, 1000), i.reason, i.is_taken
+        FROM pg_temp.attached_item i WHERE i.reason IS NOT NULL
+        ON CONFLICT (attachment_id, identity) DO UPDATE
+            SET hash = excluded.hash, key = excluded.key, reason = excluded.reason, is_taken = excluded.is_taken,
+                since = CASE WHEN o.reason IS NULL THEN excluded.since ELSE o.since END;
+    GET DIAGNOSTICS unmapped = ROW_COUNT;
+    SELECT mapped - count(*) INTO mapped FROM pg_temp.attached_item i WHERE i.n IS NOT NULL AND i.reason IS NOT NULL;
+    DELETE FROM attached_change q WHERE q.attached_change_id = ANY (p_change_ids);
+END
+$$;
+COMMENT ON FUNCTION _take_over_attached(bigint, bigint, bigint[], boolean) IS
+'Brings the objects of an attachment in step with the rows that are staged; counts objects that were made or found as '
+'they should be, removed, and rows that cannot be mapped. Does nothing if somebody else did it since p_turn was read.';
+
+-- Other settings may take what was refused under the ones before.
+
+CREATE OR REPLACE FUNCTION _after_scene_resettled() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+BEGIN
+    INSERT INTO attached_change (attachment_id, identities)
+        SELECT o.attachment_id, array_agg(o.identity) FROM attached_object o JOIN attachment a USING (attachment_id)
+        WHERE a.scene_id = NEW.scene_id AND o.reason IS NOT NULL AND o.identity ~ '^\{.*\}$'
+        GROUP BY o.attachment_id;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_scene_resettled() IS
+'Trigger: with another motion or centre, rows of attached tables that could not be mapped are tried again.';
+
+CREATE OR REPLACE TRIGGER scene_resettled AFTER UPDATE ON scene
+    FOR EACH ROW
+    WHEN ((OLD.motion, OLD.earth, OLD.centre_lon, OLD.centre_lat)
+          IS DISTINCT FROM (NEW.motion, NEW.earth, NEW.centre_lon, NEW.centre_lat))
+    EXECUTE FUNCTION _after_scene_resettled();
+ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_resettled;

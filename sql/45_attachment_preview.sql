@@ -1,0 +1,84 @@
+-- What attaching a table would do, without doing it.
+
+CREATE OR REPLACE FUNCTION _area_feature(p_area area) RETURNS jsonb
+LANGUAGE sql STABLE STRICT
+BEGIN ATOMIC
+    SELECT jsonb_build_object('type', 'Feature', 'id', p_area.key, 'geometry', ST_AsGeoJSON(p_area.footprint)::jsonb,
+        'properties', p_area.properties || jsonb_strip_nulls(jsonb_build_object(
+            'kind', 'area', 'name', p_area.name, 'start', lower(p_area.active_span), 'end', upper(p_area.active_span),
+            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m)));
+END;
+COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file.';
+
+CREATE OR REPLACE FUNCTION _track_feature(p_track track) RETURNS jsonb
+LANGUAGE sql STABLE STRICT
+BEGIN ATOMIC
+    SELECT jsonb_build_object('type', 'Feature', 'id', p_track.key,
+        'geometry', ST_AsGeoJSON(ST_Force2D(p_track.path))::jsonb,
+        'properties', p_track.properties || jsonb_strip_nulls(jsonb_build_object(
+            'kind', 'track', 'name', p_track.name,
+            'times', (SELECT jsonb_agg(to_timestamp(ST_M(d.geom)) ORDER BY d.path[1])
+                      FROM ST_DumpPoints(p_track.path) d),
+            'outline_m', ST_AsGeoJSON(p_track.outline)::jsonb #> '{coordinates,0}',
+            'grow_mps', nullif(p_track.grow_mps, 0), 'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m,
+            'floors_m', to_jsonb(p_track.floors_m), 'ceilings_m', to_jsonb(p_track.ceilings_m))));
+END;
+COMMENT ON FUNCTION _track_feature(track) IS 'A track as a feature of a scene file.';
+
+CREATE OR REPLACE FUNCTION preview_attachment(
+    p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL, p_objects integer DEFAULT 5
+) RETURNS TABLE (part text, what text)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Rows that are looked at for the first objects.
+    c_most_rows CONSTANT integer := 10000;
+    v_attachment attachment;
+    v_identities text[];
+    v_would text[];
+    v_objects text[];
+    v_unmapped text[];
+BEGIN
+    BEGIN
+        v_attachment := _register_attachment(p_scene, p_kind, p_table, p_map, p_every);
+        v_would := ARRAY[
+            format('create function conflictdb_attached.rows_%s, which reads %s with the rights of role %I',
+                   v_attachment.attachment_id, p_table, current_user),
+            CASE WHEN v_attachment.has_triggers
+                 THEN (SELECT format('create triggers conflictdb_%s_… on %s', v_attachment.attachment_id,
+                                     string_agg(t.relation::regclass::text, ', ' ORDER BY NOT t.is_root, t.relation))
+                       FROM _attached_tables(p_table) t)
+                 ELSE format('compare all rows every %s', v_attachment.every) END,
+            format('make %ss of scene %L of all rows, one for each (%s)', p_kind, p_scene,
+                   (SELECT string_agg(quote_ident(c), ', ') FROM unnest(v_attachment.identity_columns) c))];
+        EXECUTE format('SELECT ARRAY(SELECT DISTINCT i.identity FROM (SELECT %s AS identity FROM %s t LIMIT $1) i '
+                       'ORDER BY 1 LIMIT $2)', _identity_of('t', v_attachment.identity_columns), p_table)
+            INTO v_identities USING c_most_rows, p_objects;
+        PERFORM _begin_attached();
+        EXECUTE format('INSERT INTO pg_temp.staged_attached '
+                       'SELECT r.* FROM conflictdb_attached.rows_%s($1, ''carefully'') r', v_attachment.attachment_id)
+            USING v_identities;
+        PERFORM _take_over_attached(v_attachment.attachment_id, 0, '{}', false);
+        v_objects := ARRAY(SELECT f.feature FROM (
+                           SELECT a.key, _area_feature(a)::text
+                           FROM attached_object o JOIN area a ON a.area_id = o.object_id
+                           WHERE v_attachment.object_kind = 0 AND o.attachment_id = v_attachment.attachment_id
+                           UNION ALL
+                           SELECT t.key, _track_feature(t)::text
+                           FROM attached_object o JOIN track t ON t.track_id = o.object_id
+                           WHERE v_attachment.object_kind = 1 AND o.attachment_id = v_attachment.attachment_id)
+                           f (key, feature) ORDER BY f.key);
+        v_unmapped := ARRAY(SELECT concat_ws(': ', o.identity, o.reason) FROM attached_object o
+                            WHERE o.attachment_id = v_attachment.attachment_id AND o.reason IS NOT NULL);
+        -- Back to before: all that was done is undone, what is known of it stays.
+        RAISE EXCEPTION USING ERRCODE = 'ZC000';
+    EXCEPTION WHEN SQLSTATE 'ZC000' THEN
+        NULL;
+    END;
+    RETURN QUERY SELECT 'would', w.what FROM unnest(v_would) WITH ORDINALITY w (what, n)
+        UNION ALL SELECT 'object', o.what FROM unnest(v_objects) WITH ORDINALITY o (what, n)
+        UNION ALL SELECT 'unmapped', u.what FROM unnest(v_unmapped) WITH ORDINALITY u (what, n);
+END
+$$;
+COMMENT ON FUNCTION preview_attachment(text, text, regclass, jsonb, interval, integer) IS
+'What attach would do (part would), the first p_objects objects as features of a scene file (object), and why others '
+'of these cannot be made (unmapped). Changes nothing.';

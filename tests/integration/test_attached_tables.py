@@ -1,0 +1,518 @@
+"""Rows of attached tables become objects of a scene and follow the table, whatever happens to it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import psycopg
+import pytest
+
+from conflictdb import connect
+from conflictdb.database import Database
+from conflictdb.db import attached, store
+
+OPS = """
+CREATE SCHEMA mission;
+CREATE TABLE mission.ops (
+    id integer PRIMARY KEY DEFERRABLE, shape geometry(Polygon, 25832), valid tstzrange, depth_ft numeric);
+INSERT INTO mission.ops
+SELECT i, ST_Transform(ST_MakeEnvelope(8 + i, 57, 8.5 + i, 57.5, 4326), 25832),
+       '[2026-03-01 06:00Z, 2026-03-01 18:00Z)', 100 * i
+FROM generate_series(1, 3) i;
+"""
+OPS_MAP = {"key": "id", "footprint": "shape", "span": "valid", "floor_m": "-depth_ft * 0.3048"}
+FIXES = """
+CREATE TABLE mission.fix (voyage text, at timestamptz, place geometry(Point, 3857), draught real, beam real);
+INSERT INTO mission.fix
+SELECT 'V' || v, timestamptz '2026-03-01 05:00Z' + i * interval '1 hour',
+       ST_Transform(ST_Point(8 + i, 57 + v, 4326), 3857), 5, 20
+FROM generate_series(1, 2) v, generate_series(0, 3) i;
+"""
+FIX_MAP = {
+    "key": "voyage",
+    "position": "place",
+    "time": "at",
+    "fore_m": "50",
+    "aft_m": "50",
+    "port_m": "beam/2",
+    "starboard_m": "beam / 2",
+}
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    with psycopg.connect(dsn) as conn:
+        conn.execute(OPS + FIXES)
+        conn.execute("SELECT conflictdb.create_scene('s')")
+    with connect(dsn) as db:
+        yield db
+
+
+def do(db: Database, *statements: str) -> None:
+    """Run statements as somebody else's program would: in a transaction of their own."""
+    with psycopg.connect(db.connection.info.dsn, password=db.connection.info.password or None) as other:
+        for statement in statements:
+            other.execute(statement.encode())
+
+
+def ask(db: Database, query: str) -> list[Any]:
+    with db.connection.transaction():
+        rows = db.connection.execute(query.encode()).fetchall()
+    return [row[0] if len(row) == 1 else row for row in rows]
+
+
+def keys(db: Database, kind: str = "area") -> list[str]:
+    return ask(db, f"SELECT key FROM conflictdb.{kind} ORDER BY key")
+
+
+def reasons(db: Database) -> list[tuple[str, str]]:
+    return [(row.identity, row.reason) for row in db.unmapped("s")]
+
+
+def test_rows_become_areas_in_longitude_and_latitude(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", {**OPS_MAP, "name": "'op ' || id", "properties": "to_jsonb(t) - 'shape'"})
+    assert keys(db) == []
+    assert not db.connection.execute("SELECT is_current FROM conflictdb.scenes").fetchone()[0]  # type: ignore[index]
+    db.connection.rollback()
+    db.follow("s")
+    assert ask(
+        db,
+        """SELECT key, name, active_span::text, round(floor_m::numeric, 3)::text, properties ->> 'depth_ft',
+                  ST_HausdorffDistance(footprint, ST_MakeEnvelope(9, 57, 9.5, 57.5, 4326)) < 1e-9
+           FROM conflictdb.area WHERE key = '1'""",
+    ) == [("1", "op 1", '["2026-03-01 06:00:00+00","2026-03-01 18:00:00+00")', "-30.480", "100", True)]
+    assert keys(db) == ["1", "2", "3"]
+    assert reasons(db) == []
+    (one,) = db.attachments("s")
+    assert (one.table, one.kind, one.objects, one.is_waiting, one.remark) == ("mission.ops", "area", 3, False, None)
+
+
+def test_rows_of_waypoints_become_tracks(db: Database) -> None:
+    """Also an outline that changes, and heights that differ along the way."""
+    db.attach("s", "track", "mission.fix", {**FIX_MAP, "floor_m": "-draught", "ceiling_m": "30"})
+    do(db, "UPDATE mission.fix SET draught = 8, beam = 40 WHERE voyage = 'V2' AND at >= '2026-03-01 07:00Z'")
+    db.follow("s")
+    assert ask(
+        db,
+        """SELECT key, ST_AsText(ST_Force2D(ST_SnapToGrid(path, 1e-6))), ST_M(ST_StartPoint(path)),
+                  ST_NumGeometries(outlines), floor_m, floors_m, ceiling_m FROM conflictdb.track ORDER BY key""",
+    ) == [
+        ("V1", "LINESTRING(8 58,9 58,10 58,11 58)", 1772341200.0, None, -5.0, None, 30.0),
+        ("V2", "LINESTRING(8 59,9 59,10 59,11 59)", 1772341200.0, 4, -8.0, [-5.0, -8.0, -8.0], 30.0),
+    ]
+
+
+def test_paths_with_measures_and_paths_with_times_become_tracks(db: Database) -> None:
+    do(
+        db,
+        """CREATE TABLE mission.leg (id text, way geometry, times timestamptz[]);
+           INSERT INTO mission.leg VALUES
+               ('m', ST_Transform('SRID=4326;LINESTRING M (8 57 1772341200, 9 57 1772344800)', 25832), NULL)""",
+        "CREATE TABLE mission.plan (id text, way geometry, times timestamptz[])",
+        """INSERT INTO mission.plan VALUES
+               ('t', ST_Transform('SRID=4326;LINESTRING Z (8 57 5, 9 57 5)', 3857),
+                ARRAY['2026-03-01 05:00Z', '2026-03-01 06:00Z']::timestamptz[]),
+               ('short', 'SRID=4326;LINESTRING (8 57, 9 57)', ARRAY['2026-03-01 05:00Z']::timestamptz[]),
+               ('none', 'SRID=4326;LINESTRING (8 57, 9 57)', NULL)""",
+    )
+    haven = {"key": "id", "path": "way", "outline": "conflictdb.rectangle_outline(10, 10, 5, 5)"}
+    db.attach("s", "track", "mission.leg", haven)
+    db.attach("s", "track", "mission.plan", {**haven, "times": "times"})
+    db.follow("s")
+    assert ask(
+        db, "SELECT key, ST_AsText(ST_SnapToGrid(path, 0, 0, 1e-6, 1e-6)) FROM conflictdb.track ORDER BY key"
+    ) == [(key, "LINESTRING M (8 57 1772341200,9 57 1772344800)") for key in "mt"]
+    assert [identity for identity, _ in reasons(db)] == ["{none}", "{short}"]
+
+
+def test_changes_are_followed(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    before = dict(ask(db, "SELECT key, version FROM conflictdb.area"))
+    do(
+        db,
+        "UPDATE mission.ops SET depth_ft = 7 WHERE id = 1",
+        "DELETE FROM mission.ops WHERE id = 2",
+        "INSERT INTO mission.ops SELECT 4, shape, valid, 1 FROM mission.ops WHERE id = 1",
+    )
+    assert [len(one) for one in ask(db, "SELECT identities FROM conflictdb.attached_change")] == [2, 1, 1]
+    db.follow("s")
+    assert keys(db) == ["1", "3", "4"]
+    after = dict(ask(db, "SELECT key, version FROM conflictdb.area"))
+    assert after["1"] > before["1"]
+    assert after["3"] == before["3"]
+    assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-7 * 0.3048)]
+
+
+def test_what_does_not_change_an_object_leaves_no_mark(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", {"key": "id", "footprint": "shape"})
+    db.detect("s")
+    do(db, "UPDATE mission.ops SET depth_ft = 5", "UPDATE mission.ops SET depth_ft = 6 WHERE false")
+    assert ask(db, "SELECT count(*) FROM conflictdb.attached_change") == [1]
+    db.follow("s")
+    assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [True]
+
+
+def test_other_keys_truncate_copy_and_large_statements_are_followed(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    do(db, "UPDATE mission.ops SET id = id + 10")
+    db.follow("s")
+    assert keys(db) == ["11", "12", "13"]
+    do(db, "UPDATE mission.ops SET id = 24 - id")  # 11 and 13 change places, 12 stays
+    db.follow("s")
+    assert ask(db, "SELECT key, round(ST_XMin(footprint)) FROM conflictdb.area ORDER BY key") == [
+        ("11", 11.0),
+        ("12", 10.0),
+        ("13", 9.0),
+    ]
+    do(
+        db,
+        "INSERT INTO mission.ops SELECT i, shape, valid, 1 FROM mission.ops, generate_series(100, 400) i WHERE id = 11",
+    )
+    assert ask(db, "SELECT identities FROM conflictdb.attached_change") == [None]
+    db.follow("s")
+    assert len(keys(db)) == 304
+    do(db, "TRUNCATE mission.ops")
+    db.follow("s")
+    assert keys(db) == []
+    with psycopg.connect(db.connection.info.dsn) as other, other.cursor().copy("COPY mission.ops FROM STDIN") as copy:
+        copy.write(b"7\tSRID=25832;POLYGON((5e5 6e6,5.1e5 6e6,5.1e5 6.1e6,5e5 6e6))\t\\N\t1\n")
+    db.follow("s")
+    assert keys(db) == ["7"]
+
+
+def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    do(
+        db,
+        "SET session_replication_role = replica",
+        "DELETE FROM mission.ops WHERE id = 1",
+        "UPDATE mission.ops SET id = 20 WHERE id = 2",
+        "INSERT INTO mission.ops SELECT 4, shape, valid, 1 FROM mission.ops WHERE id = 3",
+    )
+    db.follow("s")
+    assert keys(db) == ["20", "3", "4"]
+    do(db, "SET session_replication_role = replica", "TRUNCATE mission.ops")
+    db.follow("s")
+    assert keys(db) == []
+
+
+def test_partitions_are_followed(db: Database) -> None:
+    """Also where a statement names a partition, and one that was made later with the next comparison."""
+    do(
+        db,
+        "CREATE TABLE mission.day (id integer, on_day date, shape geometry) PARTITION BY RANGE (on_day)",
+        "CREATE TABLE mission.day1 PARTITION OF mission.day FOR VALUES FROM ('2026-01-01') TO ('2026-02-01')",
+        "INSERT INTO mission.day VALUES (1, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
+    )
+    db.attach("s", "area", "mission.day", {"key": "id", "footprint": "shape"})
+    db.follow("s")
+    do(
+        db,
+        "INSERT INTO mission.day1 VALUES (2, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
+        "UPDATE mission.day SET id = 3 WHERE id = 1",
+    )
+    db.follow("s")
+    assert keys(db) == ["2", "3"]
+    do(
+        db,
+        "CREATE TABLE mission.day2 PARTITION OF mission.day FOR VALUES FROM ('2026-02-01') TO ('2026-03-01')",
+        "INSERT INTO mission.day2 VALUES (4, '2026-02-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
+    )
+    (one,) = db.attachments("s")
+    assert "triggers are missing" in str(one.remark)
+    do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 hour'")
+    db.follow("s")
+    assert keys(db) == ["2", "3", "4"]
+    do(db, "ALTER TABLE mission.day DETACH PARTITION mission.day1")
+    db.detach("s", "mission.day")
+    assert (
+        ask(db, "SELECT tgname FROM pg_trigger WHERE tgname LIKE 'conflictdb%' AND tgrelid::regclass::text ~ 'day'")
+        == []
+    )
+
+
+def test_a_row_that_cannot_be_mapped_says_why_and_stops_no_other(db: Database) -> None:
+    do(
+        db,
+        """INSERT INTO mission.ops VALUES
+               (11, ST_GeomFromText('POLYGON((0 0, 9 9, 9 0, 0 9, 0 0))', 25832), NULL, 1),
+               (12, NULL, NULL, 1), (13, NULL, 'empty', 0)""",
+    )
+    db.attach("s", "area", "mission.ops", {**OPS_MAP, "floor_m": "100 / depth_ft - 1000"})
+    db.follow("s")
+    assert keys(db) == ["1", "2", "3"]
+    assert [(identity, reason.partition("[")[0]) for identity, reason in reasons(db)] == [
+        ("{11}", "area '11': footprint: must be a valid polygon: Self-intersection"),
+        ("{12}", "area '12': footprint: must be a MultiPolygon without empty parts"),
+        ("{13}", "division by zero"),
+    ]
+    do(
+        db,
+        "UPDATE mission.ops SET depth_ft = 0 WHERE id = 1",
+        "UPDATE mission.ops SET shape = (SELECT shape FROM mission.ops WHERE id = 1) WHERE id = 12",
+        "DELETE FROM mission.ops WHERE id = 11",
+    )
+    db.follow("s")
+    assert keys(db) == ["1", "12", "2", "3"]
+    assert [(row.identity, row.is_kept) for row in db.unmapped("s")] == [("{13}", False), ("{1}", True)]
+    assert ask(db, "SELECT unmapped FROM conflictdb.scenes") == [2]
+    do(db, "UPDATE mission.ops SET depth_ft = 5 WHERE id = 1")
+    db.follow("s")
+    assert [row.identity for row in db.unmapped("s")] == ["{13}"]
+    do(db, "DELETE FROM mission.ops WHERE id = 1")
+    db.follow("s")
+    assert keys(db) == ["12", "2", "3"]
+
+
+def test_many_rows_that_cannot_be_mapped_are_told_one_by_one(db: Database) -> None:
+    do(
+        db,
+        """INSERT INTO mission.ops SELECT i, CASE WHEN i % 7 > 0 THEN o.shape END, o.valid, 1
+           FROM mission.ops o, generate_series(101, 800) i WHERE o.id = 1""",
+    )
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    assert (len(keys(db)), len(db.unmapped("s"))) == (603, 100)
+
+
+def test_null_keys_and_keys_twice_are_told(db: Database) -> None:
+    do(
+        db,
+        "CREATE TABLE mission.zone (code text, part integer, shape geometry)",
+        """INSERT INTO mission.zone SELECT c.code, c.part, 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))'
+           FROM (VALUES ('a', 1), ('a', 1), ('b', NULL), (NULL, 1), ('c', 2), ('C', 3)) c (code, part)""",
+    )
+    db.attach("s", "area", "mission.zone", {"key": "upper(code)", "footprint": "shape", "name": "part::text"})
+    db.follow("s")
+    assert keys(db) == ["B", "C"]
+    told = dict(reasons(db))
+    assert told == {
+        "{a}": "key: 2 rows of the table have it",
+        "{NULL}": "key: is null",
+        "{c}": "key: another row of the table has it too",
+    }
+    do(db, "DELETE FROM mission.zone WHERE code = 'C'", "UPDATE mission.zone SET code = 'd' WHERE code IS NULL")
+    db.follow("s")
+    assert (keys(db), [identity for identity, _ in reasons(db)]) == (["B", "C", "D"], ["{a}"])
+    do(db, "UPDATE mission.zone SET part = 2 WHERE ctid = (SELECT min(ctid) FROM mission.zone WHERE code = 'a')")
+    db.detach("s", "mission.zone")
+    db.attach("s", "area", "mission.zone", {"key": "code || part", "footprint": "shape"})
+    db.follow("s")
+    assert keys(db) == ["a1", "a2", "c2", "d1"]
+
+
+def test_of_two_tables_with_one_key_the_first_has_it(db: Database) -> None:
+    """When it gives the key up, the other one gets it."""
+    do(db, "CREATE TABLE mission.more AS SELECT * FROM mission.ops WHERE id < 3")
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    db.attach("s", "area", "mission.more", OPS_MAP)
+    with db.connection.transaction():
+        db.connection.execute("SELECT conflictdb.put_area('s', 'mine', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')")
+    do(db, "UPDATE mission.more SET depth_ft = 1")
+    db.follow("s")
+    assert reasons(db) == [(f"{{{i}}}", "key: is taken by a row of mission.ops") for i in (1, 2)]
+    do(db, "DELETE FROM mission.ops WHERE id = 1")
+    db.follow("s")
+    assert keys(db) == ["1", "2", "3", "mine"]
+    assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-0.3048)]
+    assert db.detach("s", "mission.ops") == 2
+    db.follow("s")
+    assert keys(db) == ["1", "2", "mine"]
+    assert reasons(db) == []
+
+
+def test_what_others_change_of_attached_objects_is_brought_back(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.detect("s")
+    do(
+        db,
+        "SELECT conflictdb.remove_object('s', '1')",
+        "UPDATE conflictdb.area SET floor_m = -1 WHERE key = '2'",
+        "SELECT conflictdb.request_detection('s', true)",
+    )
+    db.detect("s")
+    assert ask(db, "SELECT key, round(floor_m) FROM conflictdb.area ORDER BY key") == [
+        ("1", -30.0),
+        ("2", -61.0),
+        ("3", -91.0),
+    ]
+    assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [True]
+
+
+def test_views_are_compared_now_and_then(db: Database) -> None:
+    do(db, "CREATE VIEW mission.deep AS SELECT *, depth_ft > 150 AS is_deep FROM mission.ops WHERE depth_ft > 150")
+    db.attach("s", "area", "mission.deep", OPS_MAP)
+    db.follow("s")
+    assert keys(db) == ["2", "3"]
+    do(
+        db,
+        "UPDATE mission.ops SET depth_ft = 500 WHERE id = 1",
+        "UPDATE mission.ops SET depth_ft = 5 WHERE id = 2",
+        "UPDATE mission.ops SET depth_ft = 600 WHERE id = 3",
+    )
+    db.follow("s")
+    assert keys(db) == ["2", "3"], "not yet"
+    do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 minute'")
+    db.follow("s")
+    assert ask(db, "SELECT key, round(floor_m) FROM conflictdb.area ORDER BY key") == [("1", -152.0), ("3", -183.0)]
+    (one,) = db.attachments("s")
+    assert (one.has_triggers, one.every.total_seconds()) == (False, 60.0)
+
+
+def test_foreign_tables_are_compared_now_and_then(db: Database) -> None:
+    info = db.connection.info
+    do(db, "CREATE EXTENSION postgres_fdw")
+    do(
+        db,
+        f"CREATE SERVER elsewhere FOREIGN DATA WRAPPER postgres_fdw OPTIONS (host '{info.host}', port '{info.port}', "
+        f"dbname '{info.dbname}')",
+        f"CREATE USER MAPPING FOR CURRENT_USER SERVER elsewhere "
+        f"OPTIONS (user '{info.user}', password '{info.password}')",
+        "CREATE SCHEMA abroad",
+        "IMPORT FOREIGN SCHEMA mission LIMIT TO (ops) FROM SERVER elsewhere INTO abroad",
+    )
+    db.attach("s", "area", "abroad.ops", OPS_MAP, every_s=1.0)
+    db.follow("s")
+    assert keys(db) == ["1", "2", "3"]
+    do(db, "DELETE FROM mission.ops WHERE id = 2")
+    do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 minute'")
+    db.follow("s")
+    assert keys(db) == ["1", "3"]
+
+
+def test_columns_and_tables_may_change_as_if_not_attached(db: Database) -> None:
+    """Writes go on; what cannot be read any more is told, and its objects stay."""
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    do(db, "ALTER TABLE mission.ops RENAME id TO nr", "UPDATE mission.ops SET nr = nr + 1", "DELETE FROM mission.ops")
+    db.follow("s")
+    (one,) = db.attachments("s")
+    assert "column t.id does not exist" in str(one.error)
+    assert keys(db) == ["1", "2", "3"]
+    assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [False]
+    assert list(store.pending_scenes(db.connection)) == ["s"], "of marks; the table is left alone for a minute"
+    do(db, "ALTER TABLE mission.ops RENAME nr TO id", "ALTER TABLE mission.ops ALTER id TYPE bigint")
+    db.follow("s")
+    assert keys(db) == []
+    assert db.attachments("s")[0].error is None
+    do(db, "ALTER TABLE mission.ops DROP COLUMN depth_ft", "DROP TABLE mission.ops")
+    assert "no table of that name" in str(db.attachments("s")[0].remark)
+    assert db.detach("s", "mission.ops") == 0
+    assert ask(db, "SELECT to_regnamespace('conflictdb_attached') IS NULL") == [True]
+
+
+def test_dropping_the_schema_leaves_the_tables_as_they_were(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.attach("s", "track", "mission.fix", FIX_MAP)
+    db.follow("s")
+    do(db, "DROP SCHEMA conflictdb CASCADE")
+    do(
+        db,
+        "UPDATE mission.ops SET depth_ft = 1",
+        "INSERT INTO mission.fix SELECT * FROM mission.fix",
+        "TRUNCATE mission.ops",
+        "SET session_replication_role = replica",
+        "DELETE FROM mission.fix",
+    )
+    assert ask(db, "SELECT tgname FROM pg_trigger WHERE NOT tgisinternal AND tgname ~ 'conflictdb'") == []
+    assert ask(db, "SELECT proname FROM pg_proc WHERE pronamespace = to_regnamespace('conflictdb_attached')") == []
+
+
+def test_names_of_any_characters(db: Database) -> None:
+    do(
+        db,
+        'CREATE SCHEMA "Ünï ""q"" %s"',
+        """CREATE TABLE "Ünï ""q"" %s"."select; --" ("order" text, "sh'ape" geometry, "t" timestamptz, "v_row" int,
+               "a""b" text, conflictdb_error text, PRIMARY KEY ("order", "a""b"))""",
+        """INSERT INTO "Ünï ""q"" %s"."select; --" VALUES
+               ('{x,"y"}', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))', NULL, 1, 'NULL', 'e'),
+               ('', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))', NULL, 1, E'\\\\ \\'', NULL),
+               ('%', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))', NULL, 1, E'\\u2028', NULL)""",
+    )
+    name = '"Ünï ""q"" %s"."select; --"'
+    db.attach(
+        "s", "area", name, {"key": """"order" || '|' || "a""b\"""", "footprint": "sh'ape", "name": "order", "end": "t"}
+    )
+    db.follow("s")
+    assert sorted(keys(db)) == sorted(['{x,"y"}|NULL', "|\\ '", "%|\u2028"])
+    do(
+        db,
+        f"UPDATE {name} SET \"order\" = 'z' WHERE \"order\" = ''",
+        f'UPDATE {name} SET "a""b" = \'w\' WHERE "order" = \'%\'',
+    )
+    db.follow("s")
+    assert sorted(keys(db)) == sorted(['{x,"y"}|NULL', "z|\\ '", "%|w"])
+    db.detach("s", name)
+    assert keys(db) == []
+
+
+def test_areas_across_the_seam_stay_whole(db: Database) -> None:
+    do(
+        db,
+        "CREATE TABLE mission.far (id integer, shape geometry)",
+        """INSERT INTO mission.far VALUES
+               (1, ST_Transform('SRID=4326;POLYGON((179 0, 179 1, -179 1, -179 0, 179 0))'::geometry, 3832)),
+               (2, ST_Transform(ST_MakeEnvelope(-170, 0, 170, 10, 4326), 3857)),
+               (3, ST_Transform(ST_MakeEnvelope(-10, 0, 10, 10, 4326), 3857))""",
+    )
+    db.attach("s", "area", "mission.far", {"key": "id", "footprint": "shape"})
+    db.follow("s")
+    assert ask(
+        db,
+        "SELECT key, round(ST_XMin(footprint)), round(ST_XMax(footprint)) FROM conflictdb.area ORDER BY key",
+    ) == [("1", 179.0, 181.0), ("2", -170.0, 170.0), ("3", -10.0, 10.0)]
+
+
+def test_who_reads_at_the_same_time_takes_nothing_over_twice(db: Database, dsn: str) -> None:
+    """An older reading never replaces a newer one."""
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
+    (number,) = store.attachments_to_follow(db.connection, "s", again=True)
+    with store.kept_rows() as rows:
+        work = store.read_attached(db.connection, number, rows, carefully=False)
+        do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
+        with store.connect(dsn) as other:
+            attached.follow(other, "s", again=False)
+        rows.seek(0)
+        assert store.take_over_attached(db.connection, number, work, rows) is None
+    assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-2 * 0.3048)]
+
+
+def test_changes_made_while_rows_are_read_are_not_lost(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
+    (number,) = store.attachments_to_follow(db.connection, "s", again=True)
+    with store.kept_rows() as rows:
+        work = store.read_attached(db.connection, number, rows, carefully=False)
+        do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
+        rows.seek(0)
+        taken_over = store.take_over_attached(db.connection, number, work, rows)
+    assert taken_over is not None
+    assert taken_over.mapped == 1
+    db.follow("s")
+    assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-2 * 0.3048)]
+
+
+def test_other_settings_of_the_scene_give_refused_rows_another_chance(db: Database) -> None:
+    do(db, "INSERT INTO mission.ops VALUES (9, ST_Transform(ST_MakeEnvelope(8, 89.2, 9, 89.5, 4326), 25832), NULL, 1)")
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    assert [identity for identity, _ in reasons(db)] == ["{9}"]
+    do(db, "SELECT conflictdb.create_scene('s', 'great_circle')")
+    db.follow("s")
+    assert reasons(db) == []
+
+
+def test_a_scene_cannot_go_while_tables_are_attached(db: Database) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.follow("s")
+    with pytest.raises(psycopg.errors.ForeignKeyViolation):
+        do(db, "DELETE FROM conflictdb.scene")
+    assert db.detach("s", "mission.ops", keep=True) == 0
+    assert keys(db) == ["1", "2", "3"]
+    do(db, "UPDATE mission.ops SET depth_ft = 9", "DELETE FROM conflictdb.scene")
