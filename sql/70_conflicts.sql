@@ -8,8 +8,12 @@ SELECT s.name AS scene,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
        c.region, c.first_contact_point, c.method, c.time_error_s,
-       NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
-                   AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
+       -- Each a comparison alone: for many rows the planner looks marks up in a table of hashes.
+       NOT EXISTS (SELECT FROM change m
+                   WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+           AND NOT EXISTS (SELECT FROM change m
+                           WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
+           AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
        n.scene_is_current
 -- Asked once for a scene, not for each of its conflicts.
@@ -61,8 +65,12 @@ SELECT s.name AS scene,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point AS a_point, c.closest_b_point AS b_point,
        c.verdict,
-       NOT EXISTS (SELECT FROM change m WHERE m.scene_id = c.scene_id
-                   AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))) AS is_current,
+       -- Each a comparison alone: for many rows the planner looks marks up in a table of hashes.
+       NOT EXISTS (SELECT FROM change m
+                   WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+           AND NOT EXISTS (SELECT FROM change m
+                           WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
+           AS is_current,
        c.run_id, c.found_at, n.scene_is_current
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id

@@ -27,9 +27,18 @@ def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
     yield "["
     separator = "\n"
     for conflict in conflicts:
-        yield f"{separator}  {dumped(members(conflict))}"
+        yield f"{separator}  {_object(conflict)}"
         separator = ",\n"
     yield "]\n" if separator == "\n" else "\n]\n"
+
+
+def _object(conflict: Conflict | Approach) -> str:
+    """Return a conflict or a closest approach as JSON; a region is JSON already, not to be read again."""
+    if isinstance(conflict, Approach) or conflict.region is None:
+        return dumped(members(conflict))
+    # No text has these quotes: within texts they are escaped.
+    head, tail = dumped(members(conflict, with_region=False)).split('"region": null', 1)
+    return f'{head}"region": {conflict.region}{tail}'
 
 
 def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> Iterator[str]:
@@ -105,8 +114,8 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneS
     yield " ] }\n"
 
 
-def members(conflict: Conflict | Approach) -> dict[str, Any]:
-    """Return a conflict or a closest approach as the members of one JSON object."""
+def members(conflict: Conflict | Approach, *, with_region: bool = True) -> dict[str, Any]:
+    """Return a conflict or a closest approach as the members of one JSON object; without its region that is null."""
     if isinstance(conflict, Approach):
         return {
             "scene": conflict.scene,
@@ -135,7 +144,7 @@ def members(conflict: Conflict | Approach) -> dict[str, Any]:
         "first_contact": format_moment(conflict.first_contact),
         "last_contact": format_moment(conflict.last_contact),
         "verdict": conflict.verdict,
-        "region": None if conflict.region is None else json.loads(conflict.region),
+        "region": json.loads(conflict.region) if with_region and conflict.region is not None else None,
         "first_contact_point": _point(conflict.first_contact_deg),
         "method": conflict.method,
         "time_error_s": conflict.time_error_s,

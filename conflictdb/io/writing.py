@@ -59,13 +59,14 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
     """Write a file of some lines; it appears when it is complete, and if it cannot be written, an older one stays."""
     path = Path(path)
-    if path.exists() and not path.is_file():  # a pipe or a device cannot be replaced
-        _write(path, "wb", lines, is_packed=_is_packed(path))
-        return
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # a link stays one
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
-        _write(part, "xb", lines, is_packed=_is_packed(path))
-        part.replace(path)
+        if file.exists() and not file.is_file():  # a pipe or a device cannot be replaced
+            _write(file, "wb", lines, is_packed=_is_packed(path))
+        else:
+            _write(part, "xb", lines, is_packed=_is_packed(path))
+            part.replace(file)
     except OSError as error:
         part.unlink(missing_ok=True)
         # Of the name that the caller knows.

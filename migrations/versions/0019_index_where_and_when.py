@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "befd3469d0fc3f81e623dbda8433e64fce23ba80e97d319840e0c2be357e2616"
+routines_sha256 = "f3cf2e00cb25a8d76b2f0f83db3a22480a70ac11612eb4c193262a364c7efce4"
 
 # Pairs that are only near have neither.
 WHERE_AND_WHEN = """

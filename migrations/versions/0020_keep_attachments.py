@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6f58b1707c9b85f70ed8e9875c086e4a37377fd70643d15dca606fecfdbe69a1"
+routines_sha256 = "24f9a31275527453bc7e06c6be3df8dd0c4ec76c92f49fe4190fdce071e59a61"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """

@@ -3,6 +3,7 @@
 import csv
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -96,3 +97,35 @@ def test_a_mixture_is_refused(found: list[conflictdb.Conflict], tmp_path: Path) 
         with pytest.raises(InvalidInput, match="must be conflicts, or closest approaches, and not both"):
             conflictdb.write(mixture, tmp_path / "found.json")  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_link_stays_one_and_what_it_leads_to_is_written(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    target, link = tmp_path / "there" / "real.json", tmp_path / "found.json"
+    target.parent.mkdir()
+    for text in (None, "older"):
+        if text:
+            target.write_text(text)
+        link.unlink(missing_ok=True)
+        link.symlink_to(target)
+        conflictdb.write(found, link)
+        assert link.is_symlink()
+        assert len(json.loads(target.read_text())) == len(found)
+    assert [path.name for path in target.parent.iterdir()] == ["real.json"]
+
+
+def test_a_device_that_is_full_is_named(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("did not run: no /dev/full")
+    (tmp_path / "found.json").symlink_to("/dev/full")
+    with pytest.raises(OSError, match=r"found\.json"):
+        conflictdb.write(found, tmp_path / "found.json")
+
+
+def test_a_region_is_written_as_the_database_gives_it(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    """Also where a key looks like the member itself."""
+    region = '{"type":"Point","coordinates":[1.5,2.25]}'
+    odd = replace(found[0], region=region, a_key='"region": null', scene='"region": null, "')
+    conflictdb.write([odd, found[1]], tmp_path / "found.json")
+    first, second = json.loads((tmp_path / "found.json").read_text())
+    assert (first["region"], first["a_key"], first["scene"]) == (json.loads(region), odd.a_key, odd.scene)
+    assert second["region"] is None
