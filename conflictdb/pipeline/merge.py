@@ -92,8 +92,9 @@ def merged_by_object(
             scene,
             plane,
             pieces,
-            PieceRows(a[order]),
-            PieceRows(b[order]),
+            # As in the pair: in the order of their keys, whatever their numbers are.
+            PieceRows(pairs.a[contacts.pair[order]]),
+            PieceRows(pairs.b[contacts.pair[order]]),
             (contacts.start_s[order], contacts.end_s[order]),
             group,
             threads=threads,
