@@ -72,7 +72,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             tried=Tried.WIDELY,
             says="a safe time window",
             promises="no conflict is missed; every contact lies in the period",
-            costs="about a tenth of `exact`",
+            costs="twice to three times `exact`",
         ),
         Method.EXACT: MethodSpec(
             4,
@@ -82,7 +82,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             says="certified times",
             promises="no conflict is missed and none is false, up to `tolerance_m`; every period is proven to be "
             "contact throughout, and holds the true one, which is shorter by at most `time_error_s` at either end",
-            costs="some ten microseconds a pair in full batches",
+            costs="one to four microseconds a pair in full batches, some ten in small ones",
         ),
         Method.NLP: MethodSpec(
             4,
@@ -91,7 +91,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             tried=Tried.SPARINGLY,
             says="certified times, found by the published program",
             promises="the same as `exact`",
-            costs="50 to 250 times `exact`",
+            costs="200 to 400 times `exact`",
         ),
     }
 )
