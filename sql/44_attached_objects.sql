@@ -213,14 +213,11 @@ BEGIN
             FROM new n WHERE n.object_id IS NULL;
     END IF;
     INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)
-        SELECT p_attachment.attachment_id, i.identity, i.hash, i.key, x.object_id, x.version
-        FROM pg_temp.attached_item i JOIN (
-            SELECT a.key, a.area_id, a.version FROM area a
-            WHERE p_attachment.object_kind = 0 AND a.scene_id = p_attachment.scene_id
-            UNION ALL
-            SELECT t.key, t.track_id, t.version FROM track t
-            WHERE p_attachment.object_kind = 1 AND t.scene_id = p_attachment.scene_id) x (key, object_id, version)
-            ON x.key = i.key
+        SELECT p_attachment.attachment_id, i.identity, i.hash, i.key, coalesce(a.area_id, t.track_id),
+               coalesce(a.version, t.version)
+        FROM pg_temp.attached_item i
+        LEFT JOIN area a ON p_attachment.object_kind = 0 AND a.scene_id = p_attachment.scene_id AND a.key = i.key
+        LEFT JOIN track t ON p_attachment.object_kind = 1 AND t.scene_id = p_attachment.scene_id AND t.key = i.key
         WHERE i.n BETWEEN p_first AND p_last
         ON CONFLICT (attachment_id, identity) DO UPDATE
             SET hash = excluded.hash, key = excluded.key, object_id = excluded.object_id, version = excluded.version,
@@ -267,8 +264,11 @@ CREATE OR REPLACE FUNCTION _take_over_attached(
     p_attachment_id bigint, p_turn bigint, p_change_ids bigint[], p_is_full boolean,
     OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
 )
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+SET enable_nestloop = on AS $$
 DECLARE
+    -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
+    c_few CONSTANT bigint := 1000;
     c_too_long CONSTANT text := 'key: its columns must hold at most 1000 bytes';
     v_attachment attachment%ROWTYPE;
 BEGIN
@@ -284,6 +284,10 @@ BEGIN
     PERFORM FROM scene s WHERE s.scene_id = v_attachment.scene_id FOR NO KEY UPDATE;
     UPDATE pg_temp.staged_attached s SET identity = _short_identity(s.identity), error = c_too_long
         WHERE octet_length(s.identity) > 1000;
+    ANALYZE pg_temp.staged_attached;
+    IF (SELECT count(*) FROM pg_temp.staged_attached) > c_few THEN
+        PERFORM set_config('enable_nestloop', 'off', true);
+    END IF;
     INSERT INTO pg_temp.attached_item (identity, hash, rows, key, reason, is_taken, former_id)
         SELECT s.identity, s.hash, s.rows, s.key,
                CASE WHEN s.rows = 0 THEN NULL
@@ -298,7 +302,6 @@ BEGIN
                      bool_or(x.at IS NULL AND NOT x.is_asked) AS is_timeless
               FROM pg_temp.staged_attached x GROUP BY x.identity) s
         LEFT JOIN attached_object o ON o.attachment_id = p_attachment_id AND o.identity = s.identity;
-    ANALYZE pg_temp.staged_attached;
     ANALYZE pg_temp.attached_item;
 
     -- Rows that are gone; first, because others may have their keys now.
@@ -319,13 +322,17 @@ BEGIN
                       AND a.scene_id = v_attachment.scene_id AND a.key = i.key)
            OR EXISTS (SELECT FROM track t WHERE v_attachment.object_kind = 1 AND t.track_id = i.former_id
                       AND t.scene_id = v_attachment.scene_id AND t.key = i.key);
-    UPDATE pg_temp.attached_item i SET is_taken = true, reason = 'key: is taken by ' || coalesce(
-               (SELECT format('a row of %I.%I', a.table_schema, a.table_name) FROM attached_object o
-                JOIN attachment a USING (attachment_id)
-                WHERE a.scene_id = v_attachment.scene_id AND o.key = i.key AND o.object_id IS NOT NULL LIMIT 1),
-               'an object of the scene that is not attached')
+    UPDATE pg_temp.attached_item i
+        SET is_taken = true, reason = 'key: is taken by an object of the scene that is not attached'
         WHERE i.reason IS NULL AND i.object_id IS NULL
           AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_attachment.scene_id AND k.key = i.key);
+    IF FOUND THEN
+        UPDATE pg_temp.attached_item i SET reason = 'key: is taken by a row of ' || h.holder
+            FROM (SELECT o.key, min(format('%I.%I', a.table_schema, a.table_name)) AS holder
+                  FROM attached_object o JOIN attachment a USING (attachment_id)
+                  WHERE a.scene_id = v_attachment.scene_id AND o.object_id IS NOT NULL GROUP BY o.key) h
+            WHERE i.is_taken AND i.key = h.key;
+    END IF;
     UPDATE pg_temp.attached_item i SET is_taken = true, reason = 'key: another row of the table has it too'
         FROM (SELECT x.identity, row_number() OVER (PARTITION BY x.key ORDER BY x.object_id IS NULL, x.identity) AS n
               FROM pg_temp.attached_item x WHERE x.reason IS NULL) d

@@ -780,7 +780,7 @@ FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _take_over_attached(p_attachment_id bigint, p_turn bigint, p_change_ids bigint[], p_is_full boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=on;
 
 FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

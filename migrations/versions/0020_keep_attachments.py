@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "24f9a31275527453bc7e06c6be3df8dd0c4ec76c92f49fe4190fdce071e59a61"
+routines_sha256 = "154385bde2dadaa9d5cf52a7e936e349fb01fbcc81b3419831efe1bae348233b"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """
