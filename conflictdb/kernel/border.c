@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "border.h"
+#include "runs.h"
 
 #ifndef KERNEL_FINGERPRINT
 #define KERNEL_FINGERPRINT ""
@@ -136,12 +137,18 @@ static KernelStatus check_pairs(const Scene *scene, const KernelPairs *pairs, in
     return KERNEL_OK;
 }
 
-/* Give an encounter room in memory, NUMBERS * largest, for polygons of so many vertices. */
+/* How many numbers an encounter takes, for polygons of so many vertices. */
+static size_t numbers_of(int64_t largest) {
+    return NUMBERS * (size_t)largest + POLYGONS * (size_t)runs_room(largest);
+}
+
+/* Give an encounter room in memory for polygons of so many vertices. */
 static void lay_out(Encounter *pair, double *memory, int64_t largest) {
     Polygon *polygons[POLYGONS] = {&pair->a0, &pair->b0, &pair->a1, &pair->b1, &pair->a_now, &pair->b_now};
     for (int k = 0; k < POLYGONS; k++) {
         polygons[k]->x = memory + 2 * k * largest;
         polygons[k]->y = memory + (2 * k + 1) * largest;
+        polygons[k]->bends = memory + NUMBERS * largest + k * runs_room(largest);
     }
     pair->spare.x = memory + 2 * POLYGONS * largest;
     pair->spare.y = pair->spare.x + 2 * largest;
@@ -167,7 +174,7 @@ KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounte
     KernelStatus status = check_pairs(scene, pairs, &largest);
     if (status != KERNEL_OK) return status;
     largest++; /* what polygons have in common may have two vertices more than both */
-    *memory = malloc(NUMBERS * (size_t)largest * sizeof **memory);
+    *memory = malloc(numbers_of(largest) * sizeof **memory);
     if (!*memory) return KERNEL_NO_MEMORY;
     pair->plane = &scene->plane;
     lay_out(pair, *memory, largest);

@@ -18,6 +18,7 @@
 #include "contact.h"
 
 #include "roots.h"
+#include "runs.h"
 #include "zone.h"
 
 /* Rounds of window and witness: each shrinks the slack by the square of how much the window shrank. With a separation
@@ -82,31 +83,54 @@ static void narrow(Share *share, double g0, double g1) {
     else if (g1 > 0.0) share->v = least(g0 / (g0 - g1), share->v);
 }
 
+/* Narrow by the gap along a normal of this length, at both ends of the time. */
+static void narrow_all(Shares *shares, double g0, double g1, double length, Levels levels) {
+    narrow(&shares->deep, g0 - levels.deep * length, g1 - levels.deep * length);
+    narrow(&shares->touch, g0 - levels.touch * length, g1 - levels.touch * length);
+    narrow(&shares->near, g0 - levels.near * length, g1 - levels.near * length);
+}
+
+static bool are_same(Share one, Share other) { return one.u == other.u && one.v == other.v; }
+
+/* Whether gaps that are no narrower than the true ones leave shares as they are: then those do. */
+static bool are_kept(const Shares *shares, double g0, double g1, double length, Levels levels) {
+    Shares narrowed = *shares;
+    narrow_all(&narrowed, g0, g1, length, levels);
+    return are_same(narrowed.deep, shares->deep) && are_same(narrowed.touch, shares->touch) &&
+           are_same(narrowed.near, shares->near);
+}
+
 /* Narrow by the normals of the edges of `mine`; the polygons are those of both ends of the time. */
 static void narrow_by_edges(Shares *shares, const Polygon *mine0, const Polygon *mine1, const Polygon *other0,
                             const Polygon *other1, bool stands_still, Levels levels) {
     int64_t n = mine0->count;
-    for (int64_t k = 0; k < n && n > 1; k++) {
-        int64_t m = edge_end(mine0, k);
-        double nx = (mine0->y[m] + mine1->y[m]) - (mine0->y[k] + mine1->y[k]);
-        double ny = (mine0->x[k] + mine1->x[k]) - (mine0->x[m] + mine1->x[m]);
-        double length = sqrt(nx * nx + ny * ny), own0, own1;
-        if (stands_still && n > 2) {
-            own0 = own1 = nx * mine0->x[k] + ny * mine0->y[k]; /* the edge itself is the furthest */
-        } else {
-            own0 = most_along(nx, ny, mine0), own1 = most_along(nx, ny, mine1);
+    Ahead ahead0 = ahead_of(mine0, other0), ahead1 = ahead_of(mine1, other1);
+    Ahead own_ahead0 = ahead_of(other0, mine0), own_ahead1 = ahead_of(other1, mine1);
+    for (int64_t step = ahead0.step; step > 0; step = finer(step))
+        for (int64_t k = 0; k < n && n > 1; k += step) {
+            int64_t m = edge_end(mine0, k);
+            double nx = (mine0->y[m] + mine1->y[m]) - (mine0->y[k] + mine1->y[k]);
+            double ny = (mine0->x[k] + mine1->x[k]) - (mine0->x[m] + mine1->x[m]);
+            double length = sqrt(nx * nx + ny * ny), own0 = nx * mine0->x[k] + ny * mine0->y[k], own1 = own0;
+            if (!stands_still) own1 = nx * mine1->x[k] + ny * mine1->y[k];
+            if (ahead0.is_in_runs) {
+                double g0 = ahead_at(nx, ny, &ahead0) - own0, g1 = ahead_at(nx, ny, &ahead1) - own1;
+                if (!(most(g0, g1) > levels.deep * length) || are_kept(shares, g0, g1, length, levels)) continue;
+            }
+            /* The edge itself is the furthest of what stands still. */
+            if (!stands_still || n == 2) {
+                own0 = -ahead_along(-nx, -ny, &own_ahead0), own1 = -ahead_along(-nx, -ny, &own_ahead1);
+            }
+            double g0 = ahead_along(nx, ny, &ahead0) - own0, g1 = ahead_along(nx, ny, &ahead1) - own1;
+            if (!(most(g0, g1) > levels.deep * length)) continue;
+            narrow_all(shares, g0, g1, length, levels);
+            if (is_none(shares->near)) return;
         }
-        double g0 = least_along(nx, ny, other0) - own0, g1 = least_along(nx, ny, other1) - own1;
-        if (!(most(g0, g1) > levels.deep * length)) continue;
-        narrow(&shares->deep, g0 - levels.deep * length, g1 - levels.deep * length);
-        narrow(&shares->touch, g0 - levels.touch * length, g1 - levels.touch * length);
-        narrow(&shares->near, g0 - levels.near * length, g1 - levels.near * length);
-        if (is_none(shares->near)) return;
-    }
 }
 
-static Shares shares_of(const Encounter *pair, Levels levels) {
+static Shares shares_of(Encounter *pair, Levels levels) {
     Shares shares = {{0.0, 1.0}, {0.0, 1.0}, {0.0, 1.0}};
+    runs_make(&pair->a0, &pair->b0), runs_make(&pair->a1, &pair->b1);
     bool a_stands = pair->a.body->motion == STANDS_STILL, b_stands = pair->b.body->motion == STANDS_STILL;
     narrow_by_edges(&shares, &pair->a0, &pair->a1, &pair->b0, &pair->b1, a_stands, levels);
     if (is_none(shares.near)) return shares;
@@ -282,28 +306,80 @@ static void take_gap(Below *below, double gap, double rate, double level) {
     else if (gap > level) below->last = -INFINITY;
 }
 
-/* Gap and rate along the edge of `mine` from vertex k, where `other` moves at v against it; false if there is none. */
-static bool edge_gap(const Polygon *mine, const Polygon *other, int64_t k, Vector v, double *gap, double *rate) {
+/* An edge of a polygon, another that moves at `velocity` against it, and the gap along the edge's normal. */
+typedef struct {
+    Vector normal;
+    double length, own, gap, rate;
+} Edge;
+
+/* The edge from vertex k, the gap not yet found; false if there is none. */
+static bool edge_of(const Polygon *mine, int64_t k, Vector velocity, Edge *edge) {
     int64_t m = edge_end(mine, k);
     double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], length = sqrt(nx * nx + ny * ny);
     if (!(length > 0.0)) return false;
-    *gap = (least_along(nx, ny, other) - own_reach(nx, ny, mine, k)) / length;
-    *rate = (nx * v.x + ny * v.y) / length;
+    *edge = (Edge){{nx, ny}, length, own_reach(nx, ny, mine, k), 0.0, (nx * velocity.x + ny * velocity.y) / length};
     return true;
+}
+
+/* The gap, and what it is at most, which takes no time for polygons in runs. */
+static double gap_of(const Edge *edge, Ahead *ahead) {
+    return (ahead_along(edge->normal.x, edge->normal.y, ahead) - edge->own) / edge->length;
+}
+
+static double gap_at_most(const Edge *edge, const Ahead *ahead) {
+    return (ahead_at(edge->normal.x, edge->normal.y, ahead) - edge->own) / edge->length;
 }
 
 /* The deepest that all gaps along the edges of `mine` are at an instant, if they go on at their rates. */
 static double widest_then(const Polygon *mine, const Polygon *other, Vector v, double t, double widest) {
-    double gap, rate;
-    for (int64_t k = 0; k < mine->count; k++)
-        if (edge_gap(mine, other, k, v, &gap, &rate)) widest = most(widest, gap + rate * t);
+    Ahead ahead = ahead_of(mine, other);
+    Edge edge;
+    for (int64_t step = ahead.step; step > 0; step = finer(step))
+        for (int64_t k = 0; k < mine->count; k += step) {
+            if (!edge_of(mine, k, v, &edge)) continue;
+            if (ahead.is_in_runs && gap_at_most(&edge, &ahead) + edge.rate * t <= widest) continue;
+            widest = most(widest, gap_of(&edge, &ahead) + edge.rate * t);
+        }
     return widest;
+}
+
+/* The times in which all gaps along edges are below each of some levels: those in which a pair is perhaps and surely in
+ * touch, near, and deep. */
+enum { PERHAPS, SURELY, NEAR, DEEP, LEVELS };
+typedef struct {
+    double level[LEVELS];
+    Below below[LEVELS];
+} Times;
+
+static void take_all(Times *times, double gap, double rate) {
+    for (int k = 0; k < LEVELS; k++) take_gap(&times->below[k], gap, rate, times->level[k]);
+}
+
+/* Whether a gap that is no narrower than the true one leaves the times as they are: then that does. */
+static bool are_times_kept(const Times *times, double gap, double rate) {
+    for (int k = 0; k < LEVELS; k++) {
+        Below below = times->below[k];
+        take_gap(&below, gap, rate, times->level[k]);
+        if (!(below.first == times->below[k].first && below.last == times->below[k].last)) return false;
+    }
+    return true;
+}
+
+static void take_edges(Times *times, const Polygon *mine, const Polygon *other, Vector v) {
+    Ahead ahead = ahead_of(mine, other);
+    Edge edge;
+    for (int64_t step = ahead.step; step > 0; step = finer(step))
+        for (int64_t k = 0; k < mine->count; k += step) {
+            if (!edge_of(mine, k, v, &edge)) continue;
+            if (ahead.is_in_runs && are_times_kept(times, gap_at_most(&edge, &ahead), edge.rate)) continue;
+            take_all(times, gap_of(&edge, &ahead), edge.rate);
+        }
 }
 
 /* Rigid polygons in even motion but for a departure, plane metres. */
 static Contact closed_form(Encounter *pair, double low, double high, double departure) {
     pair->work->closed_forms++;
-    double middle = 0.5 * (low + high), gap, rate;
+    double middle = 0.5 * (low + high);
     Extent extent = extent_none();
     encounter_place(pair, middle);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
@@ -312,26 +388,20 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     double slack = departure + KERNEL_TOUCH_M * all.largest;
     Levels levels = levels_of(pair, slack, scales);
     Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
-    Below perhaps = {low - middle, high - middle}, surely = perhaps, near = perhaps, deep = perhaps;
-    for (int turn = 0; turn < 2; turn++) {
-        const Polygon *mine = turn ? &pair->b_now : &pair->a_now, *other = turn ? &pair->a_now : &pair->b_now;
-        Vector v = turn ? (Vector){va.x - vb.x, va.y - vb.y} : (Vector){vb.x - va.x, vb.y - va.y};
-        for (int64_t k = 0; k < mine->count; k++) {
-            if (!edge_gap(mine, other, k, v, &gap, &rate)) continue;
-            take_gap(&perhaps, gap, rate, slack);
-            take_gap(&surely, gap, rate, -slack);
-            take_gap(&near, gap, rate, levels.near);
-            take_gap(&deep, gap, rate, levels.deep);
-        }
-    }
+    Vector of_a = {va.x - vb.x, va.y - vb.y}, of_b = {vb.x - va.x, vb.y - va.y};
+    Below all_time = {low - middle, high - middle};
+    Times times = {{slack, -slack, levels.near, levels.deep}, {all_time, all_time, all_time, all_time}};
+    take_edges(&times, &pair->a_now, &pair->b_now, of_b);
+    take_edges(&times, &pair->b_now, &pair->a_now, of_a);
+    Below perhaps = times.below[PERHAPS], surely = times.below[SURELY], near = times.below[NEAR], deep = times.below[DEEP];
     if (near.first > near.last) return SEPARATED;
     if (perhaps.first > perhaps.last)
         return close_in(pair, middle + near.first, middle + near.last, middle + 0.5 * (near.first + near.last), all.smallest);
     if (!(surely.first < surely.last)) return UNDECIDED;
     bool is_shallow = deep.first > deep.last;
     double at = is_shallow ? 0.5 * (surely.first + surely.last) : 0.5 * (deep.first + deep.last);
-    double deepest = widest_then(&pair->a_now, &pair->b_now, (Vector){vb.x - va.x, vb.y - va.y}, at, -INFINITY);
-    deepest = widest_then(&pair->b_now, &pair->a_now, (Vector){va.x - vb.x, va.y - vb.y}, at, deepest);
+    double deepest = widest_then(&pair->a_now, &pair->b_now, of_b, at, -INFINITY);
+    deepest = widest_then(&pair->b_now, &pair->a_now, of_a, at, deepest);
     /* Polygons without any edge have no depth. */
     if (deepest == -INFINITY) return UNDECIDED;
     Depth depth = is_deep(pair, deepest + departure, scales) ? IS_DEEP : is_shallow ? IS_SHALLOW : IS_EITHER;

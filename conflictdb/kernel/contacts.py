@@ -102,7 +102,7 @@ def contacts(
         items["pair"] += rows.start
         return items, done
 
-    parts = shared(solve, n, threads)
+    parts = shared(solve, n, threads, vertices=scene.vertices(questions.a, questions.b))
     for _, done in parts:
         for name in Work.__slots__:
             setattr(work, name, getattr(work, name) + getattr(done, name))

@@ -1,5 +1,7 @@
 #include "encounter.h"
 
+#include "runs.h"
+
 void encounter_ask(Encounter *pair, double separation_m, double margin_m) {
     pair->separation_m = separation_m, pair->margin_m = most(margin_m, KERNEL_TOUCH_M);
     pair->deep_m = pair->margin_m;
@@ -15,6 +17,7 @@ void encounter_place(Encounter *pair, double t) {
     encounter_put(pair, t, &pair->a_now, &pair->b_now);
     if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
     if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
+    runs_make(&pair->a_now, &pair->b_now);
 }
 
 Bounds encounter_bounds(const Encounter *pair, double t0, double t1) {

@@ -7,6 +7,7 @@
 #include <math.h>
 
 #include "plane.h"
+#include "runs.h"
 
 static double dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y; }
 static Vector minus(Vector a, Vector b) { return (Vector){a.x - b.x, a.y - b.y}; }
@@ -44,11 +45,22 @@ static double squared_chord(Vector point, Vector start, Vector to_point, Vector 
     return least(chord2(to_edge, edge_cosine), chord);
 }
 
-/* Lower a chord to the least between the vertices of one polygon and the sides of another. */
-static double least_chord(const Polygon *vertices, const Polygon *sides, Vector origin, double radius_m, double nearest,
-                          Facing *facing) {
-    for (int64_t i = 0; i < vertices->count; i++)
-        for (int64_t k = 0; k < sides->count; k++) {
+/* The least squared chord between vertices of one polygon and sides of another that is found. */
+typedef struct {
+    Vector origin;
+    double radius_m, scale, square;
+    Facing *facing;
+} Chords;
+
+static double metres_of(const Chords *chords) { return chords->radius_m * 2.0 * asin(least(0.5 * sqrt(chords->square), 1.0)); }
+
+/* What spans more at the largest scale, and a little for rounding, is no nearer. */
+static double look_chords(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
+    Chords *chords = of;
+    double radius_m = chords->radius_m;
+    Vector origin = chords->origin;
+    for (int64_t i = range.first; i < range.end; i++)
+        for (int64_t k = among.first; k < among.end; k++) {
             int64_t m = edge_end(sides, k);
             Vector own = {vertices->x[i], vertices->y[i]}, from = {sides->x[k], sides->y[k]};
             Vector way = {(own.x - from.x) / radius_m, (own.y - from.y) / radius_m};
@@ -56,15 +68,17 @@ static double least_chord(const Polygon *vertices, const Polygon *sides, Vector 
             Vector point = {(own.x + origin.x) / radius_m, (own.y + origin.y) / radius_m};
             Vector start = {(from.x + origin.x) / radius_m, (from.y + origin.y) / radius_m};
             double found = squared_chord(point, start, way, edge);
-            if (found < nearest) nearest = found, *facing = (Facing){vertices, sides, i, k};
+            if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k};
         }
-    return nearest;
+    return metres_of(chords) * chords->scale * (1.0 + 1e-9) + 1e-6;
 }
 
 double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Facing *facing) {
-    double square = least_chord(a, b, origin, plane->radius_m, INFINITY, facing);
-    square = least_chord(b, a, origin, plane->radius_m, square, facing);
-    return plane->radius_m * 2.0 * asin(least(0.5 * sqrt(square), 1.0));
+    Extent extent = extent_none();
+    extent_add(&extent, a, origin), extent_add(&extent, b, origin);
+    Chords chords = {origin, plane->radius_m, plane_largest_scale(plane, &extent), INFINITY, facing};
+    runs_visit(a, b, INFINITY, look_chords, &chords);
+    return metres_of(&chords);
 }
 
 double gnomonic_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {

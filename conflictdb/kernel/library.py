@@ -7,9 +7,11 @@ import ctypes
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
@@ -52,6 +54,8 @@ _RETURNS: Final[dict[str, Any]] = {
 }
 # Rows that a thread takes at once: milliseconds of work.
 SHARE: Final = 2048
+# A pair of so many more vertices counts as one more row.
+FEW_VERTICES: Final = 64
 
 _T = TypeVar("_T")
 
@@ -98,12 +102,22 @@ class Held(ctypes.Structure):
             setattr(self, name, array.ctypes.data)
 
 
-def shared(solve: Callable[[slice], _T], n: int, threads: int, share: int = SHARE) -> list[_T]:
+def shared(
+    solve: Callable[[slice], _T], n: int, threads: int, share: int = SHARE, vertices: NDArray[np.int64] | None = None
+) -> list[_T]:
     """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them.
 
-    share : rows that a thread takes at once
+    share : rows that a thread takes at once, at most
+    vertices : (n,) of each row's pieces: fewer rows are taken of large ones, so that a call lasts milliseconds
     """
-    slices = [slice(first, min(first + share, n)) for first in range(0, n, share)]
+    weight = np.ones(n, np.int64) if vertices is None else 1 + vertices // FEW_VERTICES
+    done = np.cumsum(weight)
+    cuts, first = [0], 0
+    while first < n:
+        limit = share + (int(done[first - 1]) if first else 0)
+        first = max(int(np.searchsorted(done, limit, side="right")), first + 1)
+        cuts.append(first)
+    slices = [slice(first, end) for first, end in pairwise(cuts)]
     if threads <= 1 or len(slices) <= 1:
         return [solve(rows) for rows in slices]
     with ThreadPoolExecutor(threads) as pool:

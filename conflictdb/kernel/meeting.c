@@ -11,7 +11,7 @@ Vector encounter_meeting(Encounter *pair, double t) {
         common = (Vector){0.5 * (from.x + to.x), 0.5 * (from.y + to.y)};
     } else {
         /* Polygons that are not looked at now lend their room, which is for as many vertices as both have. */
-        Polygon room = {pair->a0.x, pair->a1.x, 0};
+        Polygon room = {.x = pair->a0.x, .y = pair->a1.x};
         common = polygon_common_point(&pair->a_now, &pair->b_now, &room, &pair->spare);
     }
     return (Vector){common.x + pair->a.origin.x, common.y + pair->a.origin.y};

@@ -41,5 +41,5 @@ def _measured(scene: Scene, measure: Any, found: Floats, columns: tuple[NDArray[
         held = HeldPairs.of(pairs, rows)
         check(measure(scene.handle, ctypes.byref(held), found[rows].ctypes.data))
 
-    shared(solve, len(found), threads)
+    shared(solve, len(found), threads, vertices=scene.vertices(*columns[:2]))
     return found

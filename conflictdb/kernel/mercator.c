@@ -19,6 +19,7 @@
 #include <math.h>
 
 #include "plane.h"
+#include "runs.h"
 
 /* In the plane, radians: what is nearer than this is found by the fixed point. */
 static const double NEARBY = 0.25;
@@ -153,22 +154,36 @@ static Place place_of(const KernelPlane *earth, const Polygon *polygon, int64_t 
     return (Place){polygon->x[i] / earth->radius_m, (polygon->y[i] + origin.y) / earth->radius_m};
 }
 
-/* The least of `found` and the distances nearby of vertices and sides that are further apart than `beyond` and at most
- * `within` plane metres. */
-static double nearest_nearby_m(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
-                               double beyond, double within, double found, Facing *facing) {
-    for (int64_t i = 0; i < vertices->count; i++)
-        for (int64_t k = 0; k < sides->count; k++) {
+/* The least distance nearby that is found, between what, and what is looked at: vertices and sides that are further apart
+ * than `beyond` and at most `within` plane metres, as nothing that spans more at the largest scale is nearer. */
+typedef struct {
+    const KernelPlane *earth;
+    Vector origin;
+    double scale, beyond, within, found;
+    Facing *facing;
+} Nearby;
+
+/* With a little more for rounding. */
+static double reach_of(double span) { return span * (1.0 + 1e-9) + 1e-6; }
+
+static double look_nearby(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
+    Nearby *nearby = of;
+    const KernelPlane *earth = nearby->earth;
+    double before = nearby->found;
+    for (int64_t i = range.first; i < range.end; i++)
+        for (int64_t k = among.first; k < among.end; k++) {
             int64_t m = edge_end(sides, k);
             Vector way = {vertices->x[i] - sides->x[k], vertices->y[i] - sides->y[k]};
             Vector side = {sides->x[m] - sides->x[k], sides->y[m] - sides->y[k]};
             double square = squared_distance(way, side);
-            if (square > within * within || square <= beyond * beyond) continue;
-            Edge edge = {place_of(earth, sides, k, origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
-            double distance = nearby_m(earth, place_of(earth, vertices, i, origin), edge);
-            if (distance < found) found = distance, *facing = (Facing){vertices, sides, i, k};
+            if (square > nearby->within * nearby->within || square <= nearby->beyond * nearby->beyond) continue;
+            Edge edge = {place_of(earth, sides, k, nearby->origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
+            double distance = nearby_m(earth, place_of(earth, vertices, i, nearby->origin), edge);
+            if (distance < nearby->found) nearby->found = distance, *nearby->facing = (Facing){vertices, sides, i, k};
         }
-    return found;
+    if (nearby->found < before && vertices->is_in_runs)
+        nearby->within = least(nearby->within, reach_of(plane_span_m(earth, nearby->found, nearby->scale)));
+    return nearby->within;
 }
 
 static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
@@ -191,14 +206,12 @@ double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Pol
     double scale = plane_largest_scale(plane, &extent), width = (extent.east - extent.west) / plane->radius_m;
     /* What is nearest in the plane first, with a little more for rounding; then all that might be nearer on the earth:
      * nothing that spans more of the plane is. */
-    double within = nearest * (1.0 + 1e-9) + 1e-6, found = INFINITY;
-    found = nearest_nearby_m(plane, a, b, origin, 0.0, within, found, facing);
-    found = nearest_nearby_m(plane, b, a, origin, 0.0, within, found, facing);
-    double span = plane_span_m(plane, found, scale);
-    if (span > within) {
-        found = nearest_nearby_m(plane, a, b, origin, within, span, found, facing);
-        found = nearest_nearby_m(plane, b, a, origin, within, span, found, facing);
-    }
+    Nearby nearby = {plane, origin, scale, 0.0, reach_of(nearest), INFINITY, facing};
+    double within = nearby.within;
+    runs_visit(a, b, within, look_nearby, &nearby);
+    nearby.beyond = within, nearby.within = reach_of(plane_span_m(plane, nearby.found, scale));
+    if (nearby.within > within) runs_visit(a, b, nearby.within, look_nearby, &nearby);
+    double found = nearby.found;
     /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
     if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
         double best = INFINITY, floor = INFINITY;

@@ -17,7 +17,7 @@ static void place_still(const Mover *mover, Polygon *polygon) {
 }
 
 void mover_place(const Mover *mover, double t, Polygon *polygon) {
-    polygon->count = mover->body->count;
+    polygon->count = mover->body->count, polygon->is_in_runs = false;
     switch (mover->body->motion) {
         case STANDS_STILL: place_still(mover, polygon); return;
         case ON_RHUMB_LINE: rhumb_place(mover, t, polygon); return;

@@ -2,20 +2,25 @@
 
 #include <math.h>
 
+#include "runs.h"
+
 /* A polygon is hardly wider than a line if it covers less than this of the square of its length: with less, rounding
  * decides where the centre of its area is. */
 static const double SLIVER = 1e-8;
 
 /* Take the gaps along the normals of one polygon's edges where they are wider. sign: 1 where `mine` is the first. */
 static void widen_by_edges(Gap *widest, const Polygon *mine, const Polygon *other, double sign) {
-    for (int64_t k = 0; k < mine->count; k++) {
-        int64_t m = edge_end(mine, k);
-        double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], square = nx * nx + ny * ny;
-        if (!(square > 0.0)) continue; /* no edge between vertices that coincide */
-        double length = sqrt(square);
-        double gap = (least_along(nx, ny, other) - own_reach(nx, ny, mine, k)) / length;
-        if (gap > widest->gap) *widest = (Gap){gap, {sign * nx / length, sign * ny / length}};
-    }
+    Ahead ahead = ahead_of(mine, other);
+    for (int64_t step = ahead.step; step > 0; step = finer(step))
+        for (int64_t k = 0; k < mine->count; k += step) {
+            int64_t m = edge_end(mine, k);
+            double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], square = nx * nx + ny * ny;
+            if (!(square > 0.0)) continue; /* no edge between vertices that coincide */
+            double length = sqrt(square), own = own_reach(nx, ny, mine, k);
+            if (ahead.is_in_runs && (ahead_at(nx, ny, &ahead) - own) / length <= widest->gap) continue;
+            double gap = (ahead_along(nx, ny, &ahead) - own) / length;
+            if (gap > widest->gap) *widest = (Gap){gap, {sign * nx / length, sign * ny / length}};
+        }
 }
 
 Gap polygon_separation(const Polygon *a, const Polygon *b) {
@@ -57,17 +62,24 @@ static Vector side_of(const Polygon *polygon, int64_t k) {
     return (Vector){polygon->x[m] - polygon->x[k], polygon->y[m] - polygon->y[k]};
 }
 
-static Nearest nearest_of(const Polygon *vertices, const Polygon *sides) {
-    Nearest nearest = {INFINITY, 0, 0};
-    for (int64_t k = 0; k < sides->count; k++) {
+/* Of a polygon's vertices and another's sides, and the other way round. */
+typedef struct {
+    const Polygon *a;
+    Nearest of_a, of_b;
+} Nearer;
+
+static double look_nearer(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
+    Nearer *nearer = of;
+    Nearest *nearest = vertices == nearer->a ? &nearer->of_a : &nearer->of_b;
+    for (int64_t k = among.first; k < among.end; k++) {
         Vector side = side_of(sides, k);
-        for (int64_t i = 0; i < vertices->count; i++) {
+        for (int64_t i = range.first; i < range.end; i++) {
             Vector way = {vertices->x[i] - sides->x[k], vertices->y[i] - sides->y[k]};
             double square = squared_distance(way, side);
-            if (square < nearest.square) nearest = (Nearest){square, i, k};
+            if (square < nearest->square) *nearest = (Nearest){square, i, k};
         }
     }
-    return nearest;
+    return sqrt(nearer->of_a.square < nearer->of_b.square ? nearer->of_a.square : nearer->of_b.square);
 }
 
 /* The vertex, and the nearest place on the side. */
@@ -81,10 +93,12 @@ static void points_of(const Polygon *vertices, const Polygon *sides, Nearest nea
 }
 
 double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {
-    Nearest of_a = nearest_of(a, b), of_b = nearest_of(b, a);
-    if (of_a.square <= of_b.square) points_of(a, b, of_a, from, to);
-    else points_of(b, a, of_b, to, from);
-    return sqrt(of_a.square <= of_b.square ? of_a.square : of_b.square);
+    Nearer nearer = {a, {INFINITY, 0, 0}, {INFINITY, 0, 0}};
+    runs_visit(a, b, INFINITY, look_nearer, &nearer);
+    bool is_of_a = nearer.of_a.square <= nearer.of_b.square;
+    if (is_of_a) points_of(a, b, nearer.of_a, from, to);
+    else points_of(b, a, nearer.of_b, to, from);
+    return sqrt(is_of_a ? nearer.of_a.square : nearer.of_b.square);
 }
 
 Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {

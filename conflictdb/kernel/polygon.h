@@ -13,10 +13,13 @@ typedef struct {
     double x, y;
 } Vector;
 
-/* At least one vertex; the edges run from each to the next. */
+/* At least one vertex; the edges run from each to the next. bends, largest: of a large one that is in runs (runs.h), how
+ * far each run bends, and the largest coordinate. */
 typedef struct {
     double *x, *y;
     int64_t count;
+    bool is_in_runs;
+    double *bends, largest;
 } Polygon;
 
 /* A gap, and the unit vector from the first to the second polygon along which it is measured. */
@@ -54,7 +57,8 @@ static inline double gap_along(Vector axis, const Polygon *a, const Polygon *b) 
     return least_along(axis.x, axis.y, b) - most_along(axis.x, axis.y, a);
 }
 
-/* Of convex polygons, counter-clockwise: */
+/* Of convex polygons, counter-clockwise. Two that are in runs take n log n steps at most, others n times m; what either
+ * finds differs by what rounding makes of reaches along an axis: */
 
 /* The widest gap along the normals of the edges; its sign is that of the separation. NaN where neither has an edge. */
 Gap polygon_separation(const Polygon *a, const Polygon *b);

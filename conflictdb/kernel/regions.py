@@ -58,7 +58,7 @@ def regions(
             counts.append(np.diff(ring_offset))
         return found, counts
 
-    shares = shared(make, len(a), threads)
+    shares = shared(make, len(a), threads, vertices=scene.vertices(a, b))
     rings = [ring for found, _ in shares for ring in found]
     counts = [count for _, some in shares for count in some]
     offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))

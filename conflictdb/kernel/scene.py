@@ -92,7 +92,14 @@ class Scene:
         functions, held = library(), HeldPieces.of(pieces, wanted)
         self.handle, self.count = ctypes.c_void_p(), len(pieces)
         check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
+        self._vertices = np.diff(pieces.shape_offset)
         weakref.finalize(self, functions.kernel_scene_free, self.handle)
+
+    def vertices(self, a: _Ints, b: _Ints) -> _Ints:
+        """Return (n,) how many vertices pairs have; of a number that is no piece's, some other's."""
+        if not self.count:
+            return np.zeros(len(a), np.int64)
+        return np.asarray(self._vertices.take(a, mode="clip") + self._vertices.take(b, mode="clip"))
 
     def states(self) -> NDArray[np.int8]:
         """Return what each piece is, `State`."""
