@@ -190,11 +190,7 @@ BEGIN
     ), removed AS (
         DELETE FROM conflict c USING placed p WHERE c.ctid = p.place AND NOT p.is_found
     ), ordered AS NOT MATERIALIZED (
-        SELECT p.place, p.stays, p.periods, p.verdict,
-               CASE WHEN p.region IS NULL AND p.verdict <> 'near' THEN
-                   _conflict_region(p_scene_id, p.a_kind, p.a_id, p.a_version, p.b_kind, p.b_id, p.b_version, p.periods,
-                                    v_plane)
-               ELSE p.region END AS region, p.first_contact_point, p.time_error_s, p.closest_at,
+        SELECT p.place, p.stays, p.periods, p.verdict, p.region, p.first_contact_point, p.time_error_s, p.closest_at,
                p.closest_m, p.closest_error_m,
                CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
                CASE WHEN p.is_turned THEN p.b_id ELSE p.a_id END AS a_id,
@@ -210,23 +206,30 @@ BEGIN
                CASE WHEN p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') THEN p.found_at
                     ELSE v_start END AS found_at
         FROM placed p WHERE p.is_found
+    ), located AS NOT MATERIALIZED (
+        -- By the order of the keys: not even the order of its vertices depends on numbers.
+        SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' THEN
+                        _conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id, o.b_version,
+                                         o.periods, v_plane)
+                    ELSE o.region END AS known_region
+        FROM ordered o
     ), rewritten AS (
         UPDATE conflict c
             SET run_id = v_run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version, a_key = o.a_key,
                 b_kind = o.b_kind, b_id = o.b_id, b_version = o.b_version, b_key = o.b_key, periods = o.periods,
-                verdict = o.verdict, region = o.region, first_contact_point = o.first_contact_point, method = v_method,
-                time_error_s = o.time_error_s, closest_at = o.closest_at, closest_m = o.closest_m,
+                verdict = o.verdict, region = o.known_region, first_contact_point = o.first_contact_point,
+                method = v_method, time_error_s = o.time_error_s, closest_at = o.closest_at, closest_m = o.closest_m,
                 closest_error_m = o.closest_error_m, closest_a_point = o.closest_a_point,
                 closest_b_point = o.closest_b_point, found_at = o.found_at
-            FROM ordered o WHERE c.ctid = o.place
+            FROM located o WHERE c.ctid = o.place
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                               periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,
                               closest_m, closest_error_m, closest_a_point, closest_b_point)
             SELECT p_scene_id, v_run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version,
-                   o.b_key, o.periods, o.verdict, o.region, o.first_contact_point, v_method, o.time_error_s, o.found_at,
-                   o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point
-            FROM ordered o WHERE o.place IS NULL
+                   o.b_key, o.periods, o.verdict, o.known_region, o.first_contact_point, v_method, o.time_error_s,
+                   o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point
+            FROM located o WHERE o.place IS NULL
     )
     -- Pairs that are only near are no conflicts: they open, change and close none.
     SELECT count(*) FILTER (WHERE n.is_now AND NOT (p.stays AND n.was)),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-from workloads import EQUATOR, SEAM, throw
+from workloads import EQUATOR, OCEAN, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -78,6 +78,7 @@ def edited(rng: np.random.Generator, areas: list[Area], tracks: list[Track]) -> 
     [
         (EQUATOR, EarthModel.WGS84, 2),
         (SEAM, EarthModel.SPHERE, 2),
+        (OCEAN, EarthModel.SPHERE, 2),
         *(
             pytest.param(w, e, s, marks=pytest.mark.slow)
             for w in (EQUATOR, SEAM)
