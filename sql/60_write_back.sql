@@ -132,8 +132,11 @@ BEGIN
     ), known AS (
         SELECT c.ctid AS place, c.* FROM conflict c
         WHERE v_is_many AND c.scene_id = p_scene_id
-          AND ((c.a_kind, c.a_id) IN (SELECT d.kind, d.id FROM dirty d)
-               OR (c.b_kind, c.b_id) IN (SELECT d.kind, d.id FROM dirty d))
+          -- Looked up in the index where there are more than a table of hashes may hold.
+          AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                       AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+               OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                          AND m.object_kind = c.b_kind AND m.object_id = c.b_id))
         UNION ALL
         SELECT c.ctid, c.* FROM dirty d JOIN conflict c ON c.a_kind = d.kind AND c.a_id = d.id
         WHERE NOT v_is_many AND c.scene_id + 0 = p_scene_id

@@ -15,7 +15,7 @@ from piecework import load, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
-from conflictdb.db.detect import _SceneSource
+from conflictdb.db.detect import _SceneSource, detect
 from conflictdb.model import SINCE_EVER_US, Area, Scene
 
 Conn = psycopg.Connection[Any]
@@ -70,6 +70,11 @@ def worst_waste(plan: dict[str, Any]) -> float:
     return max([own, *(worst_waste(child) for child in plan.get("Plans", []))])
 
 
+def most_read(plan: dict[str, Any]) -> float:
+    """Return the most rows that any node of a plan handed on."""
+    return max([plan["Actual Rows"] * plan["Actual Loops"], *(most_read(child) for child in plan.get("Plans", []))])
+
+
 @pytest.fixture
 def plans(conn: Conn) -> list[dict[str, Any]]:
     """Return a list that the plans of all statements, also inside routines, are added to."""
@@ -90,7 +95,9 @@ def plans(conn: Conn) -> list[dict[str, Any]]:
         _, _, text = (diagnostic.message_primary or "").partition("plan:\n")
         if text:
             plan = json.loads(text)
-            found.append({"query": plan["Query Text"], "waste": worst_waste(plan["Plan"])})
+            found.append(
+                {"query": plan["Query Text"], "waste": worst_waste(plan["Plan"]), "read": most_read(plan["Plan"])}
+            )
 
     conn.add_notice_handler(keep)
     return found
@@ -131,6 +138,57 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
     assert len(plans) > 50
     # 1500 objects against each other are 2,250,000 pairs; what boxes cannot tell apart are some dozen an object.
     wasteful = [plan for plan in plans if plan["waste"] > 100 * COUNT]
+    assert wasteful == []
+
+
+def test_objects_that_all_meet_are_detected_again_without_comparing_all_conflicts(
+    conn: Conn, plans: list[dict[str, Any]]
+) -> None:
+    """Few objects with many conflicts, while the statistics know nothing of these: in full, again, and one change."""
+    conn.execute("ALTER TABLE conflictdb.conflict SET (autovacuum_enabled = off)")
+    conn.commit()
+    boxes = [shapely.box(5.0 + 1e-3 * i, 57.0, 6.0, 58.0) for i in range(200)]
+    areas = [Area(f"A{i}", shapely.MultiPolygon([one])) for i, one in enumerate(boxes)]
+    pairs = len(areas) * (len(areas) - 1) // 2
+    load(conn, Scene("s"), areas, [])
+    assert detect(conn, "s", jobs=1).opened == pairs
+    for _ in range(2):
+        again = detect(conn, "s", jobs=1, full=True)
+        assert (again.opened, again.changed, again.closed) == (0, 0, 0)
+    store.replace_scene(conn, Scene("s"), areas[1:], [], merge=False)
+    assert detect(conn, "s", jobs=1).closed == len(areas) - 1
+    store.replace_scene(conn, Scene("s"), areas, [], merge=False)
+    assert detect(conn, "s", jobs=1).opened == len(areas) - 1
+    assert len(plans) > 50
+    wasteful = [plan for plan in plans if max(plan["waste"], plan["read"]) > 10 * pairs]
+    assert wasteful == []
+
+
+def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans: list[dict[str, Any]]) -> None:
+    """A server with little work_mem and a scene of millions: which of its conflicts are to be found anew."""
+    scene_id = load(conn, Scene("s"), grid(), [])
+    conn.execute("SET work_mem = '64kB'")
+    conn.execute("SET hash_mem_multiplier = 1")
+    conn.commit()
+    for version in (2, 3):
+        # So many objects that are gone: the table of hashes would have to hold them, too.
+        conn.execute(
+            "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version) "
+            "SELECT %s, n %% 2, n, %s FROM generate_series(100000, 110000) n",
+            [scene_id, version],
+        )
+        conn.commit()
+        refresh(conn, scene_id)
+        conn.execute("ANALYZE conflictdb.change")
+        conn.commit()
+        store.begin_snapshot(conn)
+        found = neighbours(conn)
+        assert store.dirty_objects(conn, scene_id).is_all
+        write_run(conn, scene_id, store.RunRecord("exact", {}, datetime.now(UTC)), found)
+        conn.commit()
+        store.mark_all(conn, scene_id)
+        conn.commit()
+    wasteful = [plan for plan in plans if max(plan["waste"], plan["read"]) > 100 * COUNT]
     assert wasteful == []
 
 
