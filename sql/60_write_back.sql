@@ -104,12 +104,15 @@ DECLARE
     v_kinds smallint[];
     v_ids bigint[];
     v_is_many boolean;
+    v_is_as_before boolean;
     v_more bigint;
     v_more_unresolved bigint;
 BEGIN
     SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
         FROM scene s WHERE s.scene_id = p_scene_id;
     SELECT r.* INTO v_last FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
+    SELECT bool_and(v_last.settings -> s.name IS NOT DISTINCT FROM p_run -> 'settings' -> s.name) INTO v_is_as_before
+        FROM unnest(ARRAY['motion', 'earth', 'centre', 'tolerance_m', 'separation_m', 'nearest_m']) s (name);
     -- First: its reference to the scene keeps that from being removed meanwhile, which conflicts do without. Counts
     -- that the writing below finds out are filled in at the end.
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs,
@@ -163,8 +166,9 @@ BEGIN
                o.a_version AS old_a_version, o.b_version AS old_b_version
         FROM pg_temp.found f FULL JOIN old o USING (a_kind, a_id, b_kind, b_id)
         WHERE f.verdict IS NULL OR o.place IS NULL
-           -- Where that is not known it follows from the rest.
-           OR (f.a_version, f.b_version, f.periods, f.verdict, coalesce(f.region, o.region), f.first_contact_point,
+           -- Where that is not known it follows from the rest, and from the settings.
+           OR (f.a_version, f.b_version, f.periods, f.verdict,
+               CASE WHEN v_is_as_before THEN coalesce(f.region, o.region) ELSE f.region END, f.first_contact_point,
                f.time_error_s, f.closest_at, f.closest_m, f.closest_error_m, f.closest_a_point, f.closest_b_point,
                v_method)
               IS DISTINCT FROM

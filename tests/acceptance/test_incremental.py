@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+import shapely
 from workloads import EQUATOR, OCEAN, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track
 
 EDITS = 6
 NEAR_M = 20_000.0
@@ -115,6 +116,22 @@ def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
         store.set_scene(conn, scene)
         detect(conn, scene.name, jobs=1)
         assert answer(conn, scene) == fresh_answer(conn, scene, areas, tracks)
+
+
+def test_settings_change_where_areas_meet(conn: psycopg.Connection[Any]) -> None:
+    """Also where nothing else does: sides become great circles, which the database itself finds regions of."""
+    scene = Scene("s", earth=EarthModel.SPHERE, method=Method.SCREEN)
+    boxes = [shapely.box(0.0, 50.0, 20.0, 60.0), shapely.box(5.0, 55.0, 25.0, 70.0)]
+    areas = [Area(f"A{i}", shapely.MultiPolygon([one])) for i, one in enumerate(boxes)]
+    store.replace_scene(conn, scene, areas, [], merge=False)
+    detect(conn, "s", jobs=1)
+    scene = replace(scene, motion=Motion.GREAT_CIRCLE, centre=(12.5, 60.0))
+    store.set_scene(conn, scene)
+    run = detect(conn, "s", jobs=1)
+    assert (run.opened, run.changed, run.closed) == (0, 0, 0)
+    assert answer(conn, scene) == fresh_answer(conn, scene, areas, [])
+    bulge = "ST_SetSRID(ST_MakeEnvelope(12, 60.1, 13, 60.2), 4326)"
+    assert conn.execute(f"SELECT FROM conflictdb.conflicts_within('s', {bulge}, '(,)')".encode()).rowcount == 1
 
 
 def test_number_of_threads_does_not_matter(conn: psycopg.Connection[Any]) -> None:
