@@ -91,7 +91,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             tried=Tried.SPARINGLY,
             says="certified times, found by the published program",
             promises="the same as `exact`",
-            costs="200 to 400 times `exact`",
+            costs="300 to 600 times `exact`",
         ),
     }
 )
