@@ -11,6 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.errors import KernelMissing
+
 _log = logging.getLogger(__name__)
 
 Rows = NDArray[np.int64]
@@ -27,7 +29,7 @@ def isolated(rows: Rows, work: Callable[[Rows], T], safe: Callable[[Rows], T], w
         return []
     try:
         return [(rows, work(rows))]
-    except Warning:  # made an error by somebody who wants to see it
+    except (Warning, KernelMissing):  # an error by somebody's wish; no row's fault
         raise
     except Exception as error:  # whatever it is, one row must not stop the others
         if len(rows) == 1:

@@ -5,6 +5,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.regions import regions
@@ -47,13 +48,33 @@ def regions_of(
     ring, offset, is_known = regions(
         prepared, vertices, a[known], b[known], zero_us[known], low_s, high_s, reach_m, threads
     )
-    count = np.diff(offset)
-    rings = np.flatnonzero(count)
-    parts = _polygons(ring, count[rings])
-    owner = group[known][rings // 2]
-    _put(found, parts, owner)
+    owner = np.repeat(group[known], 2)  # of each ring: a contact has two, or empty ones
+
+    def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
+        first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
+        return _in_degrees(plane, ring, offset[first : last + 1], owner[first:last] - wanted[0], len(wanted))
+
+    # Geometry may fail on a pair: the database finds that one's out, too.
+    for wanted, some in isolated(np.arange(len(found)), of_pairs, _unknown, "the region of pair"):
+        found[wanted] = some
     found[group[~known]] = None
     found[group[known][~is_known]] = None
+    return found
+
+
+def _unknown(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
+    return np.full(len(wanted), None, dtype=object)
+
+
+def _in_degrees(
+    plane: Plane, ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], n: int
+) -> NDArray[np.object_]:
+    """Return the regions (n,) of pairs in longitude and latitude; owner: of each ring, not decreasing."""
+    found = np.full(n, None, dtype=object)
+    count = np.diff(offset)
+    filled = np.flatnonzero(count)
+    parts = _polygons(ring[offset[0] : offset[-1]], count[filled])
+    _put(found, parts, owner[filled])
 
     def degrees(xy: Floats) -> Floats:
         lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])

@@ -18,6 +18,7 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.methods import Method
 from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.pipeline import regions
 
 Conn = psycopg.Connection[Any]
 
@@ -178,6 +179,26 @@ def test_regions_are_stored(conn_with_conflicts: Conn) -> None:
     assert all(c.region is None for c in store.conflicts(conn_with_conflicts, "s"))
     with_region = store.conflicts(conn_with_conflicts, "s", with_region=True)
     assert {json.loads(c.region or "")["type"] for c in with_region} == {"Polygon", "MultiPolygon"}
+
+
+def test_a_region_on_which_geometry_fails_is_found_out_by_the_database(
+    conn: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other pairs keep theirs, and the detection its end."""
+    put = regions._put
+
+    def failing(found: Any, parts: Any, owner: Any) -> None:
+        if any(part.area > 1e10 for part in parts):  # WEST and EAST, plane metres
+            raise shapely.errors.GEOSException("planted")
+        put(found, parts, owner)
+
+    monkeypatch.setattr(regions, "_put", failing)
+    load(conn, Scene("s"), AREAS, TRACKS)
+    assert detect(conn, "s", jobs=1).conflicts == 8
+    assert conn.execute("SELECT count(*) FROM conflictdb.conflict WHERE region IS NULL").fetchone() == (0,)
+    rows = conn.execute("SELECT region::text FROM conflictdb.conflicts WHERE (a_key, b_key) = ('EAST', 'WEST')")
+    (region,) = (shapely.from_wkb(row[0]) for row in rows)
+    assert region.symmetric_difference(shapely.box(4.5, 57, 5, 58)).area < 1e-9
 
 
 @pytest.mark.parametrize("method", Method)
