@@ -112,8 +112,8 @@ static void narrow_by_edges(Shares *shares, const Polygon *mine0, const Polygon 
             double nx = (mine0->y[m] + mine1->y[m]) - (mine0->y[k] + mine1->y[k]);
             double ny = (mine0->x[k] + mine1->x[k]) - (mine0->x[m] + mine1->x[m]);
             double length = sqrt(nx * nx + ny * ny), own0 = nx * mine0->x[k] + ny * mine0->y[k], own1 = own0;
-            if (!stands_still) own1 = nx * mine1->x[k] + ny * mine1->y[k];
             if (ahead0.is_in_runs) {
+                if (!stands_still) own1 = nx * mine1->x[k] + ny * mine1->y[k];
                 double g0 = ahead_at(nx, ny, &ahead0) - own0, g1 = ahead_at(nx, ny, &ahead1) - own1;
                 if (!(most(g0, g1) > levels.deep * length) || are_kept(shares, g0, g1, length, levels)) continue;
             }

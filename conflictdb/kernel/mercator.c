@@ -169,20 +169,22 @@ static double reach_of(double span) { return span * (1.0 + 1e-9) + 1e-6; }
 static double look_nearby(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
     Nearby *nearby = of;
     const KernelPlane *earth = nearby->earth;
-    double before = nearby->found;
+    Vector origin = nearby->origin;
+    double found = nearby->found, within2 = nearby->within * nearby->within, beyond2 = nearby->beyond * nearby->beyond;
     for (int64_t i = range.first; i < range.end; i++)
         for (int64_t k = among.first; k < among.end; k++) {
             int64_t m = edge_end(sides, k);
             Vector way = {vertices->x[i] - sides->x[k], vertices->y[i] - sides->y[k]};
             Vector side = {sides->x[m] - sides->x[k], sides->y[m] - sides->y[k]};
             double square = squared_distance(way, side);
-            if (square > nearby->within * nearby->within || square <= nearby->beyond * nearby->beyond) continue;
-            Edge edge = {place_of(earth, sides, k, nearby->origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
-            double distance = nearby_m(earth, place_of(earth, vertices, i, nearby->origin), edge);
-            if (distance < nearby->found) nearby->found = distance, *nearby->facing = (Facing){vertices, sides, i, k};
+            if (square > within2 || square <= beyond2) continue;
+            Edge edge = {place_of(earth, sides, k, origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
+            double distance = nearby_m(earth, place_of(earth, vertices, i, origin), edge);
+            if (distance < found) found = distance, *nearby->facing = (Facing){vertices, sides, i, k};
         }
-    if (nearby->found < before && vertices->is_in_runs)
-        nearby->within = least(nearby->within, reach_of(plane_span_m(earth, nearby->found, nearby->scale)));
+    if (found < nearby->found && vertices->is_in_runs)
+        nearby->within = least(nearby->within, reach_of(plane_span_m(earth, found, nearby->scale)));
+    nearby->found = found;
     return nearby->within;
 }
 

@@ -70,15 +70,17 @@ typedef struct {
 
 static double look_nearer(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
     Nearer *nearer = of;
-    Nearest *nearest = vertices == nearer->a ? &nearer->of_a : &nearer->of_b;
+    Nearest *kept = vertices == nearer->a ? &nearer->of_a : &nearer->of_b, nearest = *kept;
     for (int64_t k = among.first; k < among.end; k++) {
         Vector side = side_of(sides, k);
         for (int64_t i = range.first; i < range.end; i++) {
             Vector way = {vertices->x[i] - sides->x[k], vertices->y[i] - sides->y[k]};
             double square = squared_distance(way, side);
-            if (square < nearest->square) *nearest = (Nearest){square, i, k};
+            if (square < nearest.square) nearest = (Nearest){square, i, k};
         }
     }
+    *kept = nearest;
+    if (!vertices->is_in_runs) return INFINITY;
     return sqrt(nearer->of_a.square < nearer->of_b.square ? nearer->of_a.square : nearer->of_b.square);
 }
 

@@ -18,7 +18,7 @@ void runs_make(Polygon *a, Polygon *b);
  * several reach as far but for rounding. */
 double runs_least_along(double nx, double ny, const Polygon *polygon, int64_t *vertex);
 
-/* What lies ahead of the edges of a polygon: another, and of two in runs the vertex of it that was the first to be met last,
+/* What lies ahead of the edges of a polygon: another, and of two in runs the vertex of it that was nearest last,
  * which tells of most edges that they need not be looked at closer. Some edges, `step` apart, come before all others. */
 typedef struct {
     const Polygon *other;
@@ -39,8 +39,11 @@ static inline double ahead_at(double nx, double ny, const Ahead *ahead) {
 }
 
 static inline double ahead_along(double nx, double ny, Ahead *ahead) {
-    if (ahead->is_in_runs) return runs_least_along(nx, ny, ahead->other, &ahead->vertex);
-    return least_along(nx, ny, ahead->other);
+    if (!ahead->is_in_runs) return least_along(nx, ny, ahead->other);
+    int64_t vertex; /* of its own: what others may write to is read again for every edge */
+    double found = runs_least_along(nx, ny, ahead->other, &vertex);
+    ahead->vertex = vertex;
+    return found;
 }
 
 /* Of vertices [first, end) of a polygon; beyond its last one its first comes. */

@@ -203,6 +203,23 @@ def test_an_area_of_a_million_vertices_is_solved_in_seconds() -> None:
     np.testing.assert_allclose(few.end_s, many.end_s, atol=5.0)
 
 
+@pytest.mark.parametrize(
+    ("separation_m", "apart_m", "meets"), [(0.0, 199_900.0, 1), (0.0, 200_100.0, 0), (500.0, 200_100.0, 1)]
+)
+def test_two_areas_of_a_million_vertices_are_solved_in_seconds(separation_m: float, apart_m: float, meets: int) -> None:
+    """Circles of 100 km about the equator, where a metre is one of the plane."""
+    plane, pieces, (a, _, zero, _, high) = batch(OCEAN)
+    row, count, one = int(np.flatnonzero(pieces.kind[a] == 0)[0]), 1_000_000, np.zeros(1, np.int64)
+    both = wide(pieces, (int(a[row]), int(a[row])), count)
+    circle = both.shape_xy[:count] - both.shape_xy[:count].mean(axis=0)
+    shape = np.concatenate([circle, circle + np.array([apart_m, 0.0])])
+    both = replace(both, shape_xy=shape, shape_to_xy=shape, shape_offset=np.array([0, count, 2 * count]))
+    began = time.process_time()
+    found = found_of(Scene(plane, both), (one, one + 1, zero[[row]], np.zeros(1), high[[row]]), separation_m)
+    assert time.process_time() - began < 30.0
+    assert len(found.pair) == meets
+
+
 @pytest.mark.parametrize(("more", "is_taken"), [(0, True), (1, False)])
 def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> None:
     """What two of them take grows with the square. The input refuses them, by the same limit."""
