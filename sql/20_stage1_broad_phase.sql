@@ -71,7 +71,8 @@ BEGIN
               AND (a.turn = 0 OR b.turn = 0)
             LIMIT p_most;
     ELSE
-        -- Where both objects are dirty the pair is taken from the side of the first.
+        -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects
+        -- to their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
@@ -79,7 +80,9 @@ BEGIN
                   WHERE c.scene_id = p_scene_id AND c.is_covered
                     AND (c.object_kind, c.object_id) >= (v_first_kind, v_first_id)
                     AND (c.object_kind, c.object_id) <= (v_last_kind, v_last_id)) d
-            JOIN piece a ON a.object_kind = d.object_kind AND a.object_id = d.object_id AND a.scene_id + 0 = p_scene_id
+            CROSS JOIN LATERAL (SELECT p.* FROM piece p
+                                WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
+                                  AND p.scene_id + 0 = p_scene_id OFFSET 0) a
             JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id + 0
             WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.turn = 0 OR b.turn = 0)

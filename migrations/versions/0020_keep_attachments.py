@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "28f9ce97be7d8e242146a4fc5ebdac01bc8d1e4f1164610c4cc020357677f104"
+routines_sha256 = "859a7e0fac726c52fcdbdf167b0723015e5f1a312c3e97327b06ef0cec57b5b6"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """

@@ -164,6 +164,28 @@ def test_objects_that_all_meet_are_detected_again_without_comparing_all_conflict
     assert wasteful == []
 
 
+def test_one_change_does_not_join_all_pieces_while_the_statistics_know_of_many_marks(
+    conn: Conn, plans: list[dict[str, Any]]
+) -> None:
+    """As after a detection in full, during which the planner came to know the marks of all objects."""
+    refresh(conn, load(conn, Scene("s"), grid(), []))
+    conn.execute("ALTER TABLE conflictdb.change SET (autovacuum_enabled = off)")
+    conn.commit()
+    conn.execute("ANALYZE conflictdb.change")
+    conn.commit()
+    detect(conn, "s", jobs=1)
+    plans.clear()
+    conn.execute("UPDATE conflictdb.area SET ceiling_m = 10 WHERE key = 'A70'")
+    conn.commit()
+    assert detect(conn, "s", jobs=1).candidate_pairs < 20
+    conn.execute("DELETE FROM conflictdb.area WHERE key = 'A700'")
+    conn.commit()
+    detect(conn, "s", jobs=1)
+    # Counting objects reads all of them; each has two neighbours.
+    wasteful = [plan for plan in plans if max(plan["waste"], plan["read"]) > COUNT + 1]
+    assert wasteful == []
+
+
 def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans: list[dict[str, Any]]) -> None:
     """A server with little work_mem and a scene of millions: which of its conflicts are to be found anew."""
     scene_id = load(conn, Scene("s"), grid(), [])
