@@ -2,7 +2,9 @@
 
 import ctypes
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 from typing import Any, Final
 
 import numpy as np
@@ -81,8 +83,10 @@ def contacts(
     if len(beyond_s) != n or (company is not None and len(company) != n):
         raise ValueError("kernel: the columns of pairs are not of one length")
 
+    is_over = Event()
+
     def solve(rows: slice) -> tuple[NDArray[Any], HeldWork]:
-        asked = _Asked(guess, rows.start)
+        asked = _Asked(guess, rows.start, is_over)
         question = _Question(separation_m, tolerance_m, beyond_s[rows].ctypes.data)
         question.company = None if company is None else company[rows].ctypes.data
         question.guess = _GUESS() if guess is None else asked.callback
@@ -102,7 +106,19 @@ def contacts(
         items["pair"] += rows.start
         return items, done
 
-    parts = shared(solve, n, threads, vertices=scene.vertices(questions.a, questions.b))
+    def every(threads: int) -> list[tuple[NDArray[Any], HeldWork]]:
+        return shared(solve, n, threads, vertices=scene.vertices(questions.a, questions.b))
+
+    if guess is None:
+        parts = every(threads)
+    else:
+        # Aside, for Python handles signals in the main thread, before the first step of a function that C calls: an
+        # exception would be raised there in front of every `try`, and lost.
+        with ThreadPoolExecutor(1) as pool:
+            try:
+                parts = pool.submit(every, 1).result()
+            finally:
+                is_over.set()
     for _, done in parts:
         for name in Work.__slots__:
             setattr(work, name, getattr(work, name) + getattr(done, name))
@@ -112,13 +128,13 @@ def contacts(
 
 
 class _Asked:
-    """A guess as the library calls it; what it raises is kept, for no exception goes through C."""
+    """A guess as the library calls it, until it is over; what it raises is kept, for no exception goes through C."""
 
-    def __init__(self, guess: Guess | None, first: int) -> None:
+    def __init__(self, guess: Guess | None, first: int, is_over: Event) -> None:
         self._failed: BaseException | None = None
 
         def ask(_of: object, pair: int, low_s: float, high_s: float, is_last: int) -> float:
-            if guess is None or self._failed is not None:
+            if guess is None or self._failed is not None or is_over.is_set():
                 return float("nan")
             try:
                 return guess(first + pair, low_s, high_s, bool(is_last))

@@ -1,5 +1,7 @@
 """The kernel's shortcuts held to its search, which shares none of them, and to answers known by hand."""
 
+import signal
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +98,31 @@ def test_what_is_certain_is_what_the_search_finds(
     assert all_work.searched_pairs == len(batch.questions)
     assert work.searched_pairs <= 0.1 * len(batch.questions)
     assert (certain.verdict == CONFLICT).sum() >= 5
+
+
+def test_an_interrupt_while_programs_are_asked_is_neither_lost_nor_said_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may come just as the kernel calls Python: where no `try` could catch what a handler raises."""
+    batch = Batch.of(*throw(HIGH_LATITUDE, 4, 30, 30, EarthModel.WGS84, 0.0))
+    lost: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lost.append)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def search_again_and_again() -> None:
+        for _ in range(500):
+            batch.searched(Work())
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for k in range(30):
+            signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.0002 * k)
+            with pytest.raises(KeyboardInterrupt):
+                search_again_and_again()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert lost == []
 
 
 @pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
