@@ -14,6 +14,8 @@ from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import COVER
 
 _SRID = 4326
+# Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
+_STRAIGHT_M = 100.0
 _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
 
 
@@ -82,10 +84,14 @@ def _in_degrees(
         return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
 
     # Parts are put together in the plane, where their sides are straight: not in degrees.
-    found = shapely.set_srid(shapely.transform(found, degrees), _SRID)
-    # Parts of a union that all but touch may cross when they are rounded.
+    in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), _SRID)
+    # Long sides of thin parts may cross in degrees, where they bend: with more corners they run as in the plane.
     crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
-    found[crossed] = shapely.make_valid(found[crossed], method="structure", keep_collapsed=False)
+    straight = shapely.transform(shapely.segmentize(in_plane[crossed], _STRAIGHT_M), degrees)
+    # Parts of a union that all but touch may cross when they are rounded.
+    crosses = ~shapely.is_valid(straight)
+    straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)
+    found[crossed] = shapely.set_srid(straight, _SRID)
     return np.asarray(found)
 
 

@@ -127,3 +127,24 @@ def test_region_of_a_haven_that_passes_a_corner_is_about_that_corner() -> None:
     track = Track("T", way, np.array([0, 36_000_000_000]), outline)
     (region,) = found(Scene("s", tolerance_m=0.0), [area], [track]).region  # type: ignore[misc]
     assert shapely.box(0.999, 0.999, 1.0, 1.0).buffer(1e-9).covers(region)
+
+
+@pytest.mark.parametrize("lat", [40.0, -41.0])
+def test_thin_and_long_regions_lose_nothing_where_sides_bend_in_degrees(lat: float) -> None:
+    """Two areas overlap by a metre along 140 km: in degrees the sides, with a corner on one of them, would cross."""
+    scene = Scene("s", tolerance_m=0.0)
+    plane = plane_of(scene)
+    start, end = np.stack(plane.to_plane(np.array([0.0, 1.0]), np.array([lat, lat + 1.0])), axis=1)
+    across = np.array([start[1] - end[1], end[0] - start[0]]) / np.hypot(*(end - start))
+    middle = 0.5 * (start + end)
+
+    def area(key: str, corners: list[np.ndarray]) -> Area:
+        lonlat = np.stack(plane.from_plane(*np.stack(corners, axis=1)), axis=1)
+        return Area(key, shapely.MultiPolygon([shapely.Polygon(lonlat)]))
+
+    below = area("A", [start, end, middle - 1e4 * across])
+    above = area("B", [start - across, middle - 1.5 * across, end - across, middle + 1e4 * across])
+    (region,) = found(scene, [below, above], []).region  # type: ignore[misc]
+    assert region.is_valid
+    along = start + np.linspace(0.1, 0.9, 50)[:, None] * (end - start) - 0.5 * across
+    assert shapely.dwithin(region_in_plane(scene, region, 0, 0.0), shapely.points(along), 1e-3).all()
