@@ -116,7 +116,7 @@ def test_meeting_place_is_the_middle_of_what_shapely_finds_common(seed: int, whi
 )
 def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     """Pairs at instants at which they touch: the place is in both of the polygons, however many pairs are asked."""
-    scene, areas, tracks = throw(workload, 3, 8, 8)
+    scene, areas, tracks = throw(workload, 3, 24, 24)
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     every = np.arange(len(pieces))
