@@ -19,7 +19,7 @@ from conflictdb.results import Verdict
 
 SUPPORT: Final = Path(__file__).parents[1] / "support"
 # What a motion is behind, and what stands on it.
-FILES: Final = ("earth", "polygon", "plane", "mercator", "gnomonic", "roots", "encounter", "contact", "proofs")
+FILES: Final = ("earth", "polygon", "runs", "plane", "mercator", "gnomonic", "roots", "encounter", "contact", "proofs")
 MORE_FILES: Final = ("search", "zone", "distance")
 SWING_S: Final = 100.0
 BY_M: Final = 50.0
