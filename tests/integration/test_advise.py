@@ -96,7 +96,7 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
 def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
     """Of 240 objects some are looked at, and 150 pairs of these: within the errors, and within a factor of 3."""
     scene, areas, tracks = throw(replace(PAPER, window=6.0), 4, 120, 120)
-    advice = advise(scene, areas, tracks, sample=150, seed=1, affordable=Affordable(objects=60, pieces=450))
+    advice = advise(scene, areas, tracks, sample=150, seed=1, affordable=Affordable(objects=60, pieces=350))
     assert 100 < advice.objects_looked_at < 200
     assert advice.sampled_pairs == 150
     with conflictdb.connect(dsn) as db:

@@ -16,7 +16,15 @@ class Vector(ctypes.Structure):
 
 
 class Polygon(ctypes.Structure):
-    _fields_ = (("x", ctypes.c_void_p), ("y", ctypes.c_void_p), ("count", ctypes.c_int64))
+    # As polygon.h has it; those here are too small to be in runs.
+    _fields_ = (
+        ("x", ctypes.c_void_p),
+        ("y", ctypes.c_void_p),
+        ("count", ctypes.c_int64),
+        ("is_in_runs", ctypes.c_bool),
+        ("bends", ctypes.c_void_p),
+        ("largest", _NUMBER),
+    )
 
     @classmethod
     def of(cls, xy: np.ndarray) -> "Polygon":
