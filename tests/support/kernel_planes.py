@@ -12,11 +12,14 @@ _NUMBER = ctypes.c_double
 
 
 class Vector(ctypes.Structure):
+    """Vector of polygon.h."""
+
     _fields_ = (("x", _NUMBER), ("y", _NUMBER))
 
 
 class Polygon(ctypes.Structure):
-    # As polygon.h has it; those here are too small to be in runs.
+    """Polygon of polygon.h."""
+
     _fields_ = (
         ("x", ctypes.c_void_p),
         ("y", ctypes.c_void_p),
@@ -28,7 +31,7 @@ class Polygon(ctypes.Structure):
 
     @classmethod
     def of(cls, xy: np.ndarray) -> "Polygon":
-        """A convex polygon of corners (2, v), counter-clockwise."""
+        """A convex polygon of corners (2, v), counter-clockwise; too small to be in runs."""
         made = cls()
         made.held = np.ascontiguousarray(xy, np.float64)
         made.x, made.y, made.count = made.held[0].ctypes.data, made.held[1].ctypes.data, xy.shape[1]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_planes import Polygon, Vector
 
 from conflictdb.kernel import build
 from conflictdb.kernel.library import shared
@@ -30,35 +31,30 @@ def test_runs_find_what_all_sides_and_vertices_show(tmp_path: Path, sanitizers: 
     assert float.fromhex(worst) < 2.0**-50
 
 
-class Polygon(ctypes.Structure):
-    """Polygon of polygon.h."""
-
-    _fields_ = (
-        ("x", ctypes.c_void_p),
-        ("y", ctypes.c_void_p),
-        ("count", ctypes.c_int64),
-        ("is_in_runs", ctypes.c_bool),
-        ("bends", ctypes.c_void_p),
-        ("largest", ctypes.c_double),
-    )
-
-
 class Gap(ctypes.Structure):
     """Gap of polygon.h."""
 
-    _fields_ = (("gap", ctypes.c_double), ("x", ctypes.c_double), ("y", ctypes.c_double))
+    _fields_ = (("gap", ctypes.c_double), ("axis", Vector))
 
 
 def test_steps_grow_as_the_number_of_vertices_does(tmp_path: Path) -> None:
     """Two circles, apart: blocks of the program that are run, which are the same on every machine."""
     counter, counted = tmp_path / "counter.c", tmp_path / "counted.so"
-    counter.write_text("long long steps;\nvoid __sanitizer_cov_trace_pc(void) { steps++; }\n")
+    counter.write_text(
+        """#include "polygon.h"
+           long long steps, sizes[] = {sizeof(Polygon), sizeof(Gap)};
+           void __sanitizer_cov_trace_pc(void) { steps++; }"""
+    )
     flags = [flag for flag in build.FLAGS if not flag.startswith("-O")]
-    subprocess.run(["cc", "-fPIC", "-c", counter, "-o", tmp_path / "counter.o"], check=True, timeout=120)
+    subprocess.run(
+        ["cc", "-fPIC", f"-I{build.HERE}", "-c", counter, "-o", tmp_path / "counter.o"], check=True, timeout=120
+    )
     command = ["cc", *flags, "-O1", "-fPIC", "-shared", "-fsanitize-coverage=trace-pc", *SOURCES]
     subprocess.run([*command, tmp_path / "counter.o", "-o", counted, "-lm"], check=True, timeout=120)
     library = ctypes.CDLL(str(counted))
     library.polygon_nearest.restype, library.polygon_separation.restype = ctypes.c_double, Gap
+    sizes = (ctypes.c_longlong * 2).in_dll(library, "sizes")
+    assert list(sizes) == [ctypes.sizeof(Polygon), ctypes.sizeof(Gap)]
     taken = []
     for count in (2000, 8000):
         angle = 2.0 * np.pi * np.arange(count) / count
