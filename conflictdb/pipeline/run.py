@@ -176,21 +176,24 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
 
 def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return the contacts of pairs of areas: they last as long as both are there."""
-    verdict = static_verdicts(scene, plane, pieces, pairs.take(rows))
+    verdict, touches = static_verdicts(scene, plane, pieces, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
-    return _whole_spans(pieces, pairs, PairRows(rows[meets]), verdict[meets])
+    return _whole_spans(pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 
 
 def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return pairs of which nothing is decided, with the time that they share."""
-    return _whole_spans(pieces, pairs, rows, np.full(len(rows), Verdict.UNRESOLVED.code, np.int8))
+    verdict, touches = np.full(len(rows), Verdict.UNRESOLVED.code, np.int8), np.ones(len(rows), np.bool_)
+    return _whole_spans(pieces, pairs, rows, verdict, touches)
 
 
-def _whole_spans(pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8]) -> Contacts:
+def _whole_spans(
+    pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8], touches: NDArray[np.bool_]
+) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
     start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
     unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Of areas it is where that is not known: if they meet, they do so while both are there.
     error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)
-    return Contacts(rows, np.zeros(len(rows)), width, error, verdict, np.ones(len(rows), np.bool_))
+    return Contacts(rows, np.zeros(len(rows)), width, error, verdict, touches)

@@ -85,8 +85,13 @@ def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) ->
     return kernel.Questions(pairs.a, pairs.b, zero, low_s, high_s, np.where(belongs, np.inf, span), pairs.company)
 
 
-def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> NDArray[np.int8]:
-    """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved."""
+def static_verdicts(
+    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs
+) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved.
+
+    And (n,) whether they are nearer than wanted, not only within the tolerance of that: true where it is not known.
+    """
     prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     never = np.zeros(len(pairs), np.int64)
     clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - scene.separation_m
@@ -103,4 +108,4 @@ def static_verdicts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) ->
         [-1, CONFLICT, GRAZING],
         UNRESOLVED,
     )
-    return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8)
+    return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8), ~(clearance > TOUCH_M)

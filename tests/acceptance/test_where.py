@@ -7,6 +7,7 @@ import numpy as np
 import oracle
 import psycopg
 import pytest
+import scenes
 import shapely
 from verdicts import periods_us
 from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
@@ -14,7 +15,7 @@ from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 from conflictdb import solve
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel
+from conflictdb.model import Area, EarthModel, Scene
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 CASES = [(EQUATOR, 2, EarthModel.WGS84), (SEAM, 2, EarthModel.SPHERE), (HIGH_LATITUDE, 2, EarthModel.WGS84)]
@@ -39,6 +40,22 @@ def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: 
             # A microsecond is millimetres at most, and the plane is larger than the earth.
             apart = [here.distance(p) for p in oracle.polygons_at(scene, objects[key], start, lon)]
             assert min(apart) < 0.1 + 50.0 * one.time_error_s, (one, key)
+
+
+@pytest.mark.parametrize("upwards", [1.0, -1.0])
+@pytest.mark.parametrize(("separation_m", "tolerance_m"), [(0.0, 0.0), (0.0, 30.0), (15.0, 10.0)])
+def test_areas_meet_where_they_touch_not_where_parts_of_them_are_near(
+    upwards: float, separation_m: float, tolerance_m: float
+) -> None:
+    """A bracket with one arm 20 m off another area, and one that reaches 1 km into it."""
+    corners = [(0, 0), (0.51, 0), (0.51, 0.1), (0.2, 0.1), (0.2, 0.4), (0.49982, 0.4), (0.49982, 0.5), (0, 0.5)]
+    bracket = scenes.area("bracket", shapely.Polygon([(x, upwards * y) for x, y in corners]))
+    other = scenes.area("other", shapely.box(0.5, -1.0, 1.0, 1.0))
+    (found,) = solve([], [bracket, other], Scene("s", separation_m=separation_m, tolerance_m=tolerance_m))
+    assert found.first_contact_deg is not None
+    lon, lat = found.first_contact_deg
+    assert 0.4999 < lon < 0.511
+    assert -1e-9 < upwards * lat < 0.1 + 1e-9
 
 
 @cases

@@ -28,7 +28,7 @@ def verdict_of(apart_m: float, scene: Scene) -> int:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     if not len(pairs):
         return APART
-    (found,) = static_verdicts(scene, plane, pieces, pairs)
+    ((found,), _) = static_verdicts(scene, plane, pieces, pairs)
     return int(found)
 
 
