@@ -76,14 +76,15 @@ class Load:
 
     def contacts(self) -> None:
         """Find all contacts, from pieces on."""
-        contacts(self.scene, plane_of(self.scene), self.pieces, self.pairs, np.zeros(len(self.pairs)), self.span_s)
+        plane, nought = plane_of(self.scene), np.zeros(len(self.pairs))
+        contacts(self.scene, plane, self.prepared(), self.pairs, nought, self.span_s)
 
     def ask_program(self, rows: NDArray[np.int64]) -> None:
         """Ask the published nonlinear program for both ends of some pairs."""
-        plane = plane_of(self.scene)
+        plane, prepared = plane_of(self.scene), self.prepared()
         for row in rows:
             some = np.array([row])
-            pair = Encounters.of(plane, 0.0, self.pieces, self.pairs, some, self.start_us[some])
+            pair = Encounters.of(plane, 0.0, prepared, self.pairs, some, self.start_us[some])
             for latest in (False, True):
                 extreme_contact(pair, 0.0, float(self.span_s[row]), latest=latest)
 

@@ -26,7 +26,7 @@ from measured import STAGES, WARM, Detection, detect, fresh_database, load, medi
 from tables import markdown, put_into
 
 import conflictdb
-from conflictdb import Area, Method, Scene, Track
+from conflictdb import Area, Method, Scene, Track, kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -71,13 +71,14 @@ def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
     pairs = intersections(pieces, *candidates(pieces), regions=scene.method is Method.NLP)
     moves = (pieces.kind[pairs.a] == ObjectKind.TRACK.code) | (pieces.kind[pairs.b] == ObjectKind.TRACK.code)
     pairs = pairs.take(PairRows(np.flatnonzero(moves)))
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     if scene.method is Method.NLP:
-        first, last = windows(scene, plane, pieces, pairs)
+        first, last = windows(scene, plane, prepared, pairs)
     else:
         start, end = pieces.shared_span(pairs.a, pairs.b)
         first, last = np.zeros(len(pairs)), (end - start) / 1e6
     exact = replace(scene, method=Method.EXACT)
-    found, _ = contacts(exact, plane, pieces, pairs, first, last)
+    found, _ = contacts(exact, plane, prepared, pairs, first, last)
     meets = np.zeros(len(pairs), np.bool_)
     meets[found.pair] = True
     possible = first <= last
@@ -97,7 +98,9 @@ def _pair_us(
         return None
     some = pairs.take(rows)
     began = time.process_time()
-    contacts(scene, plane, pieces, some, window[0][rows], window[1][rows])
+    contacts(
+        scene, plane, kernel.Scene(plane.kernel_plane, pieces, some.a, some.b), some, window[0][rows], window[1][rows]
+    )
     return 1e6 * (time.process_time() - began) / len(rows)
 
 

@@ -14,12 +14,14 @@ from typing import Final
 
 import numpy as np
 
+from conflictdb import kernel
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import Scene
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, movement_of, padding_m
+from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m
 from conflictdb.results import Kind
 
 # Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
@@ -29,12 +31,15 @@ _OUTWARD_S: Final = 1e-6
 _LEAST_WAY_M: Final = 1e-3
 
 
-def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
+def windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs) -> tuple[Floats, Floats]:
     """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
 
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
     window is the whole shared span.
+
+    prepared : the pieces of the pairs
     """
+    pieces = prepared.pieces
     start, end = pieces.shared_span(pairs.a, pairs.b)
     first = np.zeros(len(pairs))
     last = np.where(pieces.kind[pairs.a] | pieces.kind[pairs.b], (end - start) / 1e6, np.inf)
@@ -43,7 +48,7 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
         rows = PairRows(np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code)))
         if rows.size:
             tracks = PieceRows(member[rows])
-            one, other = _track_window(scene, plane, pieces, tracks, pairs, rows)
+            one, other = _track_window(scene, plane, prepared, tracks, pairs, rows)
             gone = (pieces.start_us[tracks] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
@@ -53,14 +58,14 @@ def windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[F
 def _track_window(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     member: PieceRows,
     pairs: Pairs,
     rows: PairRows,
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
-    duration = (pieces.end_us[member] - pieces.start_us[member]) / 1e6
-    low, high = _fractions(scene, plane, pieces, member, duration, pairs, rows)
+    duration = (prepared.pieces.end_us[member] - prepared.pieces.start_us[member]) / 1e6
+    low, high = _fractions(scene, plane, prepared, member, duration, pairs, rows)
     outward = _OUTWARD_SHARE * duration + _OUTWARD_S
     return low * duration - outward, high * duration + outward
 
@@ -68,7 +73,7 @@ def _track_window(
 def _fractions(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     member: PieceRows,
     duration: Floats,
     pairs: Pairs,
@@ -76,7 +81,7 @@ def _fractions(
 ) -> tuple[Floats, Floats]:
     """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
     nought = np.zeros(len(rows))
-    tracks = movement_of(plane, pieces, member, pieces.start_us[member])
+    tracks = Movement.of(prepared, member, prepared.pieces.start_us[member])
     start, end = tracks.reference(nought), tracks.reference(duration)
     way = end - start
     length = np.hypot(way[0], way[1])

@@ -52,6 +52,12 @@ class Movement:
     origin: Floats
     slots: int
 
+    @classmethod
+    def of(cls, scene: Scene, piece: _Ints, zero_us: _Ints, origin: Floats | None = None) -> Self:
+        """Return pieces (n,) of a scene; coordinates count from the plane's own origin where None is given."""
+        slots = int(scene.vertex_count[piece].max(initial=1))
+        return cls(scene, piece, zero_us, np.zeros((2, len(piece))) if origin is None else origin, slots)
+
     def take(self, rows: _Ints | slice) -> Self:
         """Return some rows, each as often as it is named."""
         return type(self)(self.scene, self.piece[rows], self.zero_us[rows], self.origin[:, rows], self.slots)

@@ -21,7 +21,6 @@ _Ints = NDArray[np.int64]
 
 def regions(
     scene: Scene,
-    vertices: _Ints,
     a: _Ints,
     b: _Ints,
     zero_us: _Ints,
@@ -37,11 +36,10 @@ def regions(
     across the seam, both without vertices where they come no nearer. And (n,) whether that is known: not where a piece
     cannot be or goes around the earth, nor in a gnomonic plane.
 
-    vertices : (pieces,) how many each piece has
     low_s, high_s : (n,) seconds after zero_us (n,), within what both pieces have
     """
     pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
-    is_known = np.empty(len(a), np.bool_)
+    is_known, vertices = np.empty(len(a), np.bool_), scene.vertices(a, b)
 
     def make(rows: slice) -> tuple[list[Floats], list[_Ints]]:
         found: list[Floats] = []
@@ -49,7 +47,7 @@ def regions(
         for first in range(rows.start, rows.stop, _PAIRS_AT_ONCE):
             some = slice(first, min(first + _PAIRS_AT_ONCE, rows.stop))
             n = some.stop - some.start
-            room = _PER_VERTEX * int(vertices[a[some]].sum() + vertices[b[some]].sum()) + _MORE * n
+            room = _PER_VERTEX * int(vertices[some].sum()) + _MORE * n
             ring, ring_offset = np.empty((room, 2)), np.empty(2 * n + 1, np.int64)
             held = HeldPairs.of(pairs, some)
             arrays = [array.ctypes.data for array in (ring, ring_offset, is_known[some])]
@@ -58,7 +56,7 @@ def regions(
             counts.append(np.diff(ring_offset))
         return found, counts
 
-    shares = shared(make, len(a), threads, vertices=scene.vertices(a, b))
+    shares = shared(make, len(a), threads, vertices=vertices)
     rings = [ring for found, _ in shares for ring in found]
     counts = [count for _, some in shares for count in some]
     offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))

@@ -74,10 +74,10 @@ class State(IntEnum):
 
 
 class Scene:
-    """The pieces of a batch as the kernel works on them.
+    """The pieces of a batch as the kernel works on them: prepared once, for everything that is asked about them.
 
     handle : what the library calls it by, for the modules beside this one
-    count : pieces
+    vertex_count : (pieces,) how many vertices each has
     """
 
     def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
@@ -90,20 +90,20 @@ class Scene:
             if rows is not None:
                 wanted[rows] = True
         functions, held = library(), HeldPieces.of(pieces, wanted)
-        self.handle, self.count = ctypes.c_void_p(), len(pieces)
+        self.handle, self.pieces = ctypes.c_void_p(), pieces
         check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
-        self._vertices = np.diff(pieces.shape_offset)
+        self.vertex_count = np.diff(pieces.shape_offset)
         weakref.finalize(self, functions.kernel_scene_free, self.handle)
 
     def vertices(self, a: _Ints, b: _Ints) -> _Ints:
         """Return (n,) how many vertices pairs have; of a number that is no piece's, some other's."""
-        if not self.count:
+        if not len(self.pieces):
             return np.zeros(len(a), np.int64)
-        return np.asarray(self._vertices.take(a, mode="clip") + self._vertices.take(b, mode="clip"))
+        return np.asarray(self.vertex_count.take(a, mode="clip") + self.vertex_count.take(b, mode="clip"))
 
     def states(self) -> NDArray[np.int8]:
         """Return what each piece is, `State`."""
-        found = np.empty(self.count, np.int8)
+        found = np.empty(len(self.pieces), np.int8)
         check(library().kernel_states(self.handle, found.ctypes.data))
         return found
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb import kernel
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel.movement import Movement
 from conflictdb.results import Kind
 
 # Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
@@ -219,20 +218,6 @@ def shapes_of(
     xy = shape_vertices(pieces, rows)
     xy[0] += plane.turn_m * pieces.turn[rows]
     return StaticShapes(xy - origin[:, None, :])
-
-
-def movement_of(
-    plane: Plane, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats | None = None
-) -> Movement:
-    """Return pieces as functions of time; row i counts it from instant zero_us[i].
-
-    origin : (2, n) what coordinates count from, the plane's own where None
-    """
-    own, number = np.unique(rows, return_inverse=True)
-    some = pieces.take(PieceRows(own))
-    slots = int(np.diff(some.shape_offset).max(initial=1))
-    origin = np.zeros((2, len(rows))) if origin is None else origin
-    return Movement(kernel.Scene(plane.kernel_plane, some), number, zero_us, origin, slots)
 
 
 def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
-from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
@@ -16,12 +16,14 @@ from conflictdb.stage4.closest_approach import approaches
 
 
 def with_closest_approaches(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, conflicts: Conflicts, threads: int = 1
+    scene: Scene, prepared: kernel.Scene, pairs: Pairs, conflicts: Conflicts, threads: int = 1
 ) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict.
 
+    prepared : the pieces of the pairs
     threads : of the kernel; the answer does not depend on it
     """
+    pieces = prepared.pieces
     pairs = pairs.take(PairRows(np.flatnonzero(~is_covered(pieces, pairs))))
     # Objects that meet are closest when they first do.
     meets = (
@@ -46,7 +48,7 @@ def with_closest_approaches(
     rows = PairRows(np.flatnonzero(wanted[number] >= 0.0))
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
-    nearest = approaches(plane, pieces, candidates, group, wanted[asked], threads)
+    nearest = approaches(prepared, candidates, group, wanted[asked], threads)
     of_b = swapped[rows[nearest.pair]]
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -22,7 +23,7 @@ from conflictdb.stage4.meeting import meeting_points
 def merged_by_object(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     pairs: Pairs,
     contacts: Contacts,
     footprints: Footprints,
@@ -32,9 +33,11 @@ def merged_by_object(
 ) -> Conflicts:
     """Return one row per pair of objects with a contact; closest approaches are still missing.
 
+    prepared : the pieces of the pairs
     footprints : asked for whole areas where contacts are shallow in all parts of one
     regions : whether to find out where they are
     """
+    pieces = prepared.pieces
     a, b, _ = ordered_members(pieces, pairs)
     a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
     shared_start, shared_end = pieces.shared_span(pairs.a, pairs.b)
@@ -60,7 +63,7 @@ def merged_by_object(
     for k, (deep, is_unknown) in isolated(
         np.arange(len(shallow)),
         lambda k: (
-            deep_in_whole_areas(scene, plane, pieces, pairs, contacts, [contacts_of[i] for i in k], footprints),
+            deep_in_whole_areas(scene, plane, prepared, pairs, contacts, [contacts_of[i] for i in k], footprints),
             False,
         ),
         lambda k: (np.zeros(len(k), np.bool_), True),
@@ -81,7 +84,7 @@ def merged_by_object(
         verdict=np.select(
             [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
         ).astype(np.int8),
-        first_contact_deg=_first_contacts(scene, plane, pieces, pairs, contacts, earliest),
+        first_contact_deg=_first_contacts(scene, prepared, pairs, contacts, earliest),
         time_error_s=time_error_s,
         closest_us=np.full(n, SINCE_EVER_US),
         closest_m=np.full(n, np.nan),
@@ -91,7 +94,7 @@ def merged_by_object(
         region=regions_of(
             scene,
             plane,
-            pieces,
+            prepared,
             # As in the pair: in the order of their keys, whatever their numbers are.
             PieceRows(pairs.a[contacts.pair[order]]),
             PieceRows(pairs.b[contacts.pair[order]]),
@@ -105,15 +108,15 @@ def merged_by_object(
 
 
 def _first_contacts(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
+    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
 ) -> Floats:
     """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
     points = np.full((len(earliest), 2), np.nan)
     if METHODS[scene.method].solver is not None:
         pair = PairRows(contacts.pair[earliest])
         at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
-        seen = np.flatnonzero(~is_covered(pieces, pairs.take(pair)))
-        points[seen] = meeting_points(plane, pieces, pairs.take(PairRows(pair[seen])), at[seen])
+        seen = np.flatnonzero(~is_covered(prepared.pieces, pairs.take(pair)))
+        points[seen] = meeting_points(prepared, pairs.take(PairRows(pair[seen])), at[seen])
     return points
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.regions import regions
 from conflictdb.model import Scene
@@ -22,7 +22,7 @@ _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss i
 def regions_of(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     a: PieceRows,
     b: PieceRows,
     seconds: tuple[Floats, Floats],
@@ -35,21 +35,19 @@ def regions_of(
     Of two areas it is what they have in common; else a superset, what both sweep during their contacts. Not known it
     is in a gnomonic plane, and of objects that could not be cut: the database finds it out from the hulls of pieces.
 
-    a, b : (m,) the pieces of each contact
+    a, b : (m,) the prepared pieces of each contact
     seconds : (m,) from when to when after the start of what they share; infinite of areas that are there for ever
     group : (m,) which pair of objects a contact is of, from 0, not decreasing; every pair has one
     """
+    pieces = prepared.pieces
     found = np.full(group[-1] + 1 if len(group) else 0, None, dtype=object)
     known = ~((pieces.part[a] == COVER) | (pieces.part[b] == COVER))
     if plane.turn_m == 0.0:
         return found
-    prepared = kernel.Scene(plane.kernel_plane, pieces, a[known], b[known])
     zero_us, _ = pieces.shared_span(a, b)
     low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[known] for one in seconds)
-    vertices, reach_m = np.diff(pieces.shape_offset), scene.tolerance_m + scene.separation_m
-    ring, offset, is_known = regions(
-        prepared, vertices, a[known], b[known], zero_us[known], low_s, high_s, reach_m, threads
-    )
+    reach_m = scene.tolerance_m + scene.separation_m
+    ring, offset, is_known = regions(prepared, a[known], b[known], zero_us[known], low_s, high_s, reach_m, threads)
     owner = np.repeat(group[known], 2)  # of each ring: a contact has two, or empty ones
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:

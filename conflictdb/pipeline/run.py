@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
@@ -106,9 +107,11 @@ def run_stages(
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
+    # Once, for everything that is asked of the pairs.
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     parts = [
         _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
-        _static_contacts(scene, plane, pieces, pairs, PairRows(np.flatnonzero(static & ~covered))),
+        _static_contacts(scene, plane, prepared, pairs, PairRows(np.flatnonzero(static & ~covered))),
     ]
     funnel.window_pairs = sum(map(len, parts))
     moving = PairRows(np.flatnonzero(~static & ~covered))
@@ -116,7 +119,7 @@ def run_stages(
         parts.append(_unresolved(pieces, pairs, moving))
     elif moving.size:
         windows_began = time.perf_counter()
-        first, last = _windows(scene, plane, pieces, pairs.take(moving), funnel)
+        first, last = _windows(scene, plane, prepared, pairs.take(moving), funnel)
         funnel.stage3_s = time.perf_counter() - windows_began
         possible = np.flatnonzero(first <= last)
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
@@ -127,13 +130,15 @@ def run_stages(
         else:
             funnel.solved_pairs = len(moving)
             tell = _counting(len(moving), progress)
-            solved, funnel.effort = contacts(scene, plane, pieces, pairs.take(moving), first, last, tell, threads=jobs)
+            solved, funnel.effort = contacts(
+                scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs
+            )
             parts.append(solved.of_pairs(moving))
     found = Contacts.concatenate(parts)
     funnel.met_pairs = len(np.unique(found.pair))
-    conflicts = merged_by_object(scene, plane, pieces, pairs, found, footprints, regions=regions, threads=jobs)
+    conflicts = merged_by_object(scene, plane, prepared, pairs, found, footprints, regions=regions, threads=jobs)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, plane, pieces, pairs, conflicts, threads=jobs)
+        conflicts = with_closest_approaches(scene, prepared, pairs, conflicts, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
     return conflicts, funnel
 
@@ -153,16 +158,16 @@ def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | Non
     return advance
 
 
-def _windows(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
+def _windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
     """Return the windows of stage 3, seconds; the whole shared spans where it is not worth its cost."""
     if not METHODS[scene.method].needs_regions:
-        return _spans_s(pieces, pairs)
+        return _spans_s(prepared.pieces, pairs)
     funnel.projected_pairs = len(pairs)
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
     for rows, (low, high) in isolated(
         np.arange(len(pairs)),
-        lambda rows: windows(scene, plane, pieces, pairs.take(PairRows(rows))),
-        lambda rows: _spans_s(pieces, pairs.take(PairRows(rows))),
+        lambda rows: windows(scene, plane, prepared, pairs.take(PairRows(rows))),
+        lambda rows: _spans_s(prepared.pieces, pairs.take(PairRows(rows))),
         "pair of pieces",
     ):
         first[rows], last[rows] = low, high
@@ -174,11 +179,11 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     return np.zeros(len(pairs)), (end - start) / 1e6
 
 
-def _static_contacts(scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
+def _static_contacts(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return the contacts of pairs of areas: they last as long as both are there."""
-    verdict, touches = static_verdicts(scene, plane, pieces, pairs.take(rows))
+    verdict, touches = static_verdicts(scene, plane, prepared, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
-    return _whole_spans(pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
+    return _whole_spans(prepared.pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 
 
 def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:

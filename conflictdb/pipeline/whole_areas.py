@@ -9,12 +9,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import Scene
-from conflictdb.motion.contract import Plane, movement_of
+from conflictdb.motion.contract import Plane
 from conflictdb.pieces.cutting import planar
 from conflictdb.results import Kind
 from conflictdb.stage4.constants import TOUCH_M
@@ -29,7 +31,7 @@ _SHARES = (0.0, 0.5, 1.0)
 def deep_in_whole_areas(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     pairs: Pairs,
     contacts: Contacts,
     contacts_of: list[NDArray[np.int64]],
@@ -37,8 +39,10 @@ def deep_in_whole_areas(
 ) -> NDArray[np.bool_]:
     """Return (n,) which pairs of objects are deep in the whole of an area, whose contacts are shallow in every part.
 
+    prepared : the pieces of the pairs
     contacts_of : for each pair of objects the rows of its contacts
     """
+    pieces = prepared.pieces
     rows = np.concatenate([np.empty(0, np.int64), *contacts_of])
     owner = np.repeat(np.arange(len(contacts_of)), [len(mine) for mine in contacts_of])
     pair = PairRows(contacts.pair[rows])
@@ -57,7 +61,7 @@ def deep_in_whole_areas(
         for area, other in (members, members[::-1]):
             asked = np.flatnonzero((pieces.kind[area] == Kind.AREA.code) & ~is_deep[owner])
             mine = cores[np.searchsorted(numbers, pieces.object_id[area[asked]])]
-            reaches = _meet(mine, plane, _polygons(plane, pieces, PieceRows(other[asked]), at[asked], zero[asked]))
+            reaches = _meet(mine, plane, _polygons(prepared, PieceRows(other[asked]), at[asked], zero[asked]))
             is_deep[owner[asked[reaches]]] = True
     return is_deep
 
@@ -80,10 +84,8 @@ def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_
     return meet
 
 
-def _polygons(
-    plane: Plane, pieces: Pieces, rows: PieceRows, at_s: Floats, zero_us: NDArray[np.int64]
-) -> NDArray[np.object_]:
+def _polygons(prepared: kernel.Scene, rows: PieceRows, at_s: Floats, zero_us: NDArray[np.int64]) -> NDArray[np.object_]:
     """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
-    xy = movement_of(plane, pieces, rows, zero_us).positions(at_s)
+    xy = Movement.of(prepared, rows, zero_us).positions(at_s)
     indices = np.repeat(np.arange(len(rows)), xy.shape[1])
     return np.asarray(shapely.convex_hull(shapely.multipoints(xy.transpose(2, 1, 0).reshape(-1, 2), indices=indices)))

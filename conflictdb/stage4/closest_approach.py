@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.approach import closest
 from conflictdb.model import SINCE_EVER_US
-from conflictdb.motion.contract import Plane
 from conflictdb.results import Kind
 
 
@@ -39,24 +38,25 @@ class Approaches:
 
 
 def approaches(
-    plane: Plane, pieces: Pieces, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats, threads: int = 1
+    prepared: kernel.Scene, pairs: Pairs, group: NDArray[np.int64], wanted_m: Floats, threads: int = 1
 ) -> Approaches:
     """Return how close pairs of objects come during the time they share.
 
     Both ends of that time count, also one that does not belong to it: the distance tends to what it is there.
 
+    prepared : the pieces of the pairs
     group : (n,) of which pair of objects each pair of pieces is
     wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
     threads : of the kernel; the answer does not depend on it
     """
+    pieces = prepared.pieces
     order = np.argsort(group, kind="stable")
     a, b = PieceRows(pairs.a[order]), PieceRows(pairs.b[order])
     start_us, end_us = pieces.shared_span(a, b)
     still = (pieces.kind[a] == Kind.AREA.code) & (pieces.kind[b] == Kind.AREA.code)
     span_s = np.where(still, 0, end_us - np.where(still, end_us, start_us)) / 1e6
     offset = np.searchsorted(group[order], np.arange(len(wanted_m) + 1))
-    scene = kernel.Scene(plane.kernel_plane, pieces, a, b)
-    found = closest(scene, a, b, start_us, np.zeros(len(a)), span_s, offset, wanted_m, kernel.Work(), threads)
+    found = closest(prepared, a, b, start_us, np.zeros(len(a)), span_s, offset, wanted_m, kernel.Work(), threads)
     known = np.flatnonzero(found.pair >= 0)
     pair, at_us = np.full(len(wanted_m), -1), np.full(len(wanted_m), SINCE_EVER_US)
     pair[known] = order[found.pair[known]]

@@ -35,7 +35,7 @@ Progress = Callable[[int], None]
 def contacts(
     scene: Scene,
     plane: Plane,
-    pieces: Pieces,
+    prepared: kernel.Scene,
     pairs: Pairs,
     first_s: Floats,
     last_s: Floats,
@@ -45,6 +45,7 @@ def contacts(
 ) -> tuple[Contacts, Effort]:
     """Return when the pairs interfere within their windows, and what it took.
 
+    prepared : the pieces of the pairs
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
         a pair must not be unbounded in time together (pairs of areas are `static_verdicts`).
     progress : called with the number of pairs solved since the last call
@@ -53,15 +54,14 @@ def contacts(
     solver = METHODS[scene.method].solver
     if solver is None:
         raise ValueError(f"method {scene.method} stops before stage 4")
-    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
-    questions = _questions(pieces, pairs, first_s, last_s)
+    questions = _questions(prepared.pieces, pairs, first_s, last_s)
     effort = Effort()
     guesses = None
     if solver is Solver.PROGRAMS:
         # scipy takes half a second to import.
         from conflictdb.stage4.published.guesses import Guesses
 
-        guesses = Guesses(plane, scene.separation_m, pieces, pairs, questions.zero_us, effort.programs)
+        guesses = Guesses(plane, scene.separation_m, prepared, pairs, questions.zero_us, effort.programs)
     found = [Contacts.none()]
     possible = np.flatnonzero(first_s <= last_s)
     for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
@@ -86,13 +86,12 @@ def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) ->
 
 
 def static_verdicts(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs
+    scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs
 ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
     """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved.
 
     And (n,) whether they are nearer than wanted, not only within the tolerance of that: true where it is not known.
     """
-    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     never = np.zeros(len(pairs), np.int64)
     clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - scene.separation_m
     margin = max(scene.tolerance_m, TOUCH_M)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.movement import Movement
-from conflictdb.motion.contract import Plane, movement_of, origins
+from conflictdb.motion.contract import Plane, origins
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,12 @@ class Encounters:
         cls,
         plane: Plane,
         separation_m: float,
-        pieces: Pieces,
+        prepared: kernel.Scene,
         pairs: Pairs,
         rows: NDArray[np.int64],
         zero_us: NDArray[np.int64],
     ) -> "Encounters":
         """Return the encounters of some pairs; row i counts its time from zero_us[i]."""
-        origin = origins(plane, pieces, pairs.a[rows])
-        a, b = (movement_of(plane, pieces, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
+        origin = origins(plane, prepared.pieces, pairs.a[rows])
+        a, b = (Movement.of(prepared, member[rows], zero_us, origin) for member in (pairs.a, pairs.b))
         return cls(plane, a, b, origin, separation_m)

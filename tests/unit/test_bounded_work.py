@@ -9,7 +9,7 @@ import pytest
 import shapely
 from verdicts import periods_us
 
-from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
+from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -58,7 +58,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
 
 def test_a_track_that_grazes_in_all_of_its_pieces_is_taken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point that goes along the edge of an area: all of its pieces are looked at, in few calls."""
-    shaped = counted_calls(monkeypatch, whole_areas, "movement_of")
+    shaped = counted_calls(monkeypatch, whole_areas, "_polygons")
     along = track("T", [(4.0 + 0.002 * k, 57.5) for k in range(51)], 0.0)
     (found,) = solve([along], [Area("A", shapely.MultiPolygon([shapely.box(3.0, 57.0, 6.0, 57.5)]))], Scene("s"))
     assert found.verdict == Verdict.GRAZING
@@ -74,7 +74,8 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = replace(pairs, company=company_of(pieces, pairs))
     start, end = pieces.shared_span(pairs.a, pairs.b)
-    found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    found, effort = contacts(scene, plane_of(scene), prepared, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == {GRAZING}
     assert MAX_INTERVALS < effort.exact.windows < 4 * MAX_INTERVALS
 

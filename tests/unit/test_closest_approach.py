@@ -225,7 +225,9 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     pieces = pieces_of(scene, plane, AreaBatch.of(standing), TrackBatch.of(moving))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     objects, group = np.unique(object_keys(pieces, pairs.a, pairs.b), axis=1, return_inverse=True)
-    found = approaches(plane, pieces, pairs, group, np.full(objects.shape[1], scene.nearest_m))
+    found = approaches(
+        kernel.Scene(plane.kernel_plane, pieces), pairs, group, np.full(objects.shape[1], scene.nearest_m)
+    )
     number = {tuple(column): k for k, column in enumerate(objects.T.tolist())}
     for row in golden()[case]:
         k = number[tuple(int(row[key]) for key in ("a_kind", "a_id", "b_kind", "b_id"))]
@@ -393,7 +395,7 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
     own = np.array([np.flatnonzero((pieces.object_id == k) & (pieces.turn == 0))[0] for k in range(len(tracks) + 1)])
     a, b = PieceRows(np.full(len(tracks), own[0])), PieceRows(own[1:])
     pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
-    found = approaches(plane, pieces, pairs, np.arange(len(a)), np.full(len(a), np.inf))
+    found = approaches(kernel.Scene(plane.kernel_plane, pieces), pairs, np.arange(len(a)), np.full(len(a), np.inf))
     assert (np.abs(found.distance_m - expected) <= found.error_m + 1e-6).all()
     assert (found.at_s == 0.0).all()
     between = geod.inv(*found.a_deg.T, *found.b_deg.T)[2]

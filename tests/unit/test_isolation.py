@@ -17,9 +17,9 @@ from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
 from conflictdb.errors import KernelMissing
 from conflictdb.model import Area, Method, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.motion.contract import Plane
+from conflictdb.motion.registry import plane_of
 from conflictdb.pieces import covers
-from conflictdb.pipeline import closest_approaches, whole_areas
+from conflictdb.pipeline import closest_approaches, run, whole_areas
 from conflictdb.results import Verdict
 from conflictdb.stage4 import contacts
 
@@ -107,7 +107,7 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
     """NaN would meet nothing, silently."""
     cut = covers.track_pieces
 
-    def spoilt(scene: Scene, plane: Plane, batch: Any) -> Any:
+    def spoilt(scene: Scene, plane: Any, batch: Any) -> Any:
         pieces = cut(scene, plane, batch)
         pieces.hull_xy[np.repeat(pieces.object_id, np.diff(pieces.hull_offset)) == 1, 0] = bad
         return pieces
@@ -122,11 +122,10 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
     """While their pieces are near each other; pieces that are no numbers decide nothing."""
     expected = answer(Scene("s"))
 
-    def spoilt(plane: Any, pieces: Any, *members: Any) -> kernel.Scene:
+    def spoilt(plane: kernel.Plane, pieces: Any, *members: Any) -> kernel.Scene:
         return kernel.Scene(plane, replace(pieces, shape_xy=np.nan * pieces.shape_xy), *members)
 
-    blind = SimpleNamespace(Scene=spoilt, contacts=kernel.contacts, Questions=kernel.Questions)
-    monkeypatch.setattr(contacts, "kernel", blind)
+    monkeypatch.setattr(run, "kernel", SimpleNamespace(Scene=spoilt))
     found = answer(Scene("s"))
     assert set(expected) <= set(found)
     for pair, one in found.items():
@@ -150,9 +149,9 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
     expected = answer(scene)
     approaches = closest_approaches.approaches
 
-    def lost(plane: Plane, pieces: Any, pairs: Any, group: Any, wanted_m: Any, threads: int) -> Any:
-        none = replace(pieces, shape_xy=np.nan * pieces.shape_xy)
-        return approaches(plane, none, pairs, group, wanted_m, threads)
+    def lost(prepared: kernel.Scene, pairs: Any, group: Any, wanted_m: Any, threads: int) -> Any:
+        none = replace(prepared.pieces, shape_xy=np.nan * prepared.pieces.shape_xy)
+        return approaches(kernel.Scene(plane_of(scene).kernel_plane, none), pairs, group, wanted_m, threads)
 
     monkeypatch.setattr(closest_approaches, "approaches", lost)
     found = answer(scene)

@@ -9,6 +9,7 @@ import pytest
 import scenes
 import shapely
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -57,9 +58,10 @@ def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Met
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
+    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
     with pytest.raises(ValueError, match=f"method {method} stops before stage 4"):
-        contacts(scene, plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
-    contacts(replace(scene, method=Method.EXACT), plane_of(scene), pieces, pair, np.zeros(1), np.full(1, 3600.0))
+        contacts(scene, plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
+    contacts(replace(scene, method=Method.EXACT), plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
 
 
 def test_a_solver_is_not_guessed() -> None:

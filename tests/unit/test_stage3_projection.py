@@ -5,6 +5,7 @@ import pytest
 import scenes
 import shapely
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -34,6 +35,11 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, P
     return pieces, Pairs(a, b, np.concatenate([np.empty((0, 2)), *regions]), offset)
 
 
+def windows_of(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
+    plane = plane_of(scene)
+    return windows(scene, plane, kernel.Scene(plane.kernel_plane, pieces), pairs)
+
+
 def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -> tuple[float, float]:
     """From when to when, seconds after T0, the windows of all pairs reach."""
     start = (pieces.shared_span(pairs.a, pairs.b)[0] - scenes.T0_US) / 1e6
@@ -49,7 +55,7 @@ def test_window_on_the_equator_is_the_contact_itself(separation_m: float, earth:
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
     scene = Scene("s", earth=earth, separation_m=separation_m)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
-    low, high = union_s(pieces, pairs, *windows(scene, plane_of(scene), pieces, pairs))
+    low, high = union_s(pieces, pairs, *windows_of(scene, pieces, pairs))
     begins, ends = (0.5 - (4000 + separation_m) / degree) * 3600, (0.6 + (2000 + separation_m) / degree) * 3600
     # A metre of tolerance here and there is 0.03 s each way; hulls are padded on both sides for both.
     slack_s = 0.3 + 0.51 * separation_m / degree * 3600
@@ -66,7 +72,7 @@ def test_window_holds_a_growing_haven(lat: float, slack_s: float) -> None:
     speed = (m[1] - m[0]) / 36000
     track = scenes.track("T", [(0, lat), (0, lat + 2)], [0, 36000], 20000, 30000, 15000, 15000)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(-1, lat + 0.9, 1, lat + 1.1))], [track])
-    low, high = union_s(pieces, pairs, *windows(scene, plane_of(scene), pieces, pairs))
+    low, high = union_s(pieces, pairs, *windows_of(scene, pieces, pairs))
     begins, ends = (m[2] - m[0] - 20000) / speed, (m[3] - m[0] + 30000) / speed
     assert begins - slack_s <= low <= begins
     assert ends <= high <= ends + slack_s
@@ -79,13 +85,13 @@ def test_two_tracks_have_the_window_that_both_allow() -> None:
     east = scenes.track("E", [(-1, 0), (1, 0)], [0, 7200], *sizes)
     north = scenes.track("N", [(0.02, -1), (0.02, 1)], [0, 7200], *sizes)
     pieces, pairs = met(scene, [], [east, north])
-    first, last = windows(scene, plane_of(scene), pieces, pairs)
+    first, last = windows_of(scene, pieces, pairs)
     assert (first <= last).any()
     low, high = union_s(pieces, pairs, first, last)
     assert low <= 3600 + 72 - 36 <= high
     late = scenes.track("N", [(0.02, -1), (0.02, 1)], [300, 7500], *sizes)
     pieces, pairs = met(scene, [], [east, late])
-    first, last = windows(scene, plane_of(scene), pieces, pairs)
+    first, last = windows_of(scene, pieces, pairs)
     assert not (first <= last).any()
 
 
@@ -93,7 +99,7 @@ def test_loiter_has_its_whole_span_for_a_window() -> None:
     scene = Scene("s")
     waiting = scenes.track("T", [(0, 0), (0, 0)], [0, 3600], 5000, 5000, 5000, 5000)
     pieces, pairs = met(scene, [scenes.area("A", shapely.box(0, 0, 1, 1), 600, 1200)], [waiting])
-    first, last = windows(scene, plane_of(scene), pieces, pairs)
+    first, last = windows_of(scene, pieces, pairs)
     assert len(pairs) == 1
     assert first[0] <= 0.0
     assert last[0] >= 600.0
@@ -103,6 +109,6 @@ def test_areas_share_their_span() -> None:
     scene = Scene("s")
     areas = [scenes.area("A", shapely.box(0, 0, 1, 1)), scenes.area("B", shapely.box(0, 0, 1, 1))]
     pieces, pairs = met(scene, areas, [])
-    first, last = windows(scene, plane_of(scene), pieces, pairs)
+    first, last = windows_of(scene, pieces, pairs)
     assert first.tolist() == [0.0]
     assert last.tolist() == [np.inf]

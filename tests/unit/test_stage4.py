@@ -9,6 +9,7 @@ import scenes
 import shapely
 from verdicts import solved
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -26,14 +27,12 @@ PROGRAMS = pytest.mark.parametrize("program", [linear_program, nonlinear_program
 
 def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
     """An area and the first leg of a track, seconds from its start."""
-    still, moving = (
-        area_pieces(SCENE, plane_of(SCENE), AreaBatch.of([area])),
-        track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track])),
-    )
+    plane = plane_of(SCENE)
+    still, moving = area_pieces(SCENE, plane, AreaBatch.of([area])), track_pieces(SCENE, plane, TrackBatch.of([track]))
     pieces = Pieces.concatenate([still, moving])
     row, none = np.zeros(1, np.int64), np.zeros(2, np.int64)
     pairs = Pairs(row, row + len(still), np.empty((0, 2)), none)
-    return Encounters.of(plane_of(SCENE), separation_m, pieces, pairs, row, track.times_us[:1])
+    return Encounters.of(plane, separation_m, kernel.Scene(plane.kernel_plane, pieces), pairs, row, track.times_us[:1])
 
 
 @PROGRAMS

@@ -14,6 +14,7 @@ from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.kernel import Questions, Work
 from conflictdb.kernel.meeting import distances
 from conflictdb.model import Area, EarthModel, Scene, Track
@@ -25,6 +26,10 @@ from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
+
+
+def prepared(scene: Scene, pieces: Pieces) -> kernel.Scene:
+    return kernel.Scene(plane_of(scene).kernel_plane, pieces)
 
 
 @dataclass(frozen=True)
@@ -164,7 +169,8 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = pieces.shared_span(pairs.a, pairs.b)
-    found, _ = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    held, nought = prepared(scene, pieces), np.zeros(len(pairs))
+    found, _ = contacts(scene, plane_of(scene), held, pairs, nought, (end - start) / 1e6)
     seconds = (start[found.pair] - scenes.T0_US) / 1e6
     assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
     assert (seconds + found.end_s).max() == pytest.approx((0.6 + 2000 / DEGREE) * 3600, abs=1e-6)
@@ -182,7 +188,7 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
     at_us = scenes.T0_US + int(0.55 * 3600e6)
     row = np.flatnonzero((start <= at_us) & (at_us <= end))[:1]
     at_s = (at_us - start[row]) / 1e6
-    found, _ = contacts(scene, plane_of(scene), pieces, pairs.take(row), at_s, at_s)
+    found, _ = contacts(scene, plane_of(scene), prepared(scene, pieces), pairs.take(row), at_s, at_s)
     assert found.verdict.tolist() == [CONFLICT]
     assert found.start_s == found.end_s == at_s
 
@@ -209,7 +215,8 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     start, end = pieces.shared_span(pairs.a, pairs.b)
-    found, effort = contacts(scene, plane_of(scene), pieces, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    held, nought = prepared(scene, pieces), np.zeros(len(pairs))
+    found, effort = contacts(scene, plane_of(scene), held, pairs, nought, (end - start) / 1e6)
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
         assert effort.exact.searched_pairs == 0
@@ -240,5 +247,5 @@ def test_no_pairs_are_settled_as_none() -> None:
     box = scenes.area("A", shapely.box(0, 0, 1, 1))
     pieces = area_pieces(scene, plane_of(scene), AreaBatch.of([box]))
     none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
-    found, effort = contacts(scene, plane_of(scene), pieces, none, np.empty(0), np.empty(0))
+    found, effort = contacts(scene, plane_of(scene), prepared(scene, pieces), none, np.empty(0), np.empty(0))
     assert len(found) == effort.exact.searched_pairs == 0

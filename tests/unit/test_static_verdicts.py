@@ -4,6 +4,7 @@ import pytest
 import scenes
 import shapely
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
@@ -28,7 +29,7 @@ def verdict_of(apart_m: float, scene: Scene) -> int:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     if not len(pairs):
         return APART
-    ((found,), _) = static_verdicts(scene, plane, pieces, pairs)
+    ((found,), _) = static_verdicts(scene, plane, kernel.Scene(plane.kernel_plane, pieces), pairs)
     return int(found)
 
 

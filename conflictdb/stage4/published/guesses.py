@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
 from conflictdb.motion.contract import Plane
 from conflictdb.stage4.effort import Programs
 from conflictdb.stage4.encounters import Encounters
@@ -25,7 +25,7 @@ class Guesses:
 
     plane: Plane
     separation_m: float
-    pieces: Pieces
+    prepared: kernel.Scene
     pairs: Pairs
     zero_us: NDArray[np.int64]
     programs: Programs
@@ -33,7 +33,7 @@ class Guesses:
     def extreme_contact(self, rows: NDArray[np.int64], k: int, low_s: float, high_s: float, is_last: bool) -> float:
         """Return where the last (or first) contact of pair rows[k] may be, seconds; NaN where a program finds none."""
         pair = rows[k : k + 1]
-        one = Encounters.of(self.plane, self.separation_m, self.pieces, self.pairs, pair, self.zero_us[pair])
+        one = Encounters.of(self.plane, self.separation_m, self.prepared, self.pairs, pair, self.zero_us[pair])
         is_uniform = bool(linear_program.is_uniform(one, np.array([low_s]), np.array([high_s]))[0])
         self.programs.lp_calls += is_uniform
         self.programs.nlp_calls += not is_uniform
