@@ -5,17 +5,15 @@ This is where the environment is read, where errors become one message and an ex
 
 import logging
 import os
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import TextIOWrapper
-from types import FrameType
-from typing import Final, NoReturn
+from typing import Final
 
 from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED
 from conflictdb.cli.output import Formatter, remark
 from conflictdb.cli.parser import build
+from conflictdb.cli.termination import Terminated, termination_as_interrupt
 from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
 
 _CODES: Final = ((InvalidInput, INPUT_REFUSED), (SchemaError, SCHEMA_MISMATCH), (ServerError, NO_SERVER))
@@ -36,13 +34,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         driver.addHandler(logging.NullHandler())
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
-        with _termination_as_interrupt():
+        with termination_as_interrupt():
             code = int(args.run(args))
         sys.stdout.flush()
     except ConflictDBError as error:
         return _failed(error, next((code for kind, code in _CODES if isinstance(error, kind)), FAILED), args.debug)
     except KeyboardInterrupt as interrupt:
-        is_told = isinstance(interrupt, _Terminated)
+        is_told = isinstance(interrupt, Terminated)
         remark("terminated" if is_told else "interrupted")
         return TERMINATED if is_told else INTERRUPTED
     except BrokenPipeError:
@@ -55,22 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name = type(error).__name__
         return _failed(error, FAILED, args.debug, f"{name}: {error} (a mistake of this program; --debug shows where)")
     return code
-
-
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM; it ends a command as Ctrl-C does: what the database is doing is cancelled, nothing half done stays."""
-
-
-@contextmanager
-def _termination_as_interrupt() -> Iterator[None]:
-    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
-        raise _Terminated
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:

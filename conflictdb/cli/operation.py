@@ -2,21 +2,19 @@
 
 import argparse
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.cli.log import JSON_LOG, TEXT_LOG
 from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import moment_text, run_text
+from conflictdb.cli.report import moment_text
 from conflictdb.cli.session import database, worker_connections
 from conflictdb.database import Status, connect
 from conflictdb.db import schema
 from conflictdb.db.store import SceneStatus
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
-
-if TYPE_CHECKING:
-    from conflictdb.db.detect import Run
 
 
 def work(args: argparse.Namespace) -> int:
@@ -25,9 +23,11 @@ def work(args: argparse.Namespace) -> int:
     # Not above: it brings the solvers, which other commands need not wait for.
     from conflictdb.db.worker import EVERY_S, Worker
 
+    log = JSON_LOG if args.log == "json" else TEXT_LOG
     with database(args), worker_connections(args) as connection:
-        limits = args.jobs, args.lock_timeout, remark, args.memory_mb
-        worker = Worker(connection, _report, args.every or EVERY_S, *limits)
+        worker = Worker(
+            connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
+        )
         if args.once:
             return DONE if worker.once() else FAILED
         note("working; Ctrl-C ends")
@@ -35,13 +35,6 @@ def work(args: argparse.Namespace) -> int:
             worker.run()
     note("stopped")
     return DONE
-
-
-def _report(scene: str, outcome: "Run | Exception") -> None:
-    if isinstance(outcome, Exception):
-        remark(f"{scene}: failed: {outcome}")
-    else:
-        out(run_text(scene, outcome), flush=True)
 
 
 def status(args: argparse.Namespace) -> int:

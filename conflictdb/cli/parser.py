@@ -201,7 +201,7 @@ def _worker(commands: Any) -> None:
         "keep all scenes current",
         "Detects again whatever changed, as soon as it changes. Run as many as you like, on as many machines as you "
         "like. A scene that fails does not stop the others and is tried again later; a lost database is connected to "
-        "again. SIGTERM and SIGINT end it cleanly.",
+        "again. SIGTERM and SIGINT end it cleanly, within 5 s.",
     )
     parser.add_argument(
         "--once",
@@ -213,6 +213,9 @@ def _worker(commands: Any) -> None:
         type=duration_s,
         metavar="DURATION",
         help="look for changes at least this often: 30s, 5m, 1h (default 60s)",
+    )
+    parser.add_argument(
+        "--log", choices=("text", "json"), default="text", help="how each line is written (default: text)"
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
     _add_memory(parser)

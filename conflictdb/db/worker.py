@@ -7,21 +7,23 @@ was lost with its connection.
 """
 
 import logging
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from random import SystemRandom
 from typing import Any, Final
 
 import psycopg
 
 from conflictdb.db import attached, detect, schema, store
-from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError
+from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.pipeline.memory import MEMORY_MB
 
 _log = logging.getLogger(__name__)
 
 EVERY_S: Final = 60.0
-# After a lost connection: the first pause, doubled up to the longest.
+# After a lost connection, or a detection that failed: the first pause, doubled up to the longest.
 _PAUSE_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 60.0
 # While somebody else detects a scene that has changes: how often to look whether it is free, and after what time to say
@@ -35,6 +37,22 @@ _DEAF_PAUSE_S: Final = 2.0
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
 Report = Callable[[str, "detect.Run | Exception"], None]
+
+
+def _pauses(longest_s: float) -> Iterator[float]:
+    """Yield how long to wait before each further attempt, seconds: random, so that workers do not come all at once."""
+    pause_s = min(_PAUSE_S, longest_s)
+    while True:
+        yield SystemRandom().uniform(0.5 * pause_s, pause_s)
+        pause_s = min(2.0 * pause_s, longest_s)
+
+
+@dataclass(slots=True)
+class _Failing:
+    """A scene whose detection failed: when to try again (as of `time.monotonic`), and the pauses after that."""
+
+    again_at_s: float
+    pauses: Iterator[float]
 
 
 @dataclass(slots=True)
@@ -51,10 +69,11 @@ class Worker:
 
     connect : opens a connection of its own
     report : told the outcome of each detection: the scene, and the run or the error
-    every_s : looks for changes at least this often, seconds; a scene that failed is left alone this long
+    every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, and
+        after twice as long each time, up to this
     jobs : threads to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
-    say : told who keeps a scene from being detected, and if nobody tells of changes
+    say : told who keeps a scene from being detected, if nobody tells of changes, and of a database lost and found
     memory_mb : see `detect`
     """
 
@@ -65,7 +84,7 @@ class Worker:
     lock_timeout_s: float | None = None
     say: store.Say = _log.warning
     memory_mb: int = MEMORY_MB
-    _failed_at: dict[str, float] = field(default_factory=dict)
+    _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _deafness_is_said: bool = False
 
@@ -76,6 +95,8 @@ class Worker:
             _check(connection)
             while True:
                 well &= self._round(connection, store.SAY_AFTER_S)
+                for failing in self._failing.values():
+                    failing.again_at_s = math.inf
                 if not self._busy:
                     return well
                 time.sleep(_BUSY_PAUSE_S)
@@ -92,28 +113,32 @@ class Worker:
         ServerError, StoreError
             The first connection fails.
         """
-        pause_s = _PAUSE_S
+        pauses = _pauses(_LONGEST_PAUSE_S)
         connection = self.connect()
         while True:
             try:
                 with connection:
                     _check(connection)
                     every_s = self._listen(connection)
-                    pause_s = _PAUSE_S
                     while True:
                         self._round(connection, _SAY_BUSY_AFTER_S)
+                        pauses = _pauses(_LONGEST_PAUSE_S)
                         store.wait_for_change(connection, self._pause_s(connection, every_s))
             except (SchemaError, ReadOnlyDatabase):
                 raise
-            except ConflictDBError as error:
-                _log.warning("lost the database, trying again: %s", error)
-            connection, pause_s = self._reconnected(pause_s)
+            except (ConflictDBError, psycopg.Error) as error:
+                self.say(f"lost the database, connecting again: {_reason(error)}")
+            connection = self._reconnected(pauses)
+            self.say("connected again")
 
     def _pause_s(self, connection: "psycopg.Connection[Any]", every_s: float) -> float:
-        """Return when to look again at the latest, seconds: a scene was busy, an attached table is to be compared."""
-        due_s = store.seconds_to_comparison(connection)
-        pause_s = min(every_s, _BUSY_PAUSE_S) if self._busy else every_s
-        return pause_s if due_s is None else min(pause_s, max(due_s, _LEAST_PAUSE_S))
+        """Return when to look again at the latest, seconds: a scene is busy or failed, or a table is to be compared."""
+        dues_s = [failing.again_at_s - time.monotonic() for failing in self._failing.values()]
+        if (comparison_s := store.seconds_to_comparison(connection)) is not None:
+            dues_s.append(comparison_s)
+        if self._busy:
+            dues_s.append(_BUSY_PAUSE_S)
+        return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
         """Listen for changes; return how often to look for them without being told, seconds."""
@@ -127,41 +152,42 @@ class Worker:
             )
         return min(self.every_s, _DEAF_PAUSE_S)
 
-    def _reconnected(self, pause_s: float) -> tuple["psycopg.Connection[Any]", float]:
-        while True:
+    def _reconnected(self, pauses: Iterator[float]) -> "psycopg.Connection[Any]":
+        for pause_s in pauses:
             time.sleep(pause_s)
-            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
             try:
-                return self.connect(), pause_s
+                return self.connect()
             except ConflictDBError as error:
-                _log.warning("no database yet, trying again in %g s: %s", pause_s, error)
+                self.say(f"no database yet: {_reason(error)}")
+        raise AssertionError("pauses do not end")
 
     def _round(self, connection: "psycopg.Connection[Any]", say_after_s: float) -> bool:
-        """Detect every scene that has pending changes, unless it failed a moment ago; return whether all went well.
+        """Detect every scene with pending changes once, the longest waiting first; return whether all went well.
 
-        Scenes that somebody else detects are left in `_busy`.
+        A scene that failed a moment ago is left alone. Scenes that somebody else detects are left in `_busy`. Raises
+        StoreError if the connection is lost.
         """
         well = True
         pending = store.pending_scenes(connection)
         self._busy = {scene: busy for scene, busy in self._busy.items() if scene in pending}
+        self._failing = {scene: failing for scene, failing in self._failing.items() if scene in pending}
         for scene in pending:
-            if time.monotonic() < self._failed_at.get(scene, -self.every_s) + self.every_s:
+            if scene in self._failing and time.monotonic() < self._failing[scene].again_at_s:
                 continue
-            self._failed_at.pop(scene, None)
             try:
                 attached.follow(connection, scene, again=False)
                 run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
-                self._busy.pop(scene, None)
-                if run is not None:
-                    self.report(scene, run)
             except LockTimeout as error:
                 well &= self._passed_over(scene, error, say_after_s)
             except Exception as error:  # whatever is wrong with one scene, the others want to be current
-                if connection.closed:
-                    raise
-                connection.rollback()
+                _recover(connection, error)
                 well = False
                 self._failed(scene, error)
+            else:
+                self._busy.pop(scene, None)
+                self._failing.pop(scene, None)
+                if run is not None:
+                    self.report(scene, run)
         return well
 
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float) -> bool:
@@ -178,7 +204,8 @@ class Worker:
 
     def _failed(self, scene: str, error: Exception) -> None:
         self._busy.pop(scene, None)
-        self._failed_at[scene] = time.monotonic()
+        failing = self._failing.setdefault(scene, _Failing(0.0, _pauses(self.every_s)))
+        failing.again_at_s = time.monotonic() + next(failing.pauses)
         _log.debug("scene %r failed", scene, exc_info=error)
         self.report(scene, error)
 
@@ -187,3 +214,17 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
     store.require_writable(connection)
     with store.transaction(connection):
         schema.check(connection)
+
+
+def _recover(connection: "psycopg.Connection[Any]", error: Exception) -> None:
+    """Have the connection without a transaction after an error; raises StoreError if it cannot be used any more."""
+    try:
+        connection.rollback()
+    except psycopg.Error as lost:
+        raise StoreError(_reason(lost)) from error
+    if connection.closed:
+        raise StoreError(_reason(error)) from error
+
+
+def _reason(error: Exception) -> str:
+    return str(error).strip().partition("\n")[0] or type(error).__name__

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from commands import STRAIT, runner
 
 from conflictdb import connect
 from conflictdb.db import detect, store
-from conflictdb.db.worker import Worker
+from conflictdb.db.worker import Worker, _pauses
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Scene
 
@@ -91,6 +92,91 @@ def test_one_scene_that_fails_does_not_stop_the_others(
     assert (done.code, done.err) == (1, "conflictdb: bad: failed: no luck\n")
     assert done.out.startswith("good: 7 conflicts")
     assert pending(dsn) == {"bad": 11, "good": 0}
+
+
+def test_a_log_for_programs_is_a_json_object_a_line(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a scene fails, whatever it is called."""
+    load(dsn, "bad \N{RIGHT-TO-LEFT OVERRIDE}\n")
+    load(dsn, "good")
+    whole = detect.detect_pending
+
+    def sometimes(conn: Any, scene: str, **options: Any) -> detect.Run | None:
+        if scene != "good":
+            raise ValueError("no luck")
+        return whole(conn, scene, **options)
+
+    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
+    done = runner(dsn, capsys)("worker", "--once", "--log", "json")
+    assert (done.code, done.err, "\N{RIGHT-TO-LEFT OVERRIDE}" in done.out) == (1, "", False)
+    failed, good = map(json.loads, done.out.splitlines())
+    assert (failed["event"], failed["scene"], failed["error"]) == (
+        "failed",
+        "bad \N{RIGHT-TO-LEFT OVERRIDE}\n",
+        "no luck",
+    )
+    assert (good["event"], good["scene"], good["conflicts"], good["opened"]) == ("run", "good", 7, 7)
+    assert good["at"].endswith("Z")
+
+
+def test_a_scene_that_failed_is_tried_again_soon(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a pause that grows, and then it is as if nothing had been; others do not wait for it."""
+    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.02)
+    load(dsn, "bad")
+    load(dsn, "good")
+    whole = detect.detect_pending
+    failures: list[str] = []
+
+    def sometimes(conn: Any, scene: str, **options: Any) -> detect.Run | None:
+        if scene == "bad" and len(failures) < 3:
+            failures.append(scene)
+            raise StoreError("deadlock detected")
+        return whole(conn, scene, **options)
+
+    reports: list[tuple[str, object]] = []
+
+    def report(scene: str, outcome: object) -> None:
+        reports.append((scene, outcome))
+        if scene == "bad" and isinstance(outcome, detect.Run):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
+    with pytest.raises(KeyboardInterrupt):
+        Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1).run()
+    assert [scene for scene, _ in reports] == ["bad", "good", "bad", "bad", "bad"]
+    assert pending(dsn) == {"bad": 0, "good": 0}
+
+
+def test_pauses_grow_to_a_limit_and_are_random() -> None:
+    pauses = list(islice(_pauses(60.0), 12))
+    assert all(0.5 * most <= pause <= most for pause, most in zip(pauses, [1, 2, 4, 8, 16, 32, *[60] * 6], strict=True))
+    assert len(set(pauses)) == 12
+
+
+# Blocks for ever in compiled code, where no signal is heard, as in a network that does not answer.
+DEAF = """
+import ctypes, sys
+from conflictdb.cli import main, operation
+def status(args):
+    lock = ctypes.create_string_buffer(64)
+    libc = ctypes.CDLL(None)
+    libc.pthread_mutex_lock(lock)
+    print("deaf", flush=True)
+    libc.pthread_mutex_lock(lock)
+operation.status = status
+sys.exit(main(["status"]))
+"""
+
+
+def test_sigterm_ends_what_does_not_hear_it_within_5_s() -> None:
+    with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
+        assert deaf.stdout is not None
+        assert deaf.stdout.readline() == "deaf\n"
+        began = time.monotonic()
+        deaf.send_signal(signal.SIGTERM)
+        assert deaf.wait(WAIT_S) == 143
+        assert time.monotonic() - began < 5.0
 
 
 @pytest.fixture

@@ -1,0 +1,55 @@
+"""What a worker says: one line for each detection, failure and remark, for people or as JSON."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+from conflictdb.cli.output import data, out, remark
+from conflictdb.cli.report import run_text
+from conflictdb.io.instants import format_moment
+from conflictdb.io.json_text import dumped
+
+if TYPE_CHECKING:
+    from conflictdb.db.detect import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """How a worker tells what it does: as text, what went wrong and remarks on stderr; as JSON, all of it on stdout.
+
+    report : told of each detection: the scene, and the run or the error
+    say : told anything else
+    """
+
+    report: "Callable[[str, Run | Exception], None]"
+    say: Callable[[str], None]
+
+
+def _text_report(scene: str, outcome: "Run | Exception") -> None:
+    if isinstance(outcome, Exception):
+        remark(f"{scene}: failed: {outcome}")
+    else:
+        out(run_text(scene, outcome), flush=True)
+
+
+def _json_report(scene: str, outcome: "Run | Exception") -> None:
+    if isinstance(outcome, Exception):
+        _json("failed", scene=scene, error=str(outcome))
+    else:
+        _json("run", scene=scene, **asdict(outcome))
+
+
+def _json_say(text: str) -> None:
+    _json("remark", text=text)
+
+
+def _json(event: str, **members: object) -> None:
+    line = dumped({"at": format_moment(datetime.now(UTC)), "event": event, **members})
+    data([line, "\n"], is_json=True)
+    sys.stdout.flush()
+
+
+TEXT_LOG: Final = Log(_text_report, remark)
+JSON_LOG: Final = Log(_json_report, _json_say)
