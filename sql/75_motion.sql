@@ -195,99 +195,69 @@ END;
 COMMENT ON FUNCTION _outline_between(geometry, geometry, double precision) IS
 'The outline on the way from one to another of as many vertices, p_share from 0 to 1: each vertex moves straight.';
 
-CREATE OR REPLACE FUNCTION haven_at(p_scene text, p_key text, p_instant timestamptz) RETURNS geometry
-LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
-DECLARE
-    v_scene scene%ROWTYPE;
-    v_track track%ROWTYPE;
-    v_plane text;
-    v_nr integer;
-    v_leg record;
-    v_starts_at timestamptz;
-    v_progress double precision;
-    v_mu double precision;
-    v_lon_deg double precision;
-    v_outline geometry;
-    v_ring geometry;
-BEGIN
-    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
-    SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
-    IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
-                        'object_known');
-    END IF;
-    -- At a waypoint the leg that starts there counts; the last instant belongs to none.
-    SELECT max(d.path[1]) INTO v_nr FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;
-    IF v_nr IS NULL OR v_nr = ST_NPoints(v_track.path) THEN
-        RETURN NULL;
-    END IF;
-    v_starts_at := to_timestamp(ST_M(ST_PointN(v_track.path, v_nr)));
-    v_progress := extract(epoch FROM p_instant - v_starts_at)
-                  / extract(epoch FROM to_timestamp(ST_M(ST_PointN(v_track.path, v_nr + 1))) - v_starts_at);
-    v_outline := CASE
-        WHEN v_track.outlines IS NOT NULL THEN
-            _outline_between(ST_GeometryN(v_track.outlines, v_nr), ST_GeometryN(v_track.outlines, v_nr + 1), v_progress)
-        WHEN v_track.grow_mps > 0 THEN
-            _grown_outline(v_track.outline, v_track.grow_mps * extract(
-                epoch FROM p_instant - to_timestamp(ST_M(ST_StartPoint(v_track.path))))::double precision)
-        ELSE v_track.outline END;
-    IF v_scene.motion = 'great_circle' THEN
-        v_ring := _circle_haven_at(v_track.path, v_outline, p_instant);
-        v_ring := CASE ST_Dimension(ST_ConvexHull(v_outline))
-                      WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring) ELSE v_ring END;
-        v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
-        v_ring := _to_plane(v_ring, v_plane);
-        RETURN _wrapped(_from_plane(CASE WHEN ST_Dimension(ST_ConvexHull(v_outline)) = 2
-                                         THEN ST_MakePolygon(v_ring) ELSE v_ring END, v_plane));
-    END IF;
-    SELECT * INTO v_leg
-        FROM _legs(ST_MakeLine(ST_PointN(v_track.path, v_nr), ST_PointN(v_track.path, v_nr + 1)), v_scene.earth);
-    IF v_leg.lon_step_deg = 0 AND v_leg.mu_step = 0 THEN
-        -- Only a loiter's heading depends on the other legs.
-        SELECT l.bearing_deg INTO v_leg.bearing_deg FROM _legs(v_track.path, v_scene.earth) l WHERE l.leg = v_nr;
-    END IF;
-    v_mu := v_leg.mu + v_progress * v_leg.mu_step;
-    v_lon_deg := v_leg.lon_deg + v_leg.lon_step_deg * v_progress * _stretch(v_leg.mu, v_mu, v_scene.earth)
-                                 / _stretch(v_leg.mu, v_leg.mu + v_leg.mu_step, v_scene.earth);
-    -- Each vertex by two rhumb steps: ahead along the heading, then to starboard across it.
-    SELECT ST_MakeLine(ST_MakePoint(
-               v_lon_deg + degrees(p.ahead * sind(v_leg.bearing_deg) * _stretch(v_mu, p.mu1, v_scene.earth)
-                                   + p.across * cosd(v_leg.bearing_deg) * _stretch(p.mu1, p.mu2, v_scene.earth)),
-               degrees(_latitude(p.mu2, v_scene.earth))) ORDER BY p.n)
-        INTO v_ring
-        FROM (SELECT q.*, q.mu1 - q.across * sind(v_leg.bearing_deg) AS mu2
-              FROM (SELECT d.path[2] AS n, _not_tiny(ST_Y(d.geom)) / _rectifying_m(v_scene.earth) AS ahead,
-                           _not_tiny(ST_X(d.geom)) / _rectifying_m(v_scene.earth) AS across,
-                           v_mu + _not_tiny(ST_Y(d.geom)) / _rectifying_m(v_scene.earth) * cosd(v_leg.bearing_deg)
-                               AS mu1
-                    FROM ST_DumpPoints(v_outline) d) q) p;
-    -- A haven may be a point or a line: its outline then repeats vertices.
-    v_ring := CASE ST_Dimension(ST_ConvexHull(v_outline))
-                  WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring)
-                  ELSE ST_MakePolygon(v_ring) END;
-    v_ring := ST_SetSRID(v_ring, 4326);
-    RETURN _wrapped(v_ring);
-END
-$$;
-COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
-'Where the haven of a track is at an instant: longitude and latitude in degrees, exact on the scene''s earth, cut '
-'at the seam; null before its first and from its last waypoint on. A haven without size is a point, without width '
-'a line.';
+CREATE OR REPLACE FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- As in _legs and _circle_legs: a turn around the earth is no way, nor is one at a pole.
+    SELECT w.lon_deg - 360 * round(w.lon_deg / 360) <> 0 AND (p_motion = 'rhumb' OR abs(w.lat_deg) < 90)
+           OR w.lat_deg <> w.next_lat_deg
+              AND _rectifying(radians(w.lat_deg), p_earth) <> _rectifying(radians(w.next_lat_deg), p_earth)
+    FROM (SELECT _not_tiny(ST_X(p_last)) - _not_tiny(ST_X(p_first)) AS lon_deg, _not_tiny(ST_Y(p_first)) AS lat_deg,
+                 _not_tiny(ST_Y(p_last)) AS next_lat_deg) w;
+END;
+COMMENT ON FUNCTION _is_moving(geometry, geometry, text, text) IS
+'Whether a leg between two points (longitude and latitude, degrees) goes anywhere; else it is a loiter.';
+
+CREATE OR REPLACE FUNCTION _rhumb_vertices(
+    p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Each by two rhumb steps: ahead along the heading, then to starboard across it.
+    SELECT ST_SetSRID(ST_MakeLine(ST_MakePoint(
+               p_lon_deg + degrees(p.ahead * sind(p_bearing_deg) * _stretch(p_mu, p.mu1, p_earth)
+                                   + p.across * cosd(p_bearing_deg) * _stretch(p.mu1, p.mu2, p_earth)),
+               degrees(_latitude(p.mu2, p_earth))) ORDER BY p.n), 4326)
+    FROM (SELECT q.*, q.mu1 - q.across * sind(p_bearing_deg) AS mu2
+          FROM (SELECT d.path[2] AS n, _not_tiny(ST_Y(d.geom)) / _rectifying_m(p_earth) AS ahead,
+                       _not_tiny(ST_X(d.geom)) / _rectifying_m(p_earth) AS across,
+                       p_mu + _not_tiny(ST_Y(d.geom)) / _rectifying_m(p_earth) * cosd(p_bearing_deg) AS mu1
+                FROM ST_DumpPoints(p_outline) d) q) p;
+END;
+COMMENT ON FUNCTION _rhumb_vertices(double precision, double precision, double precision, geometry, text) IS
+'The vertices of a haven (metres) on a heading, its reference point at a longitude (degrees) and a rectifying latitude '
+'(radians): longitude and latitude, degrees, not wrapped.';
+
+CREATE OR REPLACE FUNCTION _leg_heights(
+    p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[],
+    p_ceilings_m double precision[], p_first integer, p_last integer,
+    OUT floor_m double precision, OUT ceiling_m double precision
+)
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT nullif(min(CASE WHEN p_floors_m IS NULL THEN coalesce(p_floor_m, '-infinity')
+                           ELSE coalesce(p_floors_m[n.leg], '-infinity') END), '-infinity'),
+           nullif(max(CASE WHEN p_ceilings_m IS NULL THEN coalesce(p_ceiling_m, 'infinity')
+                           ELSE coalesce(p_ceilings_m[n.leg], 'infinity') END), 'infinity')
+    FROM generate_series(p_first, p_last) n (leg);
+END;
+COMMENT ON FUNCTION _leg_heights(double precision, double precision, double precision[], double precision[], integer,
+                                 integer) IS
+'The height band (metres) of a track, given whole or for each leg, from one of its legs to another: null is unbounded.';
 
 CREATE OR REPLACE FUNCTION heights_at(
     p_scene text, p_key text, p_instant timestamptz, OUT floor_m double precision, OUT ceiling_m double precision
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT nullif(min(h.floor_m), '-infinity'), nullif(max(h.ceiling_m), 'infinity')
-    FROM (SELECT CASE WHEN t.floors_m IS NULL THEN coalesce(t.floor_m, '-infinity')
-                      ELSE coalesce(t.floors_m[n.leg], '-infinity') END AS floor_m,
-                 CASE WHEN t.ceilings_m IS NULL THEN coalesce(t.ceiling_m, 'infinity')
-                      ELSE coalesce(t.ceilings_m[n.leg], 'infinity') END AS ceiling_m
-          FROM track t CROSS JOIN LATERAL generate_series(1, ST_NPoints(t.path) - 1) n (leg)
-          WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key
-            AND p_instant BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
-                              AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))) h;
+    SELECT h.floor_m, h.ceiling_m
+    FROM track t
+    CROSS JOIN LATERAL (SELECT min(n.leg) AS first, max(n.leg) AS last
+                        FROM generate_series(1, ST_NPoints(t.path) - 1) n (leg)
+                        WHERE p_instant BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
+                                        AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))) l
+    CROSS JOIN LATERAL _leg_heights(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, l.first, l.last) h
+    WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
 'The height band of a track at an instant, metres above mean sea level, null where there is no limit; at a waypoint it '

@@ -97,19 +97,6 @@ END;
 COMMENT ON FUNCTION _circle_vertices(double precision[], double precision[], double precision, geometry) IS
 'The vertices of a haven (metres) at an angle (radians) along a leg: longitude and latitude, degrees, not run on.';
 
-CREATE OR REPLACE FUNCTION _circle_haven_at(p_path geometry, p_outline geometry, p_instant timestamptz)
-RETURNS geometry
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    -- At a waypoint the leg that starts there counts; the last instant belongs to none.
-    SELECT _circle_vertices(l.start, l.heading, l.angle * (extract(epoch FROM p_instant - l.starts_at)
-                                                           / extract(epoch FROM l.ends_at - l.starts_at))
-                                                ::double precision, p_outline)
-    FROM _circle_legs(p_path) l WHERE l.starts_at <= p_instant AND p_instant < l.ends_at;
-END;
-COMMENT ON FUNCTION _circle_haven_at(geometry, geometry, timestamptz) IS
-'The vertices of a haven on great circles at an instant, longitude and latitude, degrees; null when it is not there.';
-
 CREATE OR REPLACE FUNCTION _sag(
     p_angle double precision, p_first geometry, p_last geometry
 ) RETURNS double precision

@@ -488,6 +488,9 @@ FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometr
 FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_instants(p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
+    RETURNS timestamp with time zone[] LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _check_leg_heights(p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -508,9 +511,6 @@ FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
 
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
-
-FUNCTION _circle_haven_at(p_path geometry, p_outline geometry, p_instant timestamp with time zone)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT start double precision[], OUT heading double precision[], OUT angle double precision)
     RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -599,6 +599,9 @@ FUNCTION _is_compared(p_attachment attachment)
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
 
+FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _is_pending(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
 
@@ -613,6 +616,15 @@ FUNCTION _keep_restored_key()
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
+    RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _leg_heights(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_first integer, p_last integer, OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _leg_with_heading(p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -646,6 +658,9 @@ FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
 
 FUNCTION _mixed(p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision)
     RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _most_havens()
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -724,6 +739,9 @@ FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
@@ -844,6 +862,9 @@ FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
 
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION havens(p_scene text, p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
+    RETURNS TABLE(key text, at timestamp with time zone, haven geometry, floor_m double precision, ceiling_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION heights_at(p_scene text, p_key text, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "859a7e0fac726c52fcdbdf167b0723015e5f1a312c3e97327b06ef0cec57b5b6"
+routines_sha256 = "cb4d59eab67b822e8034f9cbba83abe6aa2bc7d5afd9d1b1ef54cebafd4a711b"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """

@@ -216,6 +216,17 @@ BAD = {
     # queries
     "conflicts of an unknown scene": ("conflicts_at('nowhere', now())", "ZC010", "scene_known"),
     "candidates of an unknown scene": ("candidates('nowhere')", "ZC010", "scene_known"),
+    "havens of an unknown scene": ("havens('nowhere', now(), now(), '1 s')", "ZC010", "scene_known"),
+    "havens without a beginning": ("havens('s', NULL, now(), '1 s')", "ZC003", "havens_span"),
+    "havens for ever": ("havens('s', now(), 'infinity', '1 s')", "ZC003", "havens_span"),
+    "havens backwards": ("havens('s', '2026-03-02', '2026-03-01', '1 s')", "ZC003", "havens_span"),
+    "havens without a step": ("havens('s', now(), now(), NULL)", "ZC003", "havens_step_positive"),
+    "havens by steps of nothing": ("havens('s', now(), now(), '0')", "ZC003", "havens_step_positive"),
+    "havens by steps back": ("havens('s', now(), now(), '-1 s')", "ZC003", "havens_step_positive"),
+    "too many instants": ("havens('s', '1900-01-01', '2200-01-01', '1 us')", "ZC003", "havens_at_most"),
+    "steps that return": (
+        "havens('s', '2026-01-01', '2026-12-01', '1 month -30 days 1 s')", "ZC003", "havens_at_most",
+    ),
     "haven of an unknown track": ("haven_at('s', 'nobody', now())", "ZC011", "object_known"),
 }  # fmt: skip
 
