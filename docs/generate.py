@@ -270,7 +270,7 @@ schema.
 ROLES: Final = {
     "To ask: conflictdb_reader": (
         "conflictdb_reader",
-        ["conflicts", "approaches", "scenes", "attachments", "unmapped"],
+        ["conflicts", "approaches", "scenes", "queue", "attachments", "unmapped"],
     ),
     "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
     "To detect: conflictdb_worker": (

@@ -14,7 +14,7 @@ BEGIN
                                  '_conflict_region')
                OR NOT 'p_scene_id' = ANY (p.proargnames) AND p.proname = '_conflict_region'
                OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near'
-               OR p.proname IN ('_settle_centre', '_circle_haven_at'))
+               OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
                        '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));

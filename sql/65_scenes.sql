@@ -53,6 +53,36 @@ COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
 COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
 
+CREATE OR REPLACE VIEW queue AS
+SELECT s.name AS scene, w.waiting_since, w.changes, w.attached_changes, h.pid AS worker_pid, h.application AS worker,
+       h.role AS worker_role, h.since AS worked_on_since, r.error AS last_error
+FROM (
+    SELECT m.scene_id, min(m.changed_at) AS waiting_since, count(*) FILTER (WHERE NOT m.is_attached) AS changes,
+           count(*) FILTER (WHERE m.is_attached) AS attached_changes
+    FROM (SELECT c.scene_id, min(c.changed_at) AS changed_at, false AS is_attached
+          FROM change c GROUP BY c.scene_id, c.object_kind, c.object_id
+          UNION ALL
+          SELECT a.scene_id, q.changed_at, true FROM attachment a JOIN attached_change q USING (attachment_id)) m
+    GROUP BY m.scene_id
+) w
+JOIN scene s USING (scene_id)
+LEFT JOIN LATERAL (SELECT x.error FROM run x WHERE x.scene_id = s.scene_id ORDER BY x.run_id DESC LIMIT 1) r ON true
+LEFT JOIN LATERAL (SELECT x.* FROM _scene_holders(s.scene_id) x LIMIT 1) h ON true;
+
+COMMENT ON VIEW queue IS
+'Every scene that waits for detection, and who works on it. Workers take the longest waiting first.';
+COMMENT ON COLUMN queue.scene IS 'Name of the scene.';
+COMMENT ON COLUMN queue.waiting_since IS 'When the first of the changes that wait was made.';
+COMMENT ON COLUMN queue.changes IS
+'How many objects changed or were removed, or were there when the settings changed.';
+COMMENT ON COLUMN queue.attached_changes IS
+'How many changes of attached tables wait to become objects; of the rows of each statement that is one.';
+COMMENT ON COLUMN queue.worker_pid IS 'Process of the server that detects the scene; null: nobody does at the moment.';
+COMMENT ON COLUMN queue.worker IS 'What the program behind it calls itself: conflictdb worker, for one.';
+COMMENT ON COLUMN queue.worker_role IS 'The user it is connected as.';
+COMMENT ON COLUMN queue.worked_on_since IS 'When its transaction began.';
+COMMENT ON COLUMN queue.last_error IS 'Why the last detection of the scene failed; null if it did not.';
+
 CREATE OR REPLACE FUNCTION _scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
     OUT is_current boolean, OUT remark text

@@ -98,10 +98,11 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if there is none of that name.';
 
-CREATE OR REPLACE FUNCTION _pending_scenes() RETURNS SETOF text
+CREATE OR REPLACE FUNCTION _waiting_scenes() RETURNS TABLE (scene text, waited_s double precision)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name
+    -- A clock may have been put back since the change was made.
+    SELECT s.name, greatest(0, extract(epoch FROM clock_timestamp() - min(p.at)))
     FROM (SELECT m.scene_id, m.changed_at AS at, m.change_id AS n FROM change m
           UNION ALL
           -- An attached table that could not be read is left alone for a minute.
@@ -112,8 +113,9 @@ BEGIN ATOMIC
     JOIN scene s USING (scene_id)
     GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;
-COMMENT ON FUNCTION _pending_scenes() IS
-'Scenes with objects, or rows of attached tables, that wait for detection, the longest waiting first.';
+COMMENT ON FUNCTION _waiting_scenes() IS
+'Scenes with objects, or rows of attached tables, that wait for detection, the longest waiting first, and how long, '
+'in seconds.';
 
 CREATE OR REPLACE FUNCTION _attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

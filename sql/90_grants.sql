@@ -23,8 +23,9 @@ BEGIN
 END
 $$;
 
--- Waiting sees what others commit meanwhile, so it is no query; it writes nothing all the same.
-GRANT EXECUTE ON FUNCTION wait_until_current TO conflictdb_reader;
+-- Waiting sees what others commit meanwhile, and who works on a scene changes too, so these are no queries; they write
+-- nothing all the same. The view `queue` calls the second.
+GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
 -- conflictdb.db.schema.missing_grants.

@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 class Log:
     """How a worker tells what it does: as text, what went wrong and remarks on stderr; as JSON, all of it on stdout.
 
-    report : told of each detection: the scene, and the run or the error
+    report : told of each detection: the scene, the run or the error, and for how long its changes had waited, seconds
     say : told anything else
     """
 
-    report: "Callable[[str, Run | Exception], None]"
+    report: "Callable[[str, Run | Exception, float], None]"
     say: Callable[[str], None]
 
 
-def _text_report(scene: str, outcome: "Run | Exception") -> None:
+def _text_report(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
     if isinstance(outcome, Exception):
         remark(f"{scene}: failed: {outcome}")
     else:
         out(run_text(scene, outcome), flush=True)
 
 
-def _json_report(scene: str, outcome: "Run | Exception") -> None:
+def _json_report(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
     if isinstance(outcome, Exception):
-        _json("failed", scene=scene, error=str(outcome))
+        _json("failed", scene=scene, waited_s=waited_s, error=str(outcome))
     else:
-        _json("run", scene=scene, **asdict(outcome))
+        _json("run", scene=scene, waited_s=waited_s, **asdict(outcome))
 
 
 def _json_say(text: str) -> None:

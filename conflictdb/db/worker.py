@@ -36,7 +36,7 @@ _LEAST_PAUSE_S: Final = 0.1
 _DEAF_PAUSE_S: Final = 2.0
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
-Report = Callable[[str, "detect.Run | Exception"], None]
+Report = Callable[[str, "detect.Run | Exception", float], None]
 
 
 def _pauses(longest_s: float) -> Iterator[float]:
@@ -64,17 +64,39 @@ class _Busy:
 
 
 @dataclass(slots=True)
+class State:
+    """What a worker does at the moment, for whoever watches it from another thread.
+
+    is_connected : whether it has a connection that it knows no harm of
+    connections : how many it has made
+    looked_at_s : when it last saw what waits, as of `time.monotonic`
+    waiting : scenes that waited then
+    longest_s : for how long the first of them had waited then, seconds
+    scene : what it detects, None between detections
+    """
+
+    is_connected: bool = False
+    connections: int = 0
+    looked_at_s: float = -math.inf
+    waiting: int = 0
+    longest_s: float = 0.0
+    scene: str | None = None
+
+
+@dataclass(slots=True)
 class Worker:
     """A worker; `run` works until it is interrupted.
 
     connect : opens a connection of its own
-    report : told the outcome of each detection: the scene, and the run or the error
+    report : told the outcome of each detection: the scene, the run or the error, and for how long the oldest of the
+        changes had waited at its end, seconds
     every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, and
         after twice as long each time, up to this
     jobs : threads to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
     say : told who keeps a scene from being detected, if nobody tells of changes, and of a database lost and found
     memory_mb : see `detect`
+    state : what it does at the moment
     """
 
     connect: Connect
@@ -84,6 +106,7 @@ class Worker:
     lock_timeout_s: float | None = None
     say: store.Say = _log.warning
     memory_mb: int = MEMORY_MB
+    state: State = field(default_factory=State)
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _deafness_is_said: bool = False
@@ -116,6 +139,7 @@ class Worker:
         pauses = _pauses(_LONGEST_PAUSE_S)
         connection = self.connect()
         while True:
+            self.state.is_connected, self.state.connections = True, self.state.connections + 1
             try:
                 with connection:
                     _check(connection)
@@ -127,6 +151,7 @@ class Worker:
             except (SchemaError, ReadOnlyDatabase):
                 raise
             except (ConflictDBError, psycopg.Error) as error:
+                self.state.is_connected = False
                 self.say(f"lost the database, connecting again: {_reason(error)}")
             connection = self._reconnected(pauses)
             self.say("connected again")
@@ -168,46 +193,53 @@ class Worker:
         StoreError if the connection is lost.
         """
         well = True
-        pending = store.pending_scenes(connection)
-        self._busy = {scene: busy for scene, busy in self._busy.items() if scene in pending}
-        self._failing = {scene: failing for scene, failing in self._failing.items() if scene in pending}
-        for scene in pending:
+        waiting = store.waiting_scenes(connection)
+        looked_at_s = time.monotonic()
+        self.state.looked_at_s, self.state.waiting = looked_at_s, len(waiting)
+        self.state.longest_s = max(waiting.values(), default=0.0)
+        self._busy = {scene: busy for scene, busy in self._busy.items() if scene in waiting}
+        self._failing = {scene: failing for scene, failing in self._failing.items() if scene in waiting}
+        for scene, waited_s in waiting.items():
             if scene in self._failing and time.monotonic() < self._failing[scene].again_at_s:
                 continue
+            self.state.scene = scene
+            changed_at_s = looked_at_s - waited_s
             try:
                 attached.follow(connection, scene, again=False)
                 run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
             except LockTimeout as error:
-                well &= self._passed_over(scene, error, say_after_s)
+                well &= self._passed_over(scene, error, say_after_s, changed_at_s)
             except Exception as error:  # whatever is wrong with one scene, the others want to be current
                 _recover(connection, error)
                 well = False
-                self._failed(scene, error)
+                self._failed(scene, error, changed_at_s)
             else:
                 self._busy.pop(scene, None)
                 self._failing.pop(scene, None)
                 if run is not None:
-                    self.report(scene, run)
+                    self.report(scene, run, time.monotonic() - changed_at_s)
+            finally:
+                self.state.scene = None
         return well
 
-    def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float) -> bool:
+    def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
         """Take note that somebody else has a scene; return whether that may still be."""
         busy = self._busy.setdefault(scene, _Busy(time.monotonic()))
         waited_s = time.monotonic() - busy.since_s
         if self.lock_timeout_s is not None and waited_s >= self.lock_timeout_s:
-            self._failed(scene, error)
+            self._failed(scene, error, changed_at_s)
             return False
         if waited_s >= say_after_s and not busy.is_said:
             busy.is_said = True
             self.say(f"{scene}: {error}")
         return True
 
-    def _failed(self, scene: str, error: Exception) -> None:
+    def _failed(self, scene: str, error: Exception, changed_at_s: float) -> None:
         self._busy.pop(scene, None)
         failing = self._failing.setdefault(scene, _Failing(0.0, _pauses(self.every_s)))
         failing.again_at_s = time.monotonic() + next(failing.pauses)
         _log.debug("scene %r failed", scene, exc_info=error)
-        self.report(scene, error)
+        self.report(scene, error, time.monotonic() - changed_at_s)
 
 
 def _check(connection: "psycopg.Connection[Any]") -> None:

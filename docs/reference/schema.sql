@@ -260,6 +260,18 @@ VIEW conflicts (
     scene_is_current boolean
 );
 
+VIEW queue (
+    scene text COLLATE C,
+    waiting_since timestamp with time zone,
+    changes bigint,
+    attached_changes bigint,
+    worker_pid integer,
+    worker text,
+    worker_role text,
+    worked_on_since timestamp with time zone,
+    last_error text
+);
+
 VIEW scenes (
     scene text COLLATE C,
     motion text,
@@ -689,9 +701,6 @@ FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precisi
 FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _pending_scenes()
-    RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -814,6 +823,9 @@ FUNCTION _track_feature(p_track track)
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _waiting_scenes()
+    RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _warn_if_incomplete(p_scene text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;

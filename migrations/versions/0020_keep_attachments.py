@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "cb4d59eab67b822e8034f9cbba83abe6aa2bc7d5afd9d1b1ef54cebafd4a711b"
+routines_sha256 = "ea9c053025c519b7c65bef54009219bae34c0aa261698a52bcb075e7584a94c7"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """

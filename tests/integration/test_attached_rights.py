@@ -225,5 +225,5 @@ def test_a_function_that_does_not_end_is_given_up(
     follow(conn, roles["keeper"])
     with connect(conn) as db:
         assert "statement timeout" in str(db.attachments()[0].error)
-        assert list(store.pending_scenes(conn)) == []
+        assert list(store.waiting_scenes(conn)) == []
         assert not db.scenes()[0].is_current

@@ -393,7 +393,7 @@ def test_columns_and_tables_may_change_as_if_not_attached(db: Database) -> None:
     assert "column t.id does not exist" in str(one.error)
     assert keys(db) == ["1", "2", "3"]
     assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [False]
-    assert list(store.pending_scenes(db.connection)) == ["s"], "of marks; the table is left alone for a minute"
+    assert list(store.waiting_scenes(db.connection)) == ["s"], "of marks; the table is left alone for a minute"
     do(db, "ALTER TABLE mission.ops RENAME nr TO id", "ALTER TABLE mission.ops ALTER id TYPE bigint")
     db.follow("s")
     assert keys(db) == []

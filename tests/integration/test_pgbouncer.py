@@ -206,7 +206,7 @@ def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
         connections.append(store.connect(store.worker_dsn(through)))
         return connections[-1]
 
-    def report(scene: str, outcome: object) -> None:
+    def report(scene: str, outcome: object, waited_s: float) -> None:
         assert isinstance(outcome, detect.Run)
         done.append(scene)
         if scene == "second":

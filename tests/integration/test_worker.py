@@ -136,7 +136,7 @@ def test_a_scene_that_failed_is_tried_again_soon(dsn: str, monkeypatch: pytest.M
 
     reports: list[tuple[str, object]] = []
 
-    def report(scene: str, outcome: object) -> None:
+    def report(scene: str, outcome: object, waited_s: float) -> None:
         reports.append((scene, outcome))
         if scene == "bad" and isinstance(outcome, detect.Run):
             raise KeyboardInterrupt
@@ -237,7 +237,7 @@ def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPat
             raise StoreError("still starting up")
         return store.connect(store.worker_dsn(dsn))
 
-    def report(scene: str, outcome: object) -> None:
+    def report(scene: str, outcome: object, waited_s: float) -> None:
         assert isinstance(outcome, detect.Run)
         detected.append(scene)
         if scene == "second":
@@ -284,7 +284,9 @@ def test_several_workers_do_the_work_once(dsn: str, tmp_path: Path) -> None:
 
 def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
     """Return a worker that notes what it reports."""
-    return Worker(lambda: store.connect(dsn), lambda *report: reports.append(report), jobs=1, **more)
+    return Worker(
+        lambda: store.connect(dsn), lambda scene, outcome, _: reports.append((scene, outcome)), jobs=1, **more
+    )
 
 
 def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,7 +366,7 @@ def test_a_limit_of_idle_sessions_does_not_end_a_worker(dsn: str) -> None:
         attempts.append(len(attempts))
         return store.connect(dsn)
 
-    def report(scene: str, outcome: object) -> None:
+    def report(scene: str, outcome: object, waited_s: float) -> None:
         reports.append((scene, outcome))
         raise KeyboardInterrupt
 
@@ -378,3 +380,28 @@ def test_a_limit_of_idle_sessions_does_not_end_a_worker(dsn: str) -> None:
     load(dsn, "strait")
     thread.join(WAIT_S)
     assert ([scene for scene, _ in reports], attempts) == (["strait"], [0])
+
+
+def test_a_scene_that_always_waits_leaves_the_others_their_turn(dsn: str) -> None:
+    """Whatever changes while a worker is busy: each scene that waits has its turn before one has a second."""
+    for name in ("always", "b", "c"):
+        load(dsn, name)
+    turns: list[str] = []
+
+    def report(scene: str, outcome: object, waited_s: float) -> None:
+        assert isinstance(outcome, detect.Run), outcome
+        turns.append(scene)
+        if len(turns) == 6:
+            raise KeyboardInterrupt
+        changed = ["always"] if scene == "always" else []
+        with psycopg.connect(dsn) as editor:
+            for name in [*changed, *(["b"] if turns[-2:] == ["c", "always"] else [])]:
+                editor.execute(
+                    "UPDATE conflictdb.area a SET ceiling_m = 9 + %s FROM conflictdb.scene s "
+                    "WHERE s.scene_id = a.scene_id AND s.name = %s AND a.key = 'DIVING'",
+                    [len(turns), name],
+                )
+
+    with pytest.raises(KeyboardInterrupt):
+        Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1).run()
+    assert turns == ["always", "b", "c", "always", "always", "b"]

@@ -96,6 +96,7 @@ QUERIES = [
     "SELECT * FROM conflictdb.probe(%s, 'SRID=4326;POINT(0 0)')",
     "SELECT conflictdb.haven_at(%s, 'T1', '2026-03-01')",
     "SELECT * FROM conflictdb.havens(%s, '2026-03-01', '2026-03-02', '6 h')",
+    "SELECT * FROM conflictdb.queue",
 ]
 
 

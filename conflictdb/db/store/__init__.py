@@ -40,13 +40,13 @@ from conflictdb.db.store.objects import (
     SceneStatus,
     is_scene,
     list_scenes,
-    pending_scenes,
     read_scene,
     read_settings,
     replace_scene,
     scene_id,
     scene_settings,
     set_scene,
+    waiting_scenes,
 )
 from conflictdb.db.store.pairs import Candidates, Dirty, candidates, dirty_objects, pieces
 from conflictdb.db.store.reading import (
@@ -102,7 +102,6 @@ __all__ = [
     "list_scenes",
     "listen",
     "mark_all",
-    "pending_scenes",
     "pieces",
     "preview_attachment",
     "read_attached",
@@ -127,5 +126,6 @@ __all__ = [
     "unmapped",
     "wait_for_change",
     "wait_until_current",
+    "waiting_scenes",
     "worker_dsn",
 ]

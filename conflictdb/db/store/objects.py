@@ -93,10 +93,10 @@ def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
         return [SceneStatus(row[0], _scene(*row[1:10]), *row[10:]) for row in call_many(conn, "_scenes")]
 
 
-def pending_scenes(conn: psycopg.Connection[Any]) -> list[str]:
-    """Return the names of the scenes that changed since their last detection, longest waiting first."""
+def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
+    """Return the scenes that changed since their last detection, longest waiting first, and for how long, seconds."""
     with transaction(conn):
-        return [name for (name,) in call_many(conn, "_pending_scenes")]
+        return dict(call_many(conn, "_waiting_scenes"))
 
 
 def read_scene(conn: psycopg.Connection[Any], name: str) -> tuple[Scene, list[Area], list[Track]]:
