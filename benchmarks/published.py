@@ -150,7 +150,7 @@ def _fractions(
 
     def of_time(fraction: Floats) -> Floats:
         """Fraction of the way, to latitude, to distance, to time; written so that an east-west leg needs no case."""
-        mu = earth.rectifying_of_isometric(psi0 + fraction * (psi1 - psi0))
+        mu = earth.rectifying(earth.latitude(psi0 + fraction * (psi1 - psi0)))
         return fraction * earth.stretch(mu0, mu1) / earth.stretch(mu0, mu)
 
     # A loiter has no leg to project on: the whole of it counts.

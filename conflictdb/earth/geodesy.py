@@ -101,14 +101,6 @@ class Earth:
             )
         return np.arctan(tau)
 
-    def rectifying_of_isometric(self, psi: ArrayLike) -> Floats:
-        """Return the rectifying latitude of an isometric latitude, radians."""
-        chi = np.arctan(np.sinh(np.asarray(psi, dtype=np.float64)))
-        mu = chi.copy()
-        for j, alpha in enumerate(self.to_rectifying, 1):
-            mu += alpha * np.sin(2 * j * chi)
-        return mu
-
     def stretch(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
         """Return (psi2 - psi1) / (mu2 - mu1), also where mu1 equals mu2; arrays broadcast."""
         mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
@@ -123,88 +115,16 @@ class Earth:
         way = np.where(is_long, mu2 - mu1, 1.0)
         return np.where(is_long, (np.arcsinh(np.tan(chi2)) - np.arcsinh(np.tan(chi1))) / way, found)
 
-    def isometric_series(self, mu: Floats, order: int) -> list[Floats]:
-        """Return g_1 to g_order, (n,) each, such that psi(mu + d) = psi(mu) + sum of g_k d^k, up to order <= 12.
-
-        The derivatives of the sphere's psi are secants times polynomials in the tangent; on the ellipsoid the series
-        chi(mu + d) is put into it. The series converges for |d| below the distance to the pole.
-        """
-        chi = self.conformal(mu)
-        tangent = np.tan(chi)
-        square = tangent * tangent
-        secant = np.sqrt(1.0 + square)
-        odd = secant * tangent
-        sphere: list[Floats] = []
-        for k in range(order):
-            coefficients = _SECANT_SERIES[k]
-            value = np.full_like(square, coefficients[-1])
-            for coefficient in coefficients[-2::-1]:
-                value *= square
-                value += coefficient
-            value *= odd if k % 2 else secant
-            sphere.append(value)
-        if not self.to_conformal:
-            return sphere
-        inner = self._conformal_series(mu, order)
-        # Horner's rule on truncated power series: acc = (acc + g_m) * inner, from the highest power down.
-        found = [sphere[-1] * inner[0]]
-        for m in range(order - 2, -1, -1):
-            keep = order - m
-            product = [sphere[m] * inner[k] for k in range(keep)]
-            for i, factor in enumerate(found):
-                for k in range(keep - 1 - i):
-                    product[i + 1 + k] += factor * inner[k]
-            found = product
-        return found
-
-    def _conformal_series(self, mu: Floats, order: int) -> list[Floats]:
-        """Return c_1 to c_order with chi(mu + d) = chi(mu) + sum of c_k d^k."""
-        found = [np.zeros_like(mu) for _ in range(order)]
-        found[0] += 1.0
-        harmonics = [(np.cos(2.0 * mu), np.sin(2.0 * mu))]
-        for _ in self.to_conformal[1:]:
-            (cosine, sine), (cosine1, sine1) = harmonics[-1], harmonics[0]
-            harmonics.append((cosine * cosine1 - sine * sine1, sine * cosine1 + cosine * sine1))
-        for j, (beta, (cosine, sine)) in enumerate(zip(self.to_conformal, harmonics, strict=True), 1):
-            factor = beta
-            for k in range(order):
-                factor *= 2.0 * j / (k + 1)
-                found[k] += (factor, -factor, -factor, factor)[k % 4] * (sine if k % 2 else cosine)
-        return found
-
     def conformal_radius_m(self, psi: Floats) -> Floats:
         """Return metres on the earth per radian of the sphere that has the same Mercator plane (conformal sphere)."""
         if not self.to_conformal:
             return np.full_like(psi, self.radius_m)
-        return self.conformal_radius_of(np.tanh(psi) ** 2)
-
-    def conformal_radius_of(self, square: Floats) -> Floats:
-        """Return `conformal_radius_m` where the squared sine of the conformal latitude is given."""
+        square = np.tanh(psi) ** 2
         value = np.full_like(square, self.conformal_radius[-1])
         for coefficient in self.conformal_radius[-2::-1]:
             value *= square
             value += coefficient
         return value
-
-    def slope(self, mu: ArrayLike) -> Floats:
-        """Return d psi / d mu."""
-        mu = np.asarray(mu, dtype=np.float64)
-        return self._conformal_slope(mu) / np.cos(self.conformal(mu))
-
-    def slope_change(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
-        """Return (slope(mu2) - slope(mu1)) / (mu2 - mu1), also where mu1 equals mu2; arrays broadcast."""
-        mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
-        ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
-        cos1, cos2 = np.cos(chi1), np.cos(chi2)
-        change = np.sin(0.5 * (chi1 + chi2)) * _sinc(0.5 * ratio * (mu2 - mu1)) / (cos1 * cos2) * ratio
-        if not self.to_conformal:
-            return np.asarray(change)
-        # The slope is a product, (d chi / d mu) times sec(chi): so is its divided difference.
-        slope_of_chi = np.zeros(np.broadcast_shapes(mu1.shape, mu2.shape))
-        for j, (_, sine, spread) in enumerate(_harmonics(mu1 + mu2, mu2 - mu1, len(self.to_conformal)), 1):
-            slope_of_chi -= 4.0 * j * self.to_conformal[j - 1] * sine * spread
-        mean_slope = 0.5 * (self._conformal_slope(mu1) + self._conformal_slope(mu2))
-        return np.asarray(change * mean_slope + 0.5 * (1.0 / cos1 + 1.0 / cos2) * slope_of_chi)
 
     def plane_scale(self, psi: Floats) -> Floats:
         """Return plane metres per metre on the earth at an isometric latitude (the projection is conformal)."""
@@ -227,39 +147,14 @@ class Earth:
         sigma = np.sinh(self.eccentricity * np.arctanh(self.eccentricity * tau / secant))
         return np.asarray(np.hypot(1.0, sigma) * tau - sigma * secant)
 
-    def _conformal_slope(self, mu: Floats) -> Floats:
-        """Return d chi / d mu."""
-        slope = np.ones_like(mu)
-        for j, beta in enumerate(self.to_conformal, 1):
-            slope += 2.0 * j * beta * np.cos(2 * j * mu)
-        return slope
-
     def _conformal_slope_between(self, mu1: Floats, mu2: Floats) -> tuple[Floats, Floats, Floats]:
         """Return (chi2 - chi1) / (mu2 - mu1), chi1 and chi2."""
         ratio = np.ones(np.broadcast_shapes(mu1.shape, mu2.shape))
         if self.to_conformal:
             harmonics = _harmonics(mu1 + mu2, mu2 - mu1, len(self.to_conformal))
-            for beta, (cosine, _, spread) in zip(self.to_conformal, harmonics, strict=True):
+            for beta, (cosine, spread) in zip(self.to_conformal, harmonics, strict=True):
                 ratio += 2.0 * beta * cosine * spread
         return ratio, self.conformal(mu1), self.conformal(mu2)
-
-
-def _secant_series(order: int) -> list[tuple[float, ...]]:
-    """Return for k = 1 to order the coefficients, in tan^2, of g_k / sec (k odd) or g_k / (sec tan) (k even).
-
-    g_k = psi^(k) / k!, psi' = sec, and (sec P(tan))' = sec (tan P + (1 + tan^2) P').
-    """
-    polynomial = np.polynomial.Polynomial([1.0])
-    tangent, found = np.polynomial.Polynomial([0.0, 1.0]), []
-    for k in range(1, order + 1):
-        coefficients = (polynomial / math.factorial(k)).coef
-        found.append(tuple(float(c) for c in coefficients[(k - 1) % 2 :: 2]))
-        polynomial = tangent * polynomial + (1.0 + tangent**2) * polynomial.deriv()
-    return found
-
-
-# Longest series that is used.
-_SECANT_SERIES: Final = _secant_series(12)
 
 
 def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
@@ -276,18 +171,18 @@ def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
     return tuple(float(c) for c in np.polynomial.Polynomial.fit(sine2, values, 6).convert().coef)
 
 
-def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floats, Floats, Floats]]:
-    """Return cos(j total), sin(j total) and sin(j difference) / difference for j = 1 to count.
+def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floats, Floats]]:
+    """Return cos(j total) and sin(j difference) / difference for j = 1 to count.
 
     A divided difference of sin(2 j mu) is 2 cos(j (mu1 + mu2)) sin(j (mu2 - mu1)) / (mu2 - mu1).
     """
     turn, swing = 2.0 * np.cos(total), 2.0 * np.cos(difference)
-    harmonics = [(0.5 * turn, np.sin(total), _sinc(difference))]
-    before: tuple[Floats | float, Floats | float, Floats | float] = (1.0, 0.0, 0.0)
+    harmonics = [(0.5 * turn, _sinc(difference))]
+    before: tuple[Floats | float, Floats | float] = (1.0, 0.0)
     for _ in range(count - 1):
-        cosine, sine, spread = harmonics[-1]
-        harmonics.append((turn * cosine - before[0], turn * sine - before[1], swing * spread - before[2]))
-        before = (cosine, sine, spread)
+        cosine, spread = harmonics[-1]
+        harmonics.append((turn * cosine - before[0], swing * spread - before[1]))
+        before = (cosine, spread)
     return harmonics
 
 

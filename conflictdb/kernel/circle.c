@@ -1,9 +1,12 @@
-/* Havens that ride on great circles of the sphere, in the gnomonic plane about a centre:
- * conflictdb.motion.great_circles, where the formulas are derived.
+/* Havens that ride on great circles of the sphere, in the gnomonic plane about a centre.
  *
+ * A haven rides its circle at constant speed. A vertex is found from the reference point by two great circle steps, f
+ * forward along the leg and then s to starboard across it; of a haven that changes, f and s are linear in time.
  * In the frame of the centre (east, north, up) a vertex f ahead and s to starboard is
  *     V = cos(s) e + sin(s) S,    e = cos(theta + f) A + sin(theta + f) B,
  * A, B and S the leg's start, heading and starboard, theta its way in radians; and in the plane at R (V.x, V.y) / V.up.
+ * With a the rate of theta + f, s' that of s and d = e' / a the way along the leg,
+ *     V' = a cos(s) d + s' (cos(s) S - sin(s) e),    V'' = -(a^2 + s'^2) V + a^2 sin(s) S - 2 a s' sin(s) d.
  * Vectors counted from an origin o of the plane have (V.x, V.y) less o V.up / R, so that coordinates keep their digits.
  */
 #include "motion.h"
@@ -261,7 +264,9 @@ static Reach vertex_reach(const Mover *mover, int64_t i, double t0, double t1) {
     return reach;
 }
 
-/* A bound on the second derivative of vertex i. With c the largest angle from the centre and a the rate of theta + f:
+/* A bound on the second derivative of vertex i. With J the derivative of the projection, of norm R sec(c)^2 at the
+ * angle c from the centre C, and J(V) = 0, x'' = J(V'') - 2 (C.V') / (C.V) x', |C.V'| <= |V'| sin c and
+ * |V'|^2 = a^2 cos(s)^2 + s'^2; of S only cos(s) counts. So |x''| is at most
  * R sec(c)^2 (a^2 |sin s| cos s + 2 |a s' sin s| + 2 (a^2 cos(s)^2 + s'^2) tan c), which increases with c. */
 static double vertex_acceleration(const Mover *mover, int64_t i, double t0, double t1) {
     Reach reach = vertex_reach(mover, i, t0, t1);

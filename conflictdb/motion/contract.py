@@ -1,13 +1,9 @@
-"""Where the polygon of a piece is at an instant, and the plane it moves in: what every stage works on.
+"""The plane that a scene lives in: its tracks and edges are straight there, and the kernel moves polygons in it.
 
-Tracks and edges of a scene are straight in its `Plane`, which makes the `Shapes` of its tracks. A further earth or kind
-of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `registry`.
-
-Arrays hold the pair or piece in their last axis: arithmetic then runs along contiguous memory, however few vertices
-there are.
+A further earth or kind of motion is one more `Plane` (see `mercator` and `gnomonic`), named in `registry`, and one more
+case in the kernel (docs/explanation/kernel.md).
 """
 
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -20,55 +16,6 @@ from conflictdb.results import Kind
 
 # Plane coordinates reach 4e7 m, where float64 has a spacing of 7.5e-9 m; a vertex is a sum of about ten such terms.
 ROUNDING_ALLOWANCE_M: Final = 1e-6
-
-
-Rows = NDArray[np.int64] | slice
-
-
-class Shapes(Protocol):
-    """n convex polygons of v vertices each, as functions of time (seconds; each row has its own zero and origin)."""
-
-    @property
-    def vertex_count(self) -> int:
-        """Vertices per polygon."""
-
-    @property
-    def is_convex(self) -> bool:
-        """Whether the vertices are known to be in convex position in the plane (else their hull is meant)."""
-
-    def take(self, rows: Rows) -> "Shapes":
-        """Return the shapes of some rows; views of a slice."""
-
-    def positions(self, t: Floats) -> Floats:
-        """Return the vertices at times t (n,), (2, v, n) plane metres from the row's origin."""
-
-    def velocities(self, t: Floats) -> Floats:
-        """Return the vertices' velocities at times t (n,), (2, v, n) plane metres per second."""
-
-    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on the second derivative of every vertex during [t0, t1], plane metres per s^2."""
-
-    def velocity(self, t: Floats) -> Floats:
-        """Return one velocity for each whole polygon at times t (n,), (2, n) plane metres per second."""
-
-    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) bounds on |v_i(t) - velocity(middle)| over all vertices i and t in [t0, t1], plane m/s."""
-
-
-class Havens(Shapes, Protocol):
-    """Shapes that ride along straight lines of the plane."""
-
-    def reference(self, t: Floats) -> Floats:
-        """Return the reference points at times t (n,), (2, n) plane metres from the row's origin."""
-
-    def chord_deviation(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) how far outside of the hull of its ends a vertex may be during [t0, t1], plane metres."""
-
-    def largest_scale(self, t0: Floats, t1: Floats) -> Floats:
-        """Return (n,) the largest scale (see `Plane`) that any vertex or step reaches during [t0, t1]."""
-
-    def time_fraction(self, t0: Floats, t1: Floats, plane_fraction: Floats) -> Floats:
-        """Return (n,) the fraction of the time from t0 to t1 gone at a fraction of the way in the plane."""
 
 
 class Plane(Protocol):
@@ -133,91 +80,6 @@ class Plane(Protocol):
 
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return by how much, at most, the true distance exceeds what the kernel finds where that is so long."""
-
-    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) a number for the formula of each piece's shape: pieces in one array have the same."""
-
-    def shapes(self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats) -> Havens:
-        """Return the havens of some track pieces; row i counts time from zero_us[i], metres from origin[:, i]."""
-
-
-@dataclass(frozen=True, slots=True)
-class StaticShapes:
-    """Polygons that stand still; xy : (2, v, n) plane metres."""
-
-    xy: Floats
-
-    @property
-    def vertex_count(self) -> int:
-        return int(self.xy.shape[1])
-
-    @property
-    def is_convex(self) -> bool:
-        return True
-
-    def take(self, rows: Rows) -> "StaticShapes":
-        return StaticShapes(self.xy[:, :, rows])
-
-    def positions(self, t: Floats) -> Floats:
-        return self.xy
-
-    def velocities(self, t: Floats) -> Floats:
-        return np.zeros_like(self.xy)
-
-    def max_acceleration(self, t0: Floats, t1: Floats) -> Floats:
-        return np.zeros(self.xy.shape[2])
-
-    def velocity(self, t: Floats) -> Floats:
-        return np.zeros((2, self.xy.shape[2]))
-
-    def velocity_spread(self, t0: Floats, t1: Floats) -> Floats:
-        return np.zeros(self.xy.shape[2])
-
-
-def vertex_slots(pieces: Pieces) -> NDArray[np.int64]:
-    """Return (n,) in how many vertices each piece's shape is held: pieces of equal slots can share an array.
-
-    Points and lines have one and two slots, polygons the next power of two. So the numbers computed for a piece do not
-    depend on the other pieces of the batch.
-    """
-    return _slots(np.diff(pieces.shape_offset))
-
-
-def _slots(count: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.where(count <= 2, count, 2 ** np.ceil(np.log2(np.maximum(count, 1))).astype(np.int64))
-
-
-def shape_class(plane: Plane, pieces: Pieces) -> NDArray[np.int64]:
-    """Return (n,) numbers that are equal for pieces whose shapes can share an array."""
-    return 2 * (vertex_slots(pieces) * 64 + plane.shape_variant(pieces)) + pieces.kind
-
-
-def shape_vertices(pieces: Pieces, rows: NDArray[np.int64], *, at_end: bool = False) -> Floats:
-    """Return the shapes of some pieces of equal slots, (2, v, n); shorter ones repeat their last vertex.
-
-    at_end : at the end of the leg, not at its start
-    """
-    first = pieces.shape_offset[rows]
-    count = pieces.shape_offset[rows + 1] - first
-    slots = int(_slots(count).max(initial=1))
-    index = first + np.minimum(np.arange(slots)[:, None], count - 1)
-    xy = pieces.shape_to_xy if at_end else pieces.shape_xy
-    return np.stack([xy[index, 0], xy[index, 1]])
-
-
-def shapes_of(
-    plane: Plane, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats | None = None
-) -> Shapes:
-    """Return the shapes of pieces that are all of one kind.
-
-    Row i counts its time from instant zero_us[i], and its coordinates from origin[:, i] (the plane's own if None).
-    """
-    origin = np.zeros((2, len(rows))) if origin is None else origin
-    if len(rows) and pieces.kind[rows[0]] == Kind.TRACK.code:
-        return plane.shapes(pieces, rows, zero_us, origin)
-    xy = shape_vertices(pieces, rows)
-    xy[0] += plane.turn_m * pieces.turn[rows]
-    return StaticShapes(xy - origin[:, None, :])
 
 
 def origins(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> Floats:

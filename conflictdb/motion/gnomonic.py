@@ -1,7 +1,7 @@
 """Great circles on the sphere, in the gnomonic plane about a centre, where they are straight.
 
 A place V (a unit vector) is at (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north. All
-vectors are held in the frame (E, N, C). `circles` are the havens that ride there.
+vectors are held in the frame (E, N, C).
 
 The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across. It is convex
 along every great circle: a bound at both ends of a way holds all along it.
@@ -17,30 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG
-from conflictdb.motion.contract import shape_class, shape_vertices
-from conflictdb.motion.great_circles import (
-    LEAST_UP,
-    MAX_CHANGING_REACH,
-    GreatCircles,
-    GreatCircleShapes,
-    great_circle_shapes,
-)
-from conflictdb.results import Kind
 
 # Distances come from plane coordinates up to 1.1e7 m, each rounded by 2e-9 m. They are stated less by this, so that
 # they are never too large.
 _DISTANCE_ROUNDING_M: Final = 1e-8
-# Sine of the least turn of a corner, so that rounding of its coordinates does not make it turn inwards.
-_LEAST_TURN: Final = 1e-8
-# A haven that changes and reaches further than this, radians, is not shown to stay convex in the plane.
-_FLAT: Final = 0.5
-# A corner is convex in the plane if it turns by so many times the angle that its sides curve by.
-_CORNER_SLACK: Final = 4.0
-# In `Gnomonic.shape_variant`: havens that change.
-_CHANGES: Final = 2
+# Cosine of the largest angle from the centre. The angle is a little larger than allowed, so that rounding refuses no
+# place that is exactly at the limit.
+LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
+# How far ahead or across a haven that changes may reach, radians. A vertex further ahead could be more than a quarter
+# turn from the centre, although the leg is not: then the bounds of the kernel would not hold.
+MAX_CHANGING_REACH: Final = float(np.radians(90.0 - MAX_FROM_CENTRE_DEG))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +85,44 @@ class Gnomonic:
         return np.asarray(self.vectors(lon_deg, lat_deg)[2] >= LEAST_UP)
 
     def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
-        widest = np.maximum(np.abs(pieces.shape_xy), np.abs(pieces.shape_to_xy)).max(axis=1)
-        reach = np.maximum.reduceat(widest, pieces.shape_offset[:-1]) / MEAN_RADIUS_M
+        """Return (n,) whether every vertex keeps C.V (C the centre, V its unit vector) at `LEAST_UP` on the whole leg.
+
+        With the leg's start A, heading B and starboard S, a vertex f ahead and s across is, where the leg has gone
+        theta, at V = cos(s) e + sin(s) S with e = cos(theta + f) A + sin(theta + f) B. Of a haven that stays the same
+        C.V is a cosine, least at one of the ends. Of one that changes, it may sag below its chord, as
+        (C.V)'' = -a^2 cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, a the rate of theta + f and d the way along the leg,
+        of which only what is positive counts. C.e is not negative within `MAX_CHANGING_REACH`; the second term counts
+        as if C.V could be -1.
+        """
+        of = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
+        start, heading, angle = self._legs(pieces)
+        starboard_up = heading[0] * start[1] - heading[1] * start[0]
+        outlines = [shape / MEAN_RADIUS_M for shape in (pieces.shape_xy, pieces.shape_to_xy)]
+        up = np.full(len(of), np.inf)
+        for theta, (across, ahead) in zip((np.zeros(len(angle)), angle), (one.T for one in outlines), strict=True):
+            along = theta[of] + ahead
+            e_up = np.cos(along) * start[2, of] + np.sin(along) * heading[2, of]
+            up = np.minimum(up, np.cos(across) * e_up + np.sin(across) * starboard_up[of])
+        widest = np.maximum(*map(np.abs, outlines))
+        across, ahead = (outlines[1] - outlines[0]).T
+        up -= (2.0 * np.abs((angle[of] + ahead) * across) * np.sin(widest[:, 0]) + across**2) / 8.0
+        first = pieces.shape_offset[:-1]
+        reach = np.maximum.reduceat(widest.max(axis=1), first)
         held = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
-        classes = shape_class(self, pieces)
-        for one in np.unique(classes[held]):
-            rows = np.flatnonzero(held & (classes == one))
-            shapes = self.shapes(pieces, rows, pieces.leg_start_us[rows], np.zeros((2, len(rows))))
-            leg_s = (pieces.leg_end_us[rows] - pieces.leg_start_us[rows]) / 1e6
-            held[rows] = shapes.least_up(np.zeros(len(rows)), leg_s).min(axis=0) >= LEAST_UP
-        return np.asarray(held)
+        return np.asarray(held & (np.minimum.reduceat(up, first) >= LEAST_UP))
+
+    def _legs(self, pieces: Pieces) -> tuple[Floats, Floats, Floats]:
+        """Return of each leg, the shorter way, unit vectors (3, n) of start and heading, and its length, radians.
+
+        One that does not move has the heading of its piece.
+        """
+        to_east, to_north, cosine = great_circle_step(*pieces.leg_start_deg.T, *pieces.leg_end_deg.T)
+        sine = np.hypot(to_east, to_north)
+        moves = sine > 0.0
+        towards = np.where(moves, [to_east, to_north], direction_of(pieces.bearing_deg)) / np.where(moves, sine, 1.0)
+        east, north = self.compass(*pieces.leg_start_deg.T)
+        heading = towards[0] * east + towards[1] * north
+        return self.vectors(*pieces.leg_start_deg.T), heading, np.where(moves, np.arctan2(sine, cosine), 0.0)
 
     def courses(self, start_deg: Floats, end_deg: Floats) -> tuple[Floats, Floats, Floats]:
         east, north, cosine = great_circle_step(*start_deg.T, *end_deg.T)
@@ -140,37 +156,6 @@ class Gnomonic:
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         """Return the rounding of a distance that has a closed form."""
         return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)
-
-    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
-        """Return (n,) 1 for havens that may not be convex, else 0; and _CHANGES more for those that change."""
-        shape_variant = np.zeros(len(pieces), np.int64)
-        rows = np.flatnonzero(pieces.kind == Kind.TRACK.code)
-        if rows.size:
-            offset, index = ragged_rows(pieces.shape_offset, rows)
-            outline = pieces.shape_xy[index] / MEAN_RADIUS_M
-            shape_variant[rows] = _may_dent(outline, offset)
-            if pieces.changes:
-                later, differs = pieces.shape_to_xy[index] / MEAN_RADIUS_M, _changes(pieces)[rows]
-                dents = np.where(differs, _may_dent_on_the_way(outline, later, offset), shape_variant[rows])
-                shape_variant[rows] = dents + np.where(differs, _CHANGES, 0)
-        return shape_variant
-
-    def shapes(
-        self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
-    ) -> GreatCircleShapes:
-        leg_start = pieces.leg_start_us[rows]
-        legs = GreatCircles.between(self, pieces.leg_start_deg[rows], pieces.leg_end_deg[rows])
-        variants = self.shape_variant(pieces.take(np.unique(rows)))
-        outline_m = shape_vertices(pieces, rows)
-        return great_circle_shapes(
-            legs.headed(self, pieces.leg_start_deg[rows], pieces.bearing_deg[rows]),
-            outline_m,
-            (zero_us - leg_start) / 1e6,
-            (pieces.leg_end_us[rows] - leg_start) / 1e6,
-            origin,
-            is_convex=not (variants % _CHANGES).any(),
-            change_m=shape_vertices(pieces, rows, at_end=True) - outline_m if (variants >= _CHANGES).any() else None,
-        )
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
         """Return unit vectors (3, ...) towards points, in the frame (E, N, C) of the centre.
@@ -215,46 +200,3 @@ def _changes(pieces: Pieces) -> NDArray[np.bool_]:
         return np.zeros(len(pieces), np.bool_)
     differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
     return np.asarray(np.logical_or.reduceat(differs, pieces.shape_offset[:-1]))
-
-
-def _may_dent(outline: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether a corner of an outline (in radians, concatenated) might turn inwards in the plane.
-
-    A haven that rides along is turned in space as a whole, and every gnomonic plane shows great circles as straight
-    lines. So a corner turns the same way wherever the haven is, also in the plane that touches the sphere at its
-    reference point.
-    """
-    after = np.arange(len(outline)) + 1
-    after[offset[1:] - 1] = offset[:-1]
-    ahead = outline[:, 1]
-    flat = np.stack([np.tan(outline[:, 0]) / np.cos(ahead), np.tan(ahead)])
-    side = flat[:, after] - flat
-    length = np.hypot(side[0], side[1])
-    turn = side[0] * side[1, after] - side[1] * side[0, after]
-    dents = turn <= _LEAST_TURN * length * length[after]
-    return np.asarray(np.logical_or.reduceat(dents, offset[:-1]) & (np.diff(offset) > 2))
-
-
-def _may_dent_on_the_way(start: Floats, end: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return `_may_dent` of outlines whose vertices move straight from start to end, counter-clockwise both.
-
-    In the plane that touches the sphere at the reference point, x = tan(s) / cos(f) and y = tan(f): up to half a radian
-    a side of length d is turned against another by less than 4 d tan(the haven's reach). A turn is a quadratic in time,
-    which its Bernstein coefficients bound; a side is longest at one of the ends.
-    """
-    after = np.arange(len(start)) + 1
-    after[offset[1:] - 1] = offset[:-1]
-    side, last = start[after] - start, end[after] - end
-    length = np.maximum(np.hypot(side[:, 0], side[:, 1]), np.hypot(last[:, 0], last[:, 1]))
-    between = 0.5 * (_cross(side, last[after]) + _cross(last, side[after]))
-    turn = np.minimum(np.minimum(_cross(side, side[after]), _cross(last, last[after])), between)
-    reach = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
-    reach = np.maximum.reduceat(reach, offset[:-1])
-    of = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
-    curving = _CORNER_SLACK * (length + length[after]) * np.tan(np.minimum(reach, _FLAT))[of]
-    flat = (turn <= (curving + _LEAST_TURN) * length * length[after]) | (reach > _FLAT)[of]
-    return np.asarray(np.logical_or.reduceat(flat, offset[:-1]) & (np.diff(offset) > 2))
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

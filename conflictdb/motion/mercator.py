@@ -1,6 +1,6 @@
 """The Mercator plane of rhumb lines: its scale, the lengths and courses of legs, and true distances on the earth.
 
-Rhumb lines are straight there. Havens on them are in `rhumb`.
+Rhumb lines are straight there.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,6 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth import rhumb_distance
 from conflictdb.earth.geodesy import Earth, Floats, direction_of
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG
-from conflictdb.motion import rhumb
 
 # A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
@@ -105,17 +104,6 @@ class Mercator:
 
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
         return rhumb_distance.error_m(self.earth, distance_m)
-
-    def shape_variant(self, pieces: Pieces) -> NDArray[np.int64]:
-        return rhumb.shape_variant(self.earth, pieces)
-
-    def shapes(
-        self, pieces: Pieces, rows: NDArray[np.int64], zero_us: NDArray[np.int64], origin: Floats
-    ) -> rhumb.RhumbShapes:
-        # A piece is in many pairs: what is the same in all of them is computed once.
-        own, row = np.unique(rows, return_inverse=True)
-        into_leg_s = (zero_us - pieces.leg_start_us[rows]) / 1e6
-        return rhumb.shapes_on_legs(self.earth, pieces.take(own)).take(row).counted_from(into_leg_s, origin)
 
     def _scale(self, y_m: Floats) -> Floats:
         return self.earth.plane_scale(y_m / self.earth.radius_m)

@@ -41,7 +41,7 @@ from _pytest.runner import runtestprotocol
 ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
-    "earth.geodesy", "motion.rhumb", "motion.great_circles", "motion.mercator", "motion.gnomonic",
+    "earth.geodesy", "motion.mercator", "motion.gnomonic",
     "motion.contract", "stage4.encounters", "earth.rhumb_distance", "pieces.cutting",
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",

@@ -11,7 +11,9 @@ from oracle_motion import grown
 from piecework import load
 from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
+from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import track_pieces
@@ -39,7 +41,8 @@ def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
     plane = plane_of(scene)
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
-    x, y = plane.shapes(pieces, row, np.array([us]), np.zeros((2, 1))).positions(np.zeros(1))[..., 0]
+    haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces), row, np.array([us]))
+    x, y = haven.positions(np.zeros(1))[:, : haven.slots, 0]
     lon, lat = plane.from_plane(x, y)
     return np.stack([lon, lat], axis=1)
 

@@ -1,4 +1,4 @@
-"""The planes of the kernel (`plane.h`), called with numbers: bounds on distances, and distances of polygons."""
+"""The planes of the kernel (`plane.h`, `earth.h`), called with numbers: bounds on distances, distances of polygons."""
 
 import ctypes
 from typing import Any
@@ -42,6 +42,14 @@ def _called(name: str, plane: Plane, *arguments: float) -> float:
     function = getattr(library(), name)
     function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p, *[_NUMBER] * len(arguments)]
     return float(function(ctypes.byref(plane.kernel_plane), *map(float, arguments)))
+
+
+def stretch(plane: Plane, mu1: float, mu2: float) -> float:
+    return _called("earth_stretch", plane, mu1, mu2)
+
+
+def slope(plane: Plane, mu: float) -> float:
+    return _called("earth_slope", plane, mu)
 
 
 def least_m(plane: Plane, span_m: float, scale: float) -> float:

@@ -11,13 +11,13 @@ from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING_CIRCLES, throw
 
-from conflictdb import InvalidInput, solve
+from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.kernel.movement import Movement
+from conflictdb.kernel.scene import State
 from conflictdb.model import Motion, Scene
-from conflictdb.motion.gnomonic import Gnomonic, _may_dent_on_the_way
-from conflictdb.motion.great_circles import GreatCircleShapes
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import check_plane, track_pieces
 
@@ -28,8 +28,8 @@ Sizes = tuple[float, float, float, float]
 SCENE = Scene("s", Motion.GREAT_CIRCLE, centre=(20.0, 40.0))
 
 
-def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scene = SCENE) -> GreatCircleShapes:
-    return Gnomonic(*scene.centre).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scene = SCENE) -> Movement:
+    return Movement.of(kernel.Scene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
 
 
 def test_vertices_agree_with_the_oracle() -> None:
@@ -46,30 +46,6 @@ def test_vertices_agree_with_the_oracle() -> None:
                 apart = found[:, :, None] - phase.vertices(int(phase.start_us), seconds)[:, None]
                 distance = np.hypot(apart[..., 0], apart[..., 1])
                 assert max(distance.min(axis=1).max(), distance.min(axis=2).max()) < ROUNDING_M
-
-
-@pytest.mark.parametrize(
-    ("start", "way"),
-    [((20, 40), (0, 50)), ((20, 40), (60, 0)), ((-30, 10), (5, -5)), ((60, 75), (1e-3, 0)), ((0, 70), (120, 0))],
-)
-@pytest.mark.parametrize(("first", "last"), [(0.0, 1.0), (0.0, 0.01), (0.5, 1.0), (0.99, 1.0)])
-def test_ways_and_times_are_shared_out_alike(
-    start: tuple[float, float], way: tuple[float, float], first: float, last: float
-) -> None:
-    """By `share_deviation` at most, and nearly as much on short ways away from the centre."""
-    end = (start[0] + way[0], start[1] + way[1])
-    track = replace(scenes.track("T", [start, end], [0, LASTS_S], *SMALL), grow_mps=1e-3)
-    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
-    one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
-    t0, t1 = first * LASTS_S, last * LASTS_S
-    share = np.linspace(0.0, 1.0, SAMPLES)
-    reference = one.take(np.zeros(SAMPLES, np.int64)).reference(t0 + share * (t1 - t0))
-    gone = np.hypot(*(reference - reference[:, :1]))
-    deviation = np.abs(gone / gone[-1] - share).max()
-    bound = float(one.share_deviation(np.array([t0]), np.array([t1]))[0])
-    assert deviation <= bound + 1e-8
-    if first == 0.99 and max(map(abs, way)) > 1:
-        assert bound <= 1.05 * deviation
 
 
 SMALL, LARGE = (1e4, 1e4, 1e4, 1e4), (1e5, 5e4, 3e4, 8e4)
@@ -114,13 +90,14 @@ def test_bounds_are_near_what_they_bound(
     offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
     gone = moved / moved[-1] if moved[-1] > 1.0 else seconds / LASTS_S
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    spread = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    bounds = one.bounds(*ends)
+    spread = np.hypot(*(velocity - bounds.velocity[:, None, :])).max()
     for bound, true, limit in zip(
-        (one.max_acceleration, one.chord_deviation, one.velocity_spread), (second, left, spread), limits, strict=True
+        (bounds.acceleration, bounds.deviation, bounds.spread), (second, left, spread), limits, strict=True
     ):
-        assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
-    up = 1.0 / np.sqrt(1.0 + (at[0] ** 2 + at[1] ** 2) / RADIUS_M**2)
-    assert up.min(axis=1) == pytest.approx(one.least_up(*ends)[:, 0], abs=1e-14 if mps == 0.0 else 4e-5)
+        assert 1.0 - 1e-6 <= float(bound[0]) / true <= limit
+    scale = 1.0 + (at[0] ** 2 + at[1] ** 2).max() / RADIUS_M**2
+    assert bounds.scale[0] == pytest.approx(scale, rel=1e-13 if mps == 0.0 else 4e-4)
 
 
 def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are_turned() -> None:
@@ -128,12 +105,22 @@ def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are
     rng = np.random.default_rng(1)
     corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     start, end = (np.concatenate(corners * rng.uniform(0.02, 0.25, (200, 1, 2))) for _ in range(2))
-    offset = np.arange(0, len(start) + 1, 4)
-    found = _may_dent_on_the_way(start, end, offset)
+    leg = track_pieces(
+        SCENE, plane_of(SCENE), TrackBatch.of([scenes.track("T", [(20, 40), (21, 40)], [0, LASTS_S], *SMALL)])
+    )
+    legs = leg.take(np.zeros(200, np.int64))
+
+    def may_dent(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        pieces = replace(legs, shape_xy=first * RADIUS_M, shape_to_xy=last * RADIUS_M)
+        states = kernel.Scene(plane_of(SCENE).kernel_plane, pieces).states()
+        assert (states != State.CANNOT_BE).all()
+        return states == State.MAY_DENT
+
+    found = may_dent(start, end)
     assert 0.1 < found.mean() < 0.9
-    np.testing.assert_array_equal(_may_dent_on_the_way(end, start, offset), found)
+    np.testing.assert_array_equal(may_dent(end, start), found)
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    np.testing.assert_array_equal(_may_dent_on_the_way(start @ quarter, end @ quarter, offset), found)
+    np.testing.assert_array_equal(may_dent(start @ quarter, end @ quarter), found)
 
 
 def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:

@@ -1,19 +1,37 @@
-"""Great circles against 50 digits, their derivatives against differences, their bounds against what they bound."""
+"""Great circles against 50 digits, and distances in their plane."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mpmath
 import numpy as np
 import pytest
+import scenes
 from kernel_planes import distance_m
 from mpmath import mp, mpf
 
+from conflictdb import kernel
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.kernel.movement import Movement
+from conflictdb.model import Motion, Scene
 from conflictdb.motion.gnomonic import Gnomonic
-from conflictdb.motion.great_circles import GreatCircles, GreatCircleShapes, great_circle_shapes
+from conflictdb.pieces.cutting import track_pieces
 
 CLOSE_M = 1e-8
 LEG_S = 1000.0
+# Whatever is asked: places and outlines are replaced.
+LEG = scenes.track("T", [(0, 0), (0, 0)], [0, LEG_S], 1.0, 1.0, 1.0, 1.0)
+Place = tuple[float, float]
+
+
+def haven(plane: Gnomonic, start: Place, end: Place, outline_m: np.ndarray, origin: np.ndarray) -> Movement:
+    """A haven on a leg of `LEG_S`; it heads north where it does not move."""
+    leg = track_pieces(Scene("s", Motion.GREAT_CIRCLE), Gnomonic(0.0, 0.0), TrackBatch.of([LEG]))
+    there = {"leg_start_deg": np.array([start]), "leg_end_deg": np.array([end]), "bearing_deg": np.zeros(1)}
+    pieces = replace(
+        leg, **there, shape_xy=outline_m, shape_to_xy=outline_m, shape_offset=np.array([0, len(outline_m)])
+    )
+    return Movement.of(kernel.Scene(plane.kernel_plane, pieces), np.zeros(1, np.int64), LEG.times_us[:1], origin)
 
 
 @dataclass(frozen=True)
@@ -31,9 +49,8 @@ class Case:
         return Gnomonic(*self.centre)
 
     @property
-    def shapes(self) -> GreatCircleShapes:
-        legs = GreatCircles.between(self.plane, np.array([self.start]), np.array([self.end]))
-        return great_circle_shapes(legs, self.outline_m, np.zeros(1), np.array([LEG_S]), self.origin)
+    def haven(self) -> Movement:
+        return haven(self.plane, self.start, self.end, self.outline_m[:, :, 0].T, self.origin)
 
 
 def away(rng: np.random.Generator, place: tuple[float, float], degrees: float) -> tuple[float, float]:
@@ -95,7 +112,7 @@ def test_vertices_agree_with_fifty_digits() -> None:
     with mp.workdps(50):
         for case in cases(60, 1):
             for fraction in (0.0, 0.375, 1.0):
-                found = case.shapes.positions(np.array([fraction * LEG_S]))
+                found = case.haven.positions(np.array([fraction * LEG_S]))
                 for vertex in range(4):
                     for axis, true in enumerate(precise_vertex(case, fraction, vertex)):
                         error = true - mpf(float(case.origin[axis, 0])) - mpf(float(found[axis, vertex, 0]))
@@ -125,18 +142,14 @@ def test_the_antimeridian_is_one_line_however_it_is_written() -> None:
 
 def test_a_leg_that_does_not_move_keeps_the_heading_it_is_given() -> None:
     plane = Gnomonic(5.0, 50.0)
-    here = np.array([[7.0, 52.0]])
-    legs = GreatCircles.between(plane, here, here + np.array([[360.0, 0.0]]))
-    assert not legs.moves[0]
-    north = np.array([[[0.0]], [[1000.0]]])
-    shapes = great_circle_shapes(
-        legs.headed(plane, here, np.zeros(1)), north, np.zeros(1), np.ones(1), np.zeros((2, 1))
-    )
-    lon, lat = plane.from_plane(*shapes.positions(np.array([0.5])))
+    still = haven(plane, (7.0, 52.0), (367.0, 52.0), np.array([[0.0, 1000.0]]), np.zeros((2, 1)))
+    lon, lat = plane.from_plane(*still.positions(np.array([0.5])))
     assert lon[0, 0] == pytest.approx(7.0, abs=1e-12)
     assert (lat[0, 0] - 52.0) * np.radians(1) * RADIUS_M == pytest.approx(1000.0, abs=1e-7)
-    assert not shapes.velocities(np.zeros(1)).any()
-    assert not shapes.max_acceleration(np.zeros(1), np.ones(1)).any()
+    np.testing.assert_array_equal(still.positions(np.array([LEG_S])), still.positions(np.zeros(1)))
+    bounds = still.bounds(np.zeros(1), np.ones(1))
+    assert not bounds.velocity.any()
+    assert not bounds.acceleration.any()
 
 
 def _arc(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:

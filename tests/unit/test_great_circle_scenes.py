@@ -10,12 +10,13 @@ import shapely
 from verdicts import periods_us
 from workloads import OCEAN, throw
 
-from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, rectangle_outline_m, solve
+from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, kernel, rectangle_outline_m, solve
 from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.io.scene_file import read_scene, scene_text
+from conflictdb.kernel.movement import Movement
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
@@ -200,11 +201,11 @@ def test_loiters_at_a_pole_keep_their_heading_on_whatever_meridian_they_are_writ
     scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 90.0))
     track = sail("T", (20, 80), (20, 90), (75, 90), (-100, 90), (-100, 85))
     legs = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
-    plane = plane_of(scene)
+    prepared = kernel.Scene(plane_of(scene).kernel_plane, legs)
     tips = []
     for instant_us in (T0_US + HOUR_US - 1, T0_US + HOUR_US, T0_US + 2 * HOUR_US, T0_US + 3 * HOUR_US - 1):
         row = np.flatnonzero((legs.start_us <= instant_us) & (instant_us < legs.end_us))[:1]
-        at = plane.shapes(legs, row, np.array([instant_us]), np.zeros((2, 1))).positions(np.zeros(1))
+        at = Movement.of(prepared, row, np.array([instant_us])).positions(np.zeros(1))
         tips.append(at[:, :, 0])
     for tip in tips[1:]:
         np.testing.assert_allclose(tip, tips[0], atol=1.0)

@@ -1,6 +1,6 @@
 """Havens that change: their motion against the oracle, its bounds, and the answers of growing scenes."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import oracle
@@ -15,11 +15,9 @@ from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.contract import shape_class
-from conflictdb.motion.mercator import Mercator
 from conflictdb.motion.registry import plane_of
-from conflictdb.motion.rhumb import RhumbShapes
 from conflictdb.pieces.cutting import area_pieces, check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
@@ -27,8 +25,8 @@ SAMPLES = 65
 LASTS_S = 36000.0
 
 
-def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> RhumbShapes:
-    return Mercator(earth_of(scene.earth)).shapes(pieces, rows, zero_us, np.zeros((2, len(rows))))
+def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
+    return Movement.of(kernel.Scene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
 
 
 def whole_legs(pieces: Pieces) -> Pieces:
@@ -36,7 +34,7 @@ def whole_legs(pieces: Pieces) -> Pieces:
     return replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
 
 
-def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, RhumbShapes]:
+def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:
     """The one leg of a track, time counted from its start."""
     pieces = whole_legs(track_pieces(scene, plane_of(scene), TrackBatch.of([track])))
     return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
@@ -104,13 +102,14 @@ def test_bounds_are_near_what_they_bound(
     offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
     gone = moved / moved[-1]
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    spread = np.hypot(*(velocity - one.velocity(np.full(1, 0.5 * LASTS_S))[:, None, :])).max()
+    bounds = one.bounds(*ends)
+    spread = np.hypot(*(velocity - bounds.velocity[:, None, :])).max()
     for bound, true, limit in zip(
-        (one.max_acceleration, one.chord_deviation, one.velocity_spread), (second, left, spread), limits, strict=True
+        (bounds.acceleration, bounds.deviation, bounds.spread), (second, left, spread), limits, strict=True
     ):
-        assert 1.0 - 1e-6 <= float(bound(*ends)[0]) / true <= limit
-    highest = earth_of(earth).isometric(float(one.highest_latitude(*ends)[0]))
-    assert highest == pytest.approx(np.abs(at[1]).max() / earth_of(earth).radius_m, abs=1e-12)
+        assert 1.0 - 1e-6 <= float(bound[0]) / true <= limit
+    highest = earth_of(earth).plane_scale(np.abs(at[1]).max() / earth_of(earth).radius_m)
+    assert bounds.scale[0] == pytest.approx(highest, rel=1e-12)
 
 
 @pytest.mark.parametrize("earth", EarthModel)
@@ -125,7 +124,7 @@ def test_a_place_that_goes_over_to_the_other_side_stays_near_its_chord(earth: Ea
     offset, moved = shapes.positions(seconds) - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
     gone = moved / moved[-1]
     left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert 1.0 <= one.chord_deviation(np.zeros(1), np.full(1, LASTS_S))[0] / left <= 1.3
+    assert 1.0 <= one.bounds(np.zeros(1), np.full(1, LASTS_S)).deviation[0] / left <= 1.3
 
 
 def test_no_growth_is_no_change_in_any_company() -> None:
@@ -142,15 +141,9 @@ def test_no_growth_is_no_change_in_any_company() -> None:
     rows = np.arange(len(alone))
     t0, t1 = np.zeros(len(rows)), np.full(len(rows), 600.0)
     one, other = (shapes_at(scene, p, rows, alone.start_us) for p in (alone, both))
-    assert one.growth is None
-    assert other.growth is None
     np.testing.assert_array_equal(other.positions(t1), one.positions(t1))
-    np.testing.assert_array_equal(other.velocities(t1), one.velocities(t1))
-    for bound in ("max_acceleration", "chord_deviation", "velocity_spread"):
-        np.testing.assert_array_equal(getattr(other, bound)(t0, t1), getattr(one, bound)(t0, t1))
-    plane = Mercator(earth_of(scene.earth))
-    assert set(shape_class(plane, both)[: len(rows)].tolist()) == set(shape_class(plane, alone).tolist())
-    assert not set(shape_class(plane, both)[len(rows) :].tolist()) & set(shape_class(plane, alone).tolist())
+    for bound, same in zip(astuple(other.bounds(t0, t1)), astuple(one.bounds(t0, t1)), strict=True):
+        np.testing.assert_array_equal(bound, same)
 
 
 @pytest.mark.parametrize("mps", [1e-9, 1e-4, 0.1, 3.0])

@@ -14,8 +14,9 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.meeting import distances, meetings
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion.contract import Plane, shapes_of
+from conflictdb.motion.contract import Plane
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage4.meeting import meeting_points
@@ -135,7 +136,7 @@ def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
         x, y = plane.to_plane(*places[k])
         turns = [x + turn * plane.turn_m for turn in (-2, -1, 0, 1, 2)]
         for piece in (a[row], b[row]):
-            shape = shapes_of(plane, pieces, np.array([piece]), start[[row]]).positions(at_s[[row]])[:, :, 0].T
+            shape = Movement.of(held, np.array([piece]), start[[row]]).positions(at_s[[row]])[:, :, 0].T
             hull = shapely.MultiPoint(shape).convex_hull
             assert min(hull.distance(shapely.Point(turn, y)) for turn in turns) < 1e-5
     many = meetings(held, *(np.tile(column, 1 + 5000 // len(a)) for column in (a, b, start, at_s)), threads=2)

@@ -11,6 +11,7 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.contract import Plane, padding_m
 from conflictdb.motion.registry import plane_of
@@ -33,16 +34,17 @@ def cut(
 
 
 def swept(plane: Plane, pieces: Pieces, k: int, reach_m: float) -> tuple[np.ndarray, float, float]:
-    """The vertices (n, 2) of a piece at both ends of its slice, its padding and deviation, by its motion in arrays."""
+    """The vertices (n, 2) of a piece at both ends of its slice, its padding and deviation, by its motion."""
     row = np.array([k])
     if pieces.kind[k] == Kind.AREA.code:
         xy = pieces.shape_xy[pieces.shape_offset[k] : pieces.shape_offset[k + 1]]
         scale, deviation = plane.largest_scale(xy.T[:, :, None]), np.zeros(1)
     else:
-        shapes = plane.shapes(pieces, row, pieces.start_us[row], np.zeros((2, 1)))
+        haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
         ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
-        xy = np.concatenate([shapes.positions(t)[:, :, 0].T for t in ends])
-        scale, deviation = shapes.largest_scale(*ends), shapes.chord_deviation(*ends)
+        xy = np.concatenate([haven.positions(t)[:, :, 0].T for t in ends])
+        bounds = haven.bounds(*ends)
+        scale, deviation = bounds.scale, bounds.deviation
     return xy, float(padding_m(plane, scale, reach_m)[0] + deviation[0]), float(deviation[0])
 
 
@@ -149,8 +151,8 @@ def test_reach_is_the_way_to_the_reference_point() -> None:
     hulls = kernel.hulls(plane.kernel_plane, pieces, 0.0)
     for k in rows[:20]:
         row = np.array([k])
-        shapes = plane.shapes(pieces, row, pieces.start_us[row], np.zeros((2, 1)))
+        haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
         ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
-        away = [np.hypot(*(shapes.positions(t) - shapes.reference(t)[:, None, :])[:, :, 0]).max() for t in ends]
+        away = [np.hypot(*(haven.positions(t) - haven.reference(t)[:, None, :])[:, :, 0]).max() for t in ends]
         assert hulls.reach_m[k] == pytest.approx(max(away), rel=1e-9)
     assert not hulls.reach_m[pieces.kind == Kind.AREA.code].any()

@@ -14,8 +14,8 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.kernel.meeting import distances
+from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion.contract import shapes_of
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage4.constants import TOUCH_M
@@ -176,7 +176,8 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
             haven = replace(scenes.track("T", course, [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=np.array(ring))
             pieces = pieces_of(scene, plane, AreaBatch.of([scenes.area("A", place)]), TrackBatch.of([haven]))
             own = pieces.take(np.array([0, len(pieces) - 1]))
-            vertices = shapes_of(plane, own, np.array([1]), own.leg_start_us[[1]]).positions(np.zeros(1))[:, :, 0].T
+            held = kernel.Scene(plane.kernel_plane, own)
+            vertices = Movement.of(held, np.array([1]), own.leg_start_us[[1]]).positions(np.zeros(1))[:, :, 0].T
             hull = shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(vertices).convex_hull))[:-1]
             small = own.shape_xy[: own.shape_offset[1]]
             if len(hull) < 4 or shapely.Polygon(hull).intersects(shapely.MultiPoint(small).convex_hull):
