@@ -188,6 +188,7 @@ static double look_nearby(void *of, const Polygon *vertices, Range range, const 
     return nearby->within;
 }
 
+/* As many edges are searched as there are vertices times sides: of polygons that are more than NEARBY apart. */
 static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
                        double *best, double *floor, Facing *facing) {
     for (int64_t i = 0; i < vertices->count; i++)

@@ -75,7 +75,7 @@ double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector 
 bool polygon_clip(const Polygon *polygon, Vector start, Vector way, Polygon *kept, int64_t room);
 
 /* What two polygons have in common, one of which has an inside: room or spare, which are for two vertices more than both
- * have together. */
+ * have together. As many steps as the one has sides, times vertices of both: half a second for two circles of 16,000. */
 Polygon *polygon_common(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare);
 
 /* A point of both of two polygons that overlap or touch: the middle of what they have in common. room, spare: for two
