@@ -2,23 +2,18 @@
 
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
 from commands import runner
+from databases import client_programs
 
 from conflictdb import connect
 from conflictdb.db import schema
-from conflictdb.errors import ServerError
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import find_server
-from conflictdb.server.settings import Settings
 
 WAIT_S = 60.0
 # Until a conflict is known; several times as long as it takes on a machine with nothing else to do.
@@ -63,18 +58,11 @@ TRACK_MAP = (
 def dump(empty_dsn: str) -> Callable[[], str]:
     """Return a function that dumps the structure of all that is the stranger's."""
     with psycopg.connect(empty_dsn) as conn:
-        major = conn.info.server_version // 10000
-    home = Path(tempfile.gettempdir())
-    try:
-        server = find_server(Settings.from_environment(home=home), account_for(home), None, lambda _: None)
-    except ServerError as error:
-        pytest.skip(f"did not run: no pg_dump here ({error})")
-    if server.major < major or not (server.bin / "pg_dump").exists():
-        pytest.skip(f"did not run: no pg_dump of version {major} or newer in {server.bin}")
-    command = [server.bin / "pg_dump", "--schema-only", "-N", "conflictdb", "-d", empty_dsn]
+        programs, environ = client_programs(conn)
+    command = [programs / "pg_dump", "--schema-only", "-N", "conflictdb", "-d", empty_dsn]
 
     def dumped() -> str:
-        text = subprocess.run(command, check=True, env=server.environ, stdout=subprocess.PIPE, text=True).stdout
+        text = subprocess.run(command, check=True, env=environ, stdout=subprocess.PIPE, text=True).stdout
         # Newer ones guard against restores by psql, with a word that is drawn anew each time.
         return "\n".join(line for line in text.splitlines() if not line.startswith(("\\restrict", "\\unrestrict")))
 

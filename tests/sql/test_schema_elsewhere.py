@@ -2,27 +2,22 @@
 
 import os
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
 from commands import runner
-from databases import TestServer
+from databases import TestServer, client_programs
 from piecework import load
 from psycopg import conninfo, sql
 from workloads import PAPER, throw
 
 from conflictdb.db import detect, schema, store
-from conflictdb.errors import SchemaOutdated, ServerError
+from conflictdb.errors import SchemaOutdated
 from conflictdb.model import EarthModel
 from conflictdb.results import Conflict
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import find_server
-from conflictdb.server.settings import Settings
 
 Conn = psycopg.Connection[Any]
 MIXED = replace(PAPER, changing_share=0.5)  # havens of every kind
@@ -79,23 +74,12 @@ def test_postgis_may_live_in_another_schema(elsewhere: str, dsn: str, earth: Ear
     assert answers[0]
 
 
-def client_programs(home: Path, major: int) -> tuple[Path, dict[str, str]]:
-    """Return the directory of pg_dump and pg_restore, and their environment."""
-    try:
-        server = find_server(Settings.from_environment(home=home), account_for(home), None, lambda _: None)
-    except ServerError as error:
-        pytest.skip(f"did not run: no pg_dump here ({error})")
-    if server.major < major or not (server.bin / "pg_dump").exists():
-        pytest.skip(f"did not run: no pg_dump of version {major} or newer in {server.bin}")
-    return server.bin, server.environ
-
-
 def test_dump_and_restore(elsewhere: str, restored: str) -> None:
     scene, areas, tracks = throw(MIXED, 42, 12, 12)
     with store.connect(elsewhere) as conn:
         load(conn, scene, areas, tracks)
         before = use_everything(conn, scene.name)
-        programs, environ = client_programs(Path(tempfile.gettempdir()), conn.info.server_version // 10000)
+        programs, environ = client_programs(conn)
     dump, restore = [programs / "pg_dump", "-Fc", "-d", elsewhere], [programs / "pg_restore", "-e", "-d", restored]
     archive = subprocess.run(dump, check=True, env=environ, stdout=subprocess.PIPE).stdout
     subprocess.run(restore, check=True, env=environ, input=archive)
@@ -151,7 +135,7 @@ def test_restore_of_data_alone_into_a_schema_that_is_there(elsewhere: str, resto
         before = use_everything(conn, scene.name)
         conn.execute("SELECT conflictdb.remove_object(%s, 'A0')", [scene.name])
         conn.commit()
-        programs, environ = client_programs(Path(tempfile.gettempdir()), conn.info.server_version // 10000)
+        programs, environ = client_programs(conn)
     with psycopg.connect(restored) as conn:
         conn.execute('CREATE SCHEMA "My GIS"')
         conn.execute('CREATE EXTENSION postgis SCHEMA "My GIS"')

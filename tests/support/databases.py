@@ -27,6 +27,9 @@ from psycopg import conninfo, sql
 
 from conflictdb import server
 from conflictdb.errors import ServerError
+from conflictdb.server.account import account_for
+from conflictdb.server.discovery import find_server
+from conflictdb.server.settings import Settings
 
 DOCKER_TIMEOUT_S = 3
 DOCKER_IMAGE = "postgis/postgis:16-3.4"
@@ -214,3 +217,15 @@ def _in_docker(worker: str) -> Iterator[TestServer]:
         with _docker_leaks():
             container.stop()
             del container
+
+
+def client_programs(conn: psycopg.Connection[Any]) -> tuple[Path, dict[str, str]]:
+    """Return the directory of pg_dump and pg_restore that suit a server, and their environment; skip without them."""
+    home, major = Path(tempfile.gettempdir()), conn.info.server_version // 10000
+    try:
+        found = find_server(Settings.from_environment(home=home), account_for(home), None, lambda _: None)
+    except ServerError as error:
+        pytest.skip(f"did not run: no pg_dump here ({error})")
+    if found.major < major or not (found.bin / "pg_dump").exists():
+        pytest.skip(f"did not run: no pg_dump of version {major} or newer in {found.bin}")
+    return found.bin, found.environ
