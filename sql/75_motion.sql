@@ -59,6 +59,8 @@ DECLARE
         -3.7879780461686052188e-16, -7.2487488906941543992e-19] END;
     v_way CONSTANT double precision := p_to - p_from;
     v_ratio double precision := 0;  -- (chi2 - chi1) / (mu2 - mu1)
+    v_from CONSTANT double precision := _series(p_from, c_conformal);
+    v_to CONSTANT double precision := _series(p_to, c_conformal);
     v_half double precision;
     v_sine double precision;
     v_cosine double precision;
@@ -70,9 +72,12 @@ BEGIN
     v_ratio := 1 + v_ratio;
     -- psi2 - psi1 = 2 atanh(sin((chi2 - chi1) / 2) / cos((chi1 + chi2) / 2))
     v_half := v_ratio * v_way / 2;
-    v_cosine := cos((_series(p_from, c_conformal) + _series(p_to, c_conformal)) / 2);
+    v_cosine := cos((v_from + v_to) / 2);
     v_sine := sin(v_half) / v_cosine;
-    RETURN CASE WHEN v_sine = 0 THEN v_ratio / v_cosine ELSE 2 * atanh(v_sine) / v_way END;
+    RETURN CASE WHEN v_sine = 0 THEN v_ratio / v_cosine
+                -- Nothing cancels over long ways, while v_sine comes close to 1 from near one pole to near the other.
+                WHEN abs(v_way) > 0.5 THEN (asinh(tan(v_to)) - asinh(tan(v_from))) / v_way
+                ELSE 2 * atanh(v_sine) / v_way END;
 END
 $$;
 COMMENT ON FUNCTION _stretch(double precision, double precision, text) IS

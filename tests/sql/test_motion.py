@@ -83,6 +83,21 @@ def test_no_bearing_is_special(conn: Conn, earth: EarthModel, bearing: float) ->
         assert_same_polygon(haven(conn, "T", us), wanted(scene, track, us))
 
 
+@pytest.mark.parametrize("earth", list(EarthModel))
+def test_legs_from_near_one_pole_to_near_the_other_lose_no_digits(conn: Conn, earth: EarthModel) -> None:
+    """By symmetry they cross the equator at half their longitude and time."""
+    times = T0_US + HOUR_US * np.array([0, 10])
+    tracks = [
+        Track(f"to {lat}", np.array([[-179.0, -lat], [0.9, lat]]), times, np.zeros((1, 2)))
+        for lat in np.linspace(88.0, 89.0, 21).tolist()
+    ]
+    load(conn, Scene("s", earth=earth), [], tracks)
+    for track in tracks:
+        place = haven(conn, track.key, T0_US + 5 * HOUR_US)
+        assert place is not None
+        assert place.coords[0] == pytest.approx((-89.05, 0.0), abs=6e-13)  # 6e-8 m
+
+
 def test_time_is_half_open_and_a_waypoint_belongs_to_the_leg_it_starts(conn: Conn) -> None:
     positions = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     times = T0_US + HOUR_US * np.arange(3)
