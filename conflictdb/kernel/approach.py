@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel.library import Held, check, library, shared
+from conflictdb.kernel.library import Held, check, fields_of, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 
 _Ints = NDArray[np.int64]
@@ -83,4 +83,4 @@ class _HeldGroups(Held):
     """KernelGroups."""
 
     types: ClassVar[dict[str, Any]] = {"offset": np.int64, "wanted_m": np.float64}
-    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in types))
+    _fields_ = fields_of(types, "count")

@@ -85,6 +85,11 @@ def check(status: int) -> None:
         raise ValueError(f"kernel: {_STATUS.get(status, status)}")
 
 
+def fields_of(types: dict[str, Any], *counts: str) -> tuple[tuple[str, Any], ...]:
+    """Return the fields of a struct of counts and then of pointers to arrays, as `Held` has them."""
+    return (*((name, _COUNT) for name in counts), *((name, _POINTER) for name in types))
+
+
 class Held(ctypes.Structure):
     """Counts and pointers to arrays, which it keeps alive.
 

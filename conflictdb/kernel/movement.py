@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, check, fields_of, library
 from conflictdb.kernel.scene import Scene
 
 _Ints = NDArray[np.int64]
@@ -112,7 +112,7 @@ class _Rows(Held):
     """KernelRows."""
 
     types: ClassVar[dict[str, Any]] = {"piece": np.int64, "zero_us": np.int64, "origin": np.float64}
-    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in types))
+    _fields_ = fields_of(types, "count")
 
     @classmethod
     def of(cls, movement: Movement) -> "_Rows":
@@ -128,7 +128,7 @@ class _Bounds(Held):
     """KernelBounds."""
 
     types: ClassVar[dict[str, Any]] = {column.name: np.float64 for column in fields(Bounds)}
-    _fields_ = tuple((name, ctypes.c_void_p) for name in types)
+    _fields_ = fields_of(types)
 
     @classmethod
     def of(cls, bounds: Bounds) -> "_Bounds":

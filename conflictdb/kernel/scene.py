@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, check, fields_of, library
 
 _MERCATOR, _GNOMONIC = 0, 1
 
@@ -121,11 +121,7 @@ class HeldPieces(Held):
         "shape_to": np.float64,
         "wanted": np.int8,
     }
-    _fields_ = (
-        ("count", ctypes.c_int64),
-        ("vertex_count", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in types),
-    )
+    _fields_ = fields_of(types, "count", "vertex_count")
 
     @classmethod
     def of(cls, pieces: Pieces, wanted: NDArray[np.bool_]) -> "HeldPieces":
@@ -156,7 +152,7 @@ class HeldPairs(Held):
         **dict.fromkeys(("a", "b", "zero_us"), np.int64),
         **dict.fromkeys(("low_s", "high_s"), np.float64),
     }
-    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in types))
+    _fields_ = fields_of(types, "count")
 
     @classmethod
     def arrays(cls, *columns: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ea9c053025c519b7c65bef54009219bae34c0aa261698a52bcb075e7584a94c7"
+routines_sha256 = "c29486d0faac50e444b86e7947b2d058afb8a1b83e8f80e58d85a9dc7c0e74b9"
 
 # What the function of an attachment returns: a row of the table in the terms of conflictdb, whatever the kind.
 ATTACHED_ROW = """
