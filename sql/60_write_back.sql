@@ -69,135 +69,145 @@ COMMENT ON FUNCTION _conflict_region(
 'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
 'not find it out: great circles, and what could not be cut or solved.';
 
-CREATE OR REPLACE FUNCTION _begin_write() RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
-BEGIN
-    PERFORM _require_snapshot();
-    DROP TABLE IF EXISTS pg_temp.found;
-    CREATE TEMPORARY TABLE found (
-        a_kind smallint, a_id bigint, a_version bigint, b_kind smallint, b_id bigint, b_version bigint,
-        periods tstzmultirange, verdict text, region geometry, first_contact_point geometry,
-        time_error_s double precision, closest_at timestamptz, closest_m double precision,
-        closest_error_m double precision, closest_a_point geometry, closest_b_point geometry
-    ) ON COMMIT DROP;
-END
-$$;
-COMMENT ON FUNCTION _begin_write() IS
-'Creates the temporary table found for the results of a detection: columns of the table conflict, each pair once, a '
-'being the object of the smaller kind and number.';
-
-CREATE OR REPLACE FUNCTION _write_run(
-    p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint,
-    OUT conflicts bigint, OUT unresolved bigint
-)
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION _known_conflicts(
+    p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint,
+    OUT place tid
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+-- By the indexes, whatever the statistics know, and planned once in a session.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     -- Beyond so many changed objects, reading all conflicts of the scene costs less than looking up those of each.
+    c_few CONSTANT integer := 1000;
+    v_kinds smallint[];
+    v_ids bigint[];
+BEGIN
+    PERFORM _require_snapshot();
+    SELECT coalesce(array_agg(d.object_kind), '{}'), coalesce(array_agg(d.object_id), '{}') INTO v_kinds, v_ids
+        FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
+              WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT c_few + 1) d;
+    IF cardinality(v_ids) <= c_few THEN
+        RETURN QUERY
+            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM unnest(v_kinds, v_ids) d (kind, id)
+            JOIN conflict c ON c.a_kind = d.kind AND c.a_id = d.id WHERE c.scene_id + 0 = p_scene_id
+            UNION ALL
+            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM unnest(v_kinds, v_ids) d (kind, id)
+            JOIN conflict c ON c.b_kind = d.kind AND c.b_id = d.id WHERE c.scene_id + 0 = p_scene_id;
+    ELSIF _is_all_dirty(p_scene_id) THEN
+        RETURN QUERY
+            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c WHERE c.scene_id = p_scene_id;
+    ELSE
+        RETURN QUERY
+            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+            WHERE c.scene_id = p_scene_id
+              AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                           AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+                   OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                              AND m.object_kind = c.b_kind AND m.object_id = c.b_id));
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _known_conflicts(bigint) IS
+'The conflicts of a scene that have a changed member, for COPY: those that a detection replaces, and where '
+'they are for the rest of the transaction. A pair may come twice.';
+
+CREATE OR REPLACE FUNCTION _begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    -- Its reference to the scene keeps that from being removed meanwhile, which conflicts do without.
+    INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, conflicts, unresolved, opened,
+                     changed, closed)
+        SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
+               (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
+               + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id),
+               coalesce(last.conflicts, 0), coalesce(last.unresolved, 0), 0, 0, 0
+        FROM jsonb_populate_record(NULL::run, p_run) r
+        LEFT JOIN LATERAL (SELECT o.conflicts, o.unresolved FROM run o
+                           WHERE o.scene_id = p_scene_id AND o.error IS NULL ORDER BY o.run_id DESC LIMIT 1) last
+            ON true
+        RETURNING run_id;
+END;
+COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
+'Records a run that begins to write, with the conflicts there were before it (p_run: columns of run); returns it.';
+
+CREATE OR REPLACE FUNCTION _write_run(
+    p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
+    p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[],
+    p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[],
+    p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamptz[],
+    p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[],
+    p_closest_b_point bytea[],
+    OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint,
+    OUT unresolved bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Planned once in a session, which takes longer than a few rows do, and so that neither statistics nor how many rows
+-- matter: what is looked up row by row below says so, all else is joined by hashes.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
+#variable_conflict use_column
+DECLARE
+    -- All conflicts of the scene are counted only where so many objects changed that it does not matter.
     c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
     v_method text := p_run ->> 'method';
     v_scene_name text;
     v_plane text;
-    v_run_id bigint;
-    v_last run%ROWTYPE;
-    v_kinds smallint[];
-    v_ids bigint[];
-    v_is_many boolean;
-    v_is_as_before boolean;
-    v_more bigint;
-    v_more_unresolved bigint;
+    v_is_first boolean;
+    v_marks bigint;
 BEGIN
     SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
         FROM scene s WHERE s.scene_id = p_scene_id;
-    SELECT r.* INTO v_last FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
-    SELECT bool_and(v_last.settings -> s.name IS NOT DISTINCT FROM p_run -> 'settings' -> s.name) INTO v_is_as_before
-        FROM unnest(ARRAY['motion', 'earth', 'centre', 'tolerance_m', 'separation_m', 'nearest_m']) s (name);
-    -- First: its reference to the scene keeps that from being removed meanwhile, which conflicts do without. Counts
-    -- that the writing below finds out are filled in at the end.
-    INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs,
-                     intersecting_pairs, window_pairs, solved_pairs, conflicts, unresolved, pieces_s, stage1_s,
-                     stage2_s, stage3_s, stage4_s)
-        SELECT p_scene_id, r.started_at, clock_timestamp(), v_method, r.settings,
-               (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
-               + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id),
-               r.candidate_pairs, r.intersecting_pairs, r.window_pairs, r.solved_pairs, 0, r.unresolved,
-               r.pieces_s, r.stage1_s, r.stage2_s, r.stage3_s, r.stage4_s
-        FROM jsonb_populate_record(NULL::run, p_run) r
-        RETURNING run.run_id INTO v_run_id;
-    SELECT array_agg(d.object_kind), array_agg(d.object_id) INTO v_kinds, v_ids
-        FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-              WHERE m.scene_id = p_scene_id AND m.is_covered) d;
-    v_is_many := cardinality(v_ids) > c_few;
+    run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
 
-    WITH dirty AS (
-        SELECT d.kind, d.id FROM unnest(v_kinds, v_ids) d (kind, id)
-    ), known AS (
-        SELECT c.ctid AS place, c.* FROM conflict c
-        WHERE v_is_many AND c.scene_id = p_scene_id
-          -- Looked up in the index where there are more than a table of hashes may hold.
-          AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                       AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
-               OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                          AND m.object_kind = c.b_kind AND m.object_id = c.b_id))
-        UNION ALL
-        SELECT c.ctid, c.* FROM dirty d JOIN conflict c ON c.a_kind = d.kind AND c.a_id = d.id
-        WHERE NOT v_is_many AND c.scene_id + 0 = p_scene_id
-        UNION ALL
-        SELECT c.ctid, c.* FROM dirty d JOIN conflict c ON c.b_kind = d.kind AND c.b_id = d.id
-        WHERE NOT v_is_many AND c.scene_id + 0 = p_scene_id
-          AND (c.a_kind, c.a_id) NOT IN (SELECT n.kind, n.id FROM dirty n)
-    ), old AS (
-        -- As found is: the smaller kind and number first, which the smaller key need not have.
-        SELECT k.place, k.periods, k.verdict, k.region, k.first_contact_point, k.time_error_s, k.closest_at,
-               k.closest_m, k.closest_error_m, k.method, k.found_at,
-               CASE WHEN t.is_turned THEN k.b_kind ELSE k.a_kind END AS a_kind,
-               CASE WHEN t.is_turned THEN k.b_id ELSE k.a_id END AS a_id,
-               CASE WHEN t.is_turned THEN k.b_version ELSE k.a_version END AS a_version,
-               CASE WHEN t.is_turned THEN k.a_kind ELSE k.b_kind END AS b_kind,
-               CASE WHEN t.is_turned THEN k.a_id ELSE k.b_id END AS b_id,
-               CASE WHEN t.is_turned THEN k.a_version ELSE k.b_version END AS b_version,
-               CASE WHEN t.is_turned THEN k.closest_b_point ELSE k.closest_a_point END AS closest_a_point,
-               CASE WHEN t.is_turned THEN k.closest_a_point ELSE k.closest_b_point END AS closest_b_point
-        FROM known k CROSS JOIN LATERAL (SELECT (k.b_kind, k.b_id) < (k.a_kind, k.a_id) AS is_turned) t
-    ), difference AS (
-        -- Versions too: where they are the same, the objects are, and their keys.
-        SELECT f.*, o.place, o.found_at, o.periods AS old_periods, o.verdict AS old_verdict,
-               o.a_version AS old_a_version, o.b_version AS old_b_version
-        FROM pg_temp.found f FULL JOIN old o USING (a_kind, a_id, b_kind, b_id)
-        WHERE f.verdict IS NULL OR o.place IS NULL
-           -- Where that is not known it follows from the rest, and from the settings.
-           OR (f.a_version, f.b_version, f.periods, f.verdict,
-               CASE WHEN v_is_as_before THEN coalesce(f.region, o.region) ELSE f.region END, f.first_contact_point,
-               f.time_error_s, f.closest_at, f.closest_m, f.closest_error_m, f.closest_a_point, f.closest_b_point,
-               v_method)
-              IS DISTINCT FROM
-              (o.a_version, o.b_version, o.periods, o.verdict, o.region, o.first_contact_point,
-               o.time_error_s, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point,
-               o.method)
+    WITH found AS (
+        SELECT f.* FROM unnest(p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, p_b_version, p_place, p_digest,
+                               p_verdict, p_periods, p_region, p_first_contact_point, p_time_error_s, p_closest_at,
+                               p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point)
+            f (a_kind, a_id, a_version, b_kind, b_id, b_version, place, digest, verdict, periods, region,
+               first_contact_point, time_error_s, closest_at, closest_m, closest_error_m, closest_a_point,
+               closest_b_point)
     ), placed AS MATERIALIZED (
-        -- The area first, else the smaller key. An object that was removed meanwhile has a mark of its own, and its
-        -- pairs drop out; its number may be that of another object by now.
-        SELECT d.*, m.a_key, m.b_key, m.is_found, (d.b_kind, m.b_key) < (d.a_kind, m.a_key) AS is_turned,
-               d.place IS NOT NULL AND m.is_found AND m.a_first_version <= d.old_a_version
-                   AND m.b_first_version <= d.old_b_version AS stays
-        FROM difference d
-        LEFT JOIN area aa ON d.a_kind = 0 AND aa.area_id = d.a_id
-        LEFT JOIN track ta ON d.a_kind = 1 AND ta.track_id = d.a_id
-        LEFT JOIN area ab ON d.b_kind = 0 AND ab.area_id = d.b_id
-        LEFT JOIN track tb ON d.b_kind = 1 AND tb.track_id = d.b_id
-        CROSS JOIN LATERAL (
-            SELECT coalesce(aa.key, ta.key) AS a_key, coalesce(ab.key, tb.key) AS b_key,
-                   coalesce(aa.first_version, ta.first_version) AS a_first_version,
-                   coalesce(ab.first_version, tb.first_version) AS b_first_version,
-                   (coalesce(aa.scene_id, ta.scene_id) = p_scene_id AND coalesce(ab.scene_id, tb.scene_id) = p_scene_id
-                    AND coalesce(aa.first_version, ta.first_version) <= d.a_version
-                    AND coalesce(ab.first_version, tb.first_version) <= d.b_version) IS TRUE AS is_found
-        ) m
+        -- What becomes of each pair: exactly those that open, change and close, and those of which less is new. An
+        -- object that was removed meanwhile has a mark of its own, and its pairs drop out; its number may be that of
+        -- another object by now. Pairs that are only near are no conflicts: they open, change and close none.
+        SELECT d.*, e.is_now AND NOT (d.stays AND e.was) AS opens, e.was AND NOT (d.stays AND e.is_now) AS closes,
+               d.stays AND e.was AND e.is_now
+               AND (d.periods, d.verdict) IS DISTINCT FROM (d.old_periods, d.old_verdict) AS changes
+        FROM (SELECT f.*, o.found_at, o.periods AS old_periods, o.verdict AS old_verdict, a.key AS a_key,
+                     b.key AS b_key, i.is_found, (f.b_kind, b.key) < (f.a_kind, a.key) AS is_turned,
+                     f.place IS NOT NULL AND i.is_found
+                     AND a.first_version <= CASE WHEN i.was_turned THEN o.b_version ELSE o.a_version END
+                     AND b.first_version <= CASE WHEN i.was_turned THEN o.a_version ELSE o.b_version END AS stays
+              FROM found f
+              -- OFFSET 0, and 0 that is added: each row is looked up by its place, each object by its number.
+              LEFT JOIN LATERAL (SELECT c.* FROM conflict c
+                                 WHERE c.ctid = f.place AND c.scene_id + 0 = p_scene_id OFFSET 0) o ON true
+              LEFT JOIN LATERAL (SELECT n.key, n.first_version FROM area n
+                                 WHERE f.a_kind = 0 AND n.area_id = f.a_id AND n.scene_id + 0 = p_scene_id
+                                   AND n.first_version <= f.a_version
+                                 UNION ALL
+                                 SELECT n.key, n.first_version FROM track n
+                                 WHERE f.a_kind = 1 AND n.track_id = f.a_id AND n.scene_id + 0 = p_scene_id
+                                   AND n.first_version <= f.a_version OFFSET 0) a ON true
+              LEFT JOIN LATERAL (SELECT n.key, n.first_version FROM area n
+                                 WHERE f.b_kind = 0 AND n.area_id = f.b_id AND n.scene_id + 0 = p_scene_id
+                                   AND n.first_version <= f.b_version
+                                 UNION ALL
+                                 SELECT n.key, n.first_version FROM track n
+                                 WHERE f.b_kind = 1 AND n.track_id = f.b_id AND n.scene_id + 0 = p_scene_id
+                                   AND n.first_version <= f.b_version OFFSET 0) b ON true
+              CROSS JOIN LATERAL (SELECT num_nulls(f.verdict, a.key, b.key) = 0 AS is_found,
+                                         (o.b_kind, o.b_id) < (o.a_kind, o.a_id) AS was_turned) i) d
+        CROSS JOIN LATERAL (SELECT d.is_found AND d.verdict <> 'near' AS is_now,
+                                   d.place IS NOT NULL AND d.old_verdict <> 'near' AS was) e
     ), removed AS (
-        DELETE FROM conflict c USING placed p WHERE c.ctid = p.place AND NOT p.is_found
+        DELETE FROM conflict c
+            WHERE c.ctid = ANY (ARRAY(SELECT p.place FROM placed p WHERE NOT p.is_found AND p.place IS NOT NULL))
     ), ordered AS NOT MATERIALIZED (
-        SELECT p.place, p.stays, p.periods, p.verdict, p.region, p.first_contact_point, p.time_error_s, p.closest_at,
+        -- The area first, else the smaller key.
+        SELECT p.place, p.digest, p.periods, p.verdict, ST_GeomFromEWKB(p.region) AS region,
+               ST_GeomFromEWKB(p.first_contact_point) AS first_contact_point, p.time_error_s, p.closest_at,
                p.closest_m, p.closest_error_m,
                CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
                CASE WHEN p.is_turned THEN p.b_id ELSE p.a_id END AS a_id,
@@ -207,8 +217,10 @@ BEGIN
                CASE WHEN p.is_turned THEN p.a_id ELSE p.b_id END AS b_id,
                CASE WHEN p.is_turned THEN p.a_version ELSE p.b_version END AS b_version,
                CASE WHEN p.is_turned THEN p.a_key ELSE p.b_key END AS b_key,
-               CASE WHEN p.is_turned THEN p.closest_b_point ELSE p.closest_a_point END AS closest_a_point,
-               CASE WHEN p.is_turned THEN p.closest_a_point ELSE p.closest_b_point END AS closest_b_point,
+               ST_GeomFromEWKB(CASE WHEN p.is_turned THEN p.closest_b_point ELSE p.closest_a_point END)
+                   AS closest_a_point,
+               ST_GeomFromEWKB(CASE WHEN p.is_turned THEN p.closest_a_point ELSE p.closest_b_point END)
+                   AS closest_b_point,
                -- Whether it is a conflict, or only near, is what was first found.
                CASE WHEN p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') THEN p.found_at
                     ELSE v_start END AS found_at
@@ -222,62 +234,68 @@ BEGIN
         FROM ordered o
     ), rewritten AS (
         UPDATE conflict c
-            SET run_id = v_run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version, a_key = o.a_key,
-                b_kind = o.b_kind, b_id = o.b_id, b_version = o.b_version, b_key = o.b_key, periods = o.periods,
-                verdict = o.verdict, region = o.known_region, first_contact_point = o.first_contact_point,
-                method = v_method, time_error_s = o.time_error_s, closest_at = o.closest_at, closest_m = o.closest_m,
-                closest_error_m = o.closest_error_m, closest_a_point = o.closest_a_point,
-                closest_b_point = o.closest_b_point, found_at = o.found_at
-            FROM located o WHERE c.ctid = o.place
+            SET run_id = _write_run.run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version,
+                a_key = o.a_key, b_kind = o.b_kind, b_id = o.b_id, b_version = o.b_version, b_key = o.b_key,
+                periods = o.periods, verdict = o.verdict, region = o.known_region,
+                first_contact_point = o.first_contact_point, method = v_method, time_error_s = o.time_error_s,
+                closest_at = o.closest_at, closest_m = o.closest_m, closest_error_m = o.closest_error_m,
+                closest_a_point = o.closest_a_point, closest_b_point = o.closest_b_point, found_at = o.found_at,
+                digest = o.digest
+            FROM located o WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                               periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,
-                              closest_m, closest_error_m, closest_a_point, closest_b_point)
-            SELECT p_scene_id, v_run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version,
-                   o.b_key, o.periods, o.verdict, o.known_region, o.first_contact_point, v_method, o.time_error_s,
-                   o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point
+                              closest_m, closest_error_m, closest_a_point, closest_b_point, digest)
+            SELECT p_scene_id, _write_run.run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id,
+                   o.b_version, o.b_key, o.periods, o.verdict, o.known_region, o.first_contact_point, v_method,
+                   o.time_error_s, o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point,
+                   o.closest_b_point, o.digest
             FROM located o WHERE o.place IS NULL
-    )
-    -- Pairs that are only near are no conflicts: they open, change and close none.
-    SELECT count(*) FILTER (WHERE n.is_now AND NOT (p.stays AND n.was)),
-           count(*) FILTER (WHERE n.was AND NOT (p.stays AND n.is_now)),
-           count(*) FILTER (WHERE p.stays AND n.was AND n.is_now
-                              AND (p.periods, p.verdict) IS DISTINCT FROM (p.old_periods, p.old_verdict)),
-           count(*) FILTER (WHERE n.is_now) - count(*) FILTER (WHERE n.was),
-           count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
-               - count(*) FILTER (WHERE p.old_verdict = 'unresolved')
-        INTO opened, closed, changed, v_more, v_more_unresolved
+    ), told AS (
+        SELECT count(*) FILTER (WHERE p.opens) AS opened, count(*) FILTER (WHERE p.changes) AS changed,
+               count(*) FILTER (WHERE p.closes) AS closed,
+               count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
+                   - count(*) FILTER (WHERE p.old_verdict = 'unresolved') AS more_unresolved
         FROM placed p
-        CROSS JOIN LATERAL (SELECT p.is_found AND p.verdict <> 'near' AS is_now,
-                                   p.place IS NOT NULL AND p.old_verdict <> 'near' AS was) n;
-
-    DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
-
-    -- All conflicts of the scene are counted only where so many changed that it does not matter.
-    IF v_is_many OR v_last.run_id IS NULL THEN
-        SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO v_more, v_more_unresolved
-            FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
-        v_last.conflicts := 0;
-        v_last.unresolved := 0;
+    )
+    UPDATE run r SET opened = r.opened + t.opened, changed = r.changed + t.changed, closed = r.closed + t.closed,
+                     conflicts = r.conflicts + t.opened - t.closed, unresolved = r.unresolved + t.more_unresolved
+        FROM told t WHERE r.run_id = _write_run.run_id;
+    IF NOT p_is_last THEN
+        RETURN;
     END IF;
-    conflicts := v_last.conflicts + v_more;
-    unresolved := v_last.unresolved + v_more_unresolved;
-    UPDATE run r SET finished_at = clock_timestamp(), opened = _write_run.opened, changed = _write_run.changed,
-                     closed = _write_run.closed, conflicts = _write_run.conflicts,
-                     unresolved = _write_run.unresolved,
-                     write_s = coalesce((p_run ->> 'write_s')::double precision, 0)
-                               + extract(epoch FROM clock_timestamp() - v_start)
-        WHERE r.run_id = v_run_id;
-    run_id := v_run_id;
-    PERFORM pg_notify('conflictdb', jsonb_build_object('scene', v_scene_name, 'run', v_run_id, 'opened', opened,
+
+    SELECT NOT EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL
+                       AND r.run_id < _write_run.run_id) INTO v_is_first;
+    DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
+    GET DIAGNOSTICS v_marks = ROW_COUNT;
+    IF v_is_first OR v_marks > c_few THEN
+        SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
+            FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
+    END IF;
+    UPDATE run r SET finished_at = clock_timestamp(), settings = n.settings, candidate_pairs = n.candidate_pairs,
+                     intersecting_pairs = n.intersecting_pairs, window_pairs = n.window_pairs,
+                     solved_pairs = n.solved_pairs, pieces_s = n.pieces_s, stage1_s = n.stage1_s,
+                     stage2_s = n.stage2_s, stage3_s = n.stage3_s, stage4_s = n.stage4_s,
+                     conflicts = coalesce(_write_run.conflicts, r.conflicts),
+                     unresolved = coalesce(_write_run.unresolved, r.unresolved),
+                     write_s = coalesce(n.write_s, 0) + extract(epoch FROM clock_timestamp() - v_start)
+        FROM jsonb_populate_record(NULL::run, p_run) n
+        WHERE r.run_id = _write_run.run_id
+        RETURNING r.opened, r.changed, r.closed, r.conflicts, r.unresolved
+        INTO opened, changed, closed, conflicts, unresolved;
+    PERFORM pg_notify('conflictdb', jsonb_build_object('scene', v_scene_name, 'run', run_id, 'opened', opened,
                                                        'changed', changed, 'closed', closed)::text);
 END
 $$;
-COMMENT ON FUNCTION _write_run(bigint, jsonb) IS
-'Replaces the conflicts of pairs with a dirty member by the found ones, records the run (p_run: columns of run), '
-'deletes the covered marks, notifies channel conflictdb. A row that would be the same is left as it is, with the run '
-'that wrote it; a conflict that stays keeps the instant it was first found. Pairs that are only near are kept beside '
-'them, and not counted.';
+COMMENT ON FUNCTION _write_run(
+    bigint, bigint, jsonb, boolean, smallint[], bigint[], bigint[], smallint[], bigint[], bigint[], tid[], bigint[],
+    text[], tstzmultirange[], bytea[], bytea[], double precision[], timestamptz[], double precision[],
+    double precision[], bytea[], bytea[]) IS
+'Writes a part of what a detection found to be other than known, each pair once, the smaller kind and number first; '
+'p_place is where its row is, if it has one (_known_conflicts); without a verdict the row goes. '
+'Without p_run_id a run begins (p_run: columns of run). With the last part the run is recorded, covered marks are '
+'deleted, channel conflictdb is notified. A conflict that stays keeps the instant it was first found.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

@@ -165,6 +165,9 @@ COMMENT ON COLUMN conflict.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude.';
 COMMENT ON COLUMN conflict.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude.';
+COMMENT ON COLUMN conflict.digest IS
+'Digest of the row and of the settings that it was found under; 0 where that is not known. Found again with the same '
+'digest, a row is not written again.';
 
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it until its transaction ends. Only workers can.';

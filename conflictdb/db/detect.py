@@ -269,7 +269,7 @@ def _refresh_conflicts(
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
     source = _SceneSource(conn, scene_id, way.memory)
-    staged = store.begin_write(conn, scene_id)
+    staged = store.begin_write(conn, scene_id, record)
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
     chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress, regions=True)
     for found, of_chunk in chunks:

@@ -105,7 +105,8 @@ TABLE conflict (
     closest_m double precision,
     closest_error_m double precision,
     closest_a_point geometry(Point,4326),
-    closest_b_point geometry(Point,4326)
+    closest_b_point geometry(Point,4326),
+    digest bigint NOT NULL DEFAULT 0
 );
 
 TABLE object_key (
@@ -464,8 +465,8 @@ FUNCTION _begin_load()
 FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean)
     RETURNS integer LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _begin_write()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
+    RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _candidates(p_scene_id bigint, p_first bigint, p_last bigint, p_is_all_dirty boolean, p_most bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off;
@@ -625,6 +626,9 @@ FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name t
 
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint, OUT place tid)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -845,8 +849,8 @@ FUNCTION _window(p_geometry geometry, p_plane text)
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _write_run(p_scene_id bigint, p_run jsonb, OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;

@@ -1,5 +1,6 @@
 """A number that passes from an object to another takes nothing along, and scenes do not reach into each other."""
 
+from datetime import UTC, datetime
 from typing import Any
 
 import psycopg
@@ -9,6 +10,8 @@ from workloads import PAPER, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import _SceneSource, detect
+from conflictdb.motion.registry import plane_of
+from conflictdb.pipeline.run import run_scene
 
 Conn = psycopg.Connection[Any]
 
@@ -139,20 +142,13 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
     pass_on(conn, numbers["one B"], "one", "NEW", 80.0)
     store.begin_snapshot(conn)
     scene_id = store.scene_id(conn, "one")
-    conn.execute("SELECT _begin_write()")
-    ((pieces, a, b),) = _SceneSource(conn, scene_id).candidates()
-    conn.execute(
-        """INSERT INTO pg_temp.found (a_kind, a_id, a_version, b_kind, b_id, b_version, periods, verdict, time_error_s)
-           SELECT 0, least(a.object_id, b.object_id), a.version, 0, greatest(a.object_id, b.object_id), b.version,
-                  '{(,)}', 'conflict', 0
-           FROM piece a, piece b WHERE a.piece_id = %s AND b.piece_id = %s""",
-        [int(pieces.piece_id[int(member[0])]) for member in (a, b)],
-    )
-    assert conn.execute("SELECT count(*) FROM pg_temp.found").fetchone() == (1,)
-    conn.execute(
-        'SELECT _write_run(%s, \'{"started_at": "2026-01-01 00:00+00", "method": "exact", "settings": {}}\')',
-        [scene_id],
-    )
+    settings = store.read_settings(conn, scene_id)
+    run = store.RunRecord("exact", {}, datetime(2026, 1, 1, tzinfo=UTC))
+    staged = store.begin_write(conn, scene_id, run)
+    ((found, _),) = run_scene(settings, plane_of(settings), _SceneSource(conn, scene_id))
+    assert len(found) == 1
+    store.stage(conn, staged, found)
+    store.end_write(conn, staged, run)
     conn.commit()
     assert pairs(conn, "conflicts WHERE scene = 'one'") == []
     assert conn.execute("SELECT is_current FROM scenes WHERE scene = 'one'").fetchone() == (False,)

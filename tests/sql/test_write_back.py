@@ -15,6 +15,7 @@ from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
+from conflictdb.db.store import writing
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
@@ -210,6 +211,49 @@ def test_rows_that_are_the_same_are_not_written_again(conn: Conn, scene_id: int)
     assert detect(conn, scene_id, ALL | {("U", "T"): ONE}).changed == 1
     after = conn.execute(versions.encode()).fetchall()
     assert [old == new for old, new in zip(before, after, strict=True)] == [True, True, False]
+
+
+def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id: int) -> None:
+    """And those whose digest is not known, as before an upgrade."""
+    versions = "SELECT xmin::text FROM conflictdb.conflict ORDER BY a_key, b_key"
+
+    def written(record: store.RunRecord = RECORD) -> bool:
+        before = conn.execute(versions.encode()).fetchall()
+        store.mark_all(conn, scene_id)
+        conn.commit()
+        refresh(conn, scene_id)
+        begin(conn, scene_id)
+        outcome = write_run(conn, scene_id, record, found(conn, ALL))
+        conn.commit()
+        assert (outcome.opened, outcome.changed, outcome.closed) == (0, 0, 0)
+        after = conn.execute(versions.encode()).fetchall()
+        conn.commit()
+        return all(old != new for old, new in zip(before, after, strict=True))
+
+    detect(conn, scene_id, ALL)
+    assert not written()
+    assert written(replace(RECORD, settings={"tolerance_m": 1.0}))
+    assert written(replace(RECORD, method="exact"))
+    assert not written(replace(RECORD, method="exact"))
+    conn.execute("UPDATE conflictdb.conflict SET digest = DEFAULT")
+    assert written(replace(RECORD, method="exact"))
+
+
+def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run, which counts them all, and those that go."""
+    monkeypatch.setattr(writing, "_ROWS_AT_ONCE", 1)
+    first = detect(conn, scene_id, ALL, verdict=2)
+    assert (first.opened, first.conflicts, first.unresolved) == (3, 3, 3)
+    store.mark_all(conn, scene_id)
+    conn.commit()
+    second = detect(conn, scene_id, {("T", "U"): ONE, ("A", "U"): ONE, ("B", "U"): ONE})
+    assert (second.opened, second.changed, second.closed) == (2, 1, 2)
+    assert (second.conflicts, second.unresolved) == (3, 0)
+    assert [c.run_id for c in store.conflicts(conn, "s")] == [second.run_id] * 3
+    assert conn.execute("SELECT run_id FROM conflictdb.run ORDER BY 1").fetchall() == [
+        (first.run_id,),
+        (second.run_id,),
+    ]
 
 
 @pytest.mark.parametrize("many", [False, True])

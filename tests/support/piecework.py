@@ -54,7 +54,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
 
 def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts) -> store.RunOutcome:
     """Write back what was found, in two parts, in the open transaction."""
-    staged = store.begin_write(conn, scene_id)
+    staged = store.begin_write(conn, scene_id, run)
     for rows in np.array_split(np.arange(len(found)), 2):
         store.stage(conn, staged, _some(found, rows))
     return store.end_write(conn, staged, run)

@@ -8,6 +8,7 @@ import psycopg
 from psycopg.pq import TransactionStatus
 from psycopg.rows import RowFactory, dict_row, tuple_row
 
+from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, NotCurrent, ReadOnlyDatabase, StoreError
 
 # SQLSTATE class of the refusals of sql/10_refusals.sql; some of them are not about input.
@@ -81,6 +82,8 @@ def _rows(
     with translated(), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
         # Names of routines come from this package only, values are always parameters.
         query = f"SELECT * FROM conflictdb.{routine}({places})".encode()  # noqa: S608
+        if any(isinstance(argument, Array) for argument in arguments):
+            cursor.adapters.register_dumper(Array, ArrayDumper)
         cursor.execute(query, arguments, prepare=False, binary=True)
         return cursor.fetchall()
 

@@ -4,6 +4,7 @@ Ragged columns (texts, geometries, spans) are concatenated bytes with offsets. R
 COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WKB, little-endian on every machine.
 """
 
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,6 +14,7 @@ import psycopg
 from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.db.store.connection import translated
+from conflictdb.db.store.parameters import Array
 from conflictdb.kernel.rows import Part, interleaved
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 
@@ -26,6 +28,18 @@ _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
 _ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of what is sent
 _CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
+
+# Numbers of the types of elements of arrays (pg_type.dat), the same on every server.
+_OID: Final = {
+    "bytea": 17,
+    "bigint": 20,
+    "smallint": 21,
+    "text": 25,
+    "tid": 27,
+    "double precision": 701,
+    "timestamptz": 1184,
+    "tstzmultirange": 4534,
+}
 
 WKB_POINT: Final = 1
 WKB_POLYGON: Final = 3
@@ -49,9 +63,10 @@ class Ragged:
         return cls(data, offsets([0 if s is None else len(s) for s in strings]), is_null)
 
     def take(self, rows: NDArray[np.int64]) -> "Ragged":
-        """Return some of the strings, which may come more than once; none of them is null."""
+        """Return some of the strings, which may come more than once."""
         length = np.diff(self.offset)[rows]
-        return Ragged(self.data[_rows_of(self.offset[:-1][rows], length)], offsets(length))
+        is_null = None if self.is_null is None else self.is_null[rows]
+        return Ragged(self.data[_rows_of(self.offset[:-1][rows], length)], offsets(length), is_null)
 
 
 Column = Bytes | Ragged  # (n, width) bytes of a fixed-width type, or ragged
@@ -197,7 +212,7 @@ def send(conn: psycopg.Connection[Any], table: str, columns: Mapping[str, Column
 
 
 def _blocks(columns: list[Column], rows: int = _ROWS_PER_BLOCK) -> Iterator[bytes]:
-    n = len(columns[0]) if isinstance(columns[0], np.ndarray) else len(columns[0].offset) - 1
+    n = length(columns[0])
     for first in range(0, n, rows):
         yield _block(columns, first, min(first + rows, n)).tobytes()
 
@@ -207,14 +222,38 @@ def _block(columns: list[Column], first: int, end: int) -> Bytes:
     n = end - first
     parts: list[Part] = [fixed(np.full(n, len(columns)), "i2")]
     for column in columns:
-        if isinstance(column, np.ndarray):
-            parts += [fixed(np.full(n, column.shape[1]), "i4"), column[first:end]]
-        else:
-            offset = column.offset[first : end + 1]
-            lengths = np.diff(offset)
-            announced = lengths if column.is_null is None else np.where(column.is_null[first:end], -1, lengths)
-            parts += [fixed(announced, "i4"), (column.data, offset)]
+        parts += fields(column, first, end)
     return interleaved(parts)
+
+
+def array(columns: Sequence[Column], of: str) -> Array:
+    """Return an array of the values of some columns of a type, one after the other: a parameter of a statement."""
+    count = sum(map(length, columns))
+    if not count:
+        return Array(struct.pack(">iii", 0, 0, _OID[of]))
+    values = b"".join(interleaved(fields(column)).tobytes() for column in columns)
+    return Array(struct.pack(">iiiii", 1, 1, _OID[of], count, 1) + values)
+
+
+def length(column: Column) -> int:
+    """Return how many values a column has."""
+    return len(column) if isinstance(column, np.ndarray) else len(column.offset) - 1
+
+
+def fields(column: Column, first: int = 0, end: int | None = None) -> list[Part]:
+    """Return the values [first, end) of a column as parts of rows: the length of each (-1 null), and its bytes."""
+    if isinstance(column, np.ndarray):
+        data = column[first:end]
+        return [fixed(np.full(len(data), data.shape[1]), "i4"), data]
+    offset = column.offset[first : None if end is None else end + 1]
+    lengths = np.diff(offset)
+    announced = lengths if column.is_null is None else np.where(column.is_null[first:end], -1, lengths)
+    return [fixed(announced, "i4"), (column.data, offset)]
+
+
+def taken(column: Column, rows: NDArray[np.int64]) -> Column:
+    """Return some of the values of a column."""
+    return column[rows] if isinstance(column, np.ndarray) else column.take(rows)
 
 
 def receive(

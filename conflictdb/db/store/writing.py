@@ -2,15 +2,17 @@
 
     begin_write; stage, as often as there are parts; end_write; commit
 
-Parts wait in a temporary table. `end_write` compares them with the conflicts that are there, and writes what differs.
+What is known of a pair has a digest: found again with the same one, it is neither sent nor written. What differs is
+sent some thousand rows at a time, the last of them with the run itself: by one statement, where little changed.
 """
 
+import hashlib
 import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import psycopg
@@ -20,10 +22,36 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, transaction
+from conflictdb.db.store.known_pairs import KnownPairs, digests
 from conflictdb.model import SINCE_EVER_US
 from conflictdb.results import Verdict
 
 _SRID = 4326
+# Rows that are sent by one statement: enough to be worth it, little in memory.
+_ROWS_AT_ONCE: Final = 5_000
+_Columns = dict[str, copy_binary.Column]
+_Members = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+# What _write_run takes of a row, in its order.
+_TYPES: Final = {
+    "a_kind": "smallint",
+    "a_id": "bigint",
+    "a_version": "bigint",
+    "b_kind": "smallint",
+    "b_id": "bigint",
+    "b_version": "bigint",
+    "place": "tid",
+    "digest": "bigint",
+    "verdict": "text",
+    "periods": "tstzmultirange",
+    "region": "bytea",
+    "first_contact_point": "bytea",
+    "time_error_s": "double precision",
+    "closest_at": "timestamptz",
+    "closest_m": "double precision",
+    "closest_error_m": "double precision",
+    "closest_a_point": "bytea",
+    "closest_b_point": "bytea",
+}
 _VERDICT_NAMES = copy_binary.Ragged.of([Verdict.of_code(code).encode() for code in range(len(Verdict))])
 
 
@@ -39,6 +67,11 @@ class RunRecord:
     settings: Mapping[str, Any]
     started_at: datetime
     counted: Mapping[str, float] = field(default_factory=dict)
+
+    def digest_key(self) -> bytes:
+        """Return a key for digests of what is found: what is not known of that follows from the method and settings."""
+        told = json.dumps([self.method, self.settings], sort_keys=True)
+        return hashlib.blake2b(told.encode()).digest()
 
     def as_json(self, **more: float) -> str:
         """Return it as the database takes it."""
@@ -62,23 +95,39 @@ class RunOutcome:
 
 @dataclass(slots=True)
 class Staged:
-    """A write-back under way: its scene, and how long it took so far, seconds."""
+    """A write-back under way.
+
+    run : as far as it is known when it begins
+    known : the pairs that have a row, and which of them were found
+    held : rows that differ and are not sent yet, some thousand at most
+    run_id : once a part of them was sent
+    took_s : how long it took so far, seconds
+    """
 
     scene_id: int
+    run: RunRecord
+    known: KnownPairs
+    held: list[_Columns] = field(default_factory=list)
+    run_id: int | None = None
     took_s: float = 0.0
 
 
-def begin_write(conn: psycopg.Connection[Any], scene_id: int) -> Staged:
+def begin_write(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord) -> Staged:
     """Begin to write back what is found of a scene, in the second transaction of a detection."""
     began = time.perf_counter()
-    call(conn, "_begin_write")
-    return Staged(scene_id, time.perf_counter() - began)
+    known = KnownPairs.read(conn, scene_id)
+    return Staged(scene_id, run, known, took_s=time.perf_counter() - began)
 
 
 def stage(conn: psycopg.Connection[Any], staged: Staged, conflicts: Conflicts) -> None:
     """Hand over a part of what was found; no pair of objects may be in two parts."""
     began = time.perf_counter()
-    copy_binary.send(conn, "pg_temp.found", _columns(conflicts))
+    if len(conflicts):
+        columns, members = _columns(conflicts)
+        digest = digests(columns.values(), staged.run.digest_key())
+        row, is_same = staged.known.find(*members, digest)
+        columns |= {"place": staged.known.places(row), "digest": copy_binary.fixed(digest, "i8")}
+        _hold(conn, staged, columns, np.flatnonzero(~is_same))
     staged.took_s += time.perf_counter() - began
 
 
@@ -87,7 +136,26 @@ def end_write(conn: psycopg.Connection[Any], staged: Staged, run: RunRecord) -> 
 
     Rows that are what they were are not touched. The caller commits; then listeners on channel conflictdb are told.
     """
-    return RunOutcome(*call(conn, "_write_run", staged.scene_id, run.as_json(write_s=staged.took_s)))
+    began = time.perf_counter()
+    gone = _gone(staged.known)
+    _hold(conn, staged, gone, np.arange(copy_binary.length(gone["place"])))
+    staged.took_s += time.perf_counter() - began
+    return RunOutcome(*_send(conn, staged, run.as_json(write_s=staged.took_s), is_last=True))
+
+
+def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: _Columns, rows: NDArray[np.int64]) -> None:
+    """Hold some rows of columns until they are sent, and send what is held where that becomes too many."""
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        some = rows[first : first + _ROWS_AT_ONCE]
+        if sum(copy_binary.length(one["place"]) for one in staged.held) + len(some) > _ROWS_AT_ONCE:
+            staged.run_id, *_ = _send(conn, staged, staged.run.as_json(), is_last=False)
+        staged.held.append({name: copy_binary.taken(column, some) for name, column in columns.items()})
+
+
+def _send(conn: psycopg.Connection[Any], staged: Staged, run: str, *, is_last: bool) -> tuple[Any, ...]:
+    arrays = [copy_binary.array([one[name] for one in staged.held], of) for name, of in _TYPES.items()]
+    staged.held.clear()
+    return call(conn, "_write_run", staged.scene_id, staged.run_id, run, is_last, *arrays)
 
 
 def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, error: str) -> int:
@@ -96,23 +164,25 @@ def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord,
         return int(call(conn, "_record_failure", scene_id, run.as_json(), error)[0])
 
 
-def _columns(found: Conflicts) -> dict[str, copy_binary.Column]:
-    """Return the columns of the table found: the object of the smaller kind and number first."""
+def _columns(found: Conflicts) -> tuple[_Columns, _Members]:
+    """Return the columns of rows, the object of the smaller kind and number first, and kinds and numbers of both."""
     turned = (found.a_kind > found.b_kind) | ((found.a_kind == found.b_kind) & (found.a_id > found.b_id))
 
     def first(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
         return np.where(turned if a.ndim == 1 else turned[:, None], b, a)
 
+    a_kind, a_id = first(found.a_kind, found.b_kind), first(found.a_id, found.b_id)
+    b_kind, b_id = first(found.b_kind, found.a_kind), first(found.b_id, found.a_id)
     is_known = np.isfinite(found.closest_m)
-    return {
-        "a_kind": copy_binary.fixed(first(found.a_kind, found.b_kind), "i2"),
-        "a_id": copy_binary.fixed(first(found.a_id, found.b_id), "i8"),
+    columns: _Columns = {
+        "a_kind": copy_binary.fixed(a_kind, "i2"),
+        "a_id": copy_binary.fixed(a_id, "i8"),
         "a_version": copy_binary.fixed(first(found.a_version, found.b_version), "i8"),
-        "b_kind": copy_binary.fixed(first(found.b_kind, found.a_kind), "i2"),
-        "b_id": copy_binary.fixed(first(found.b_id, found.a_id), "i8"),
+        "b_kind": copy_binary.fixed(b_kind, "i2"),
+        "b_id": copy_binary.fixed(b_id, "i8"),
         "b_version": copy_binary.fixed(first(found.b_version, found.a_version), "i8"),
-        "periods": copy_binary.multispans(found.period_us, found.period_offset),
         "verdict": _VERDICT_NAMES.take(found.verdict.astype(np.int64)),
+        "periods": copy_binary.multispans(found.period_us, found.period_offset),
         "region": _geometries(found),
         "first_contact_point": copy_binary.points(found.first_contact_deg, _SRID),
         "time_error_s": copy_binary.fixed(found.time_error_s, "f8"),
@@ -122,6 +192,21 @@ def _columns(found: Conflicts) -> dict[str, copy_binary.Column]:
         "closest_a_point": copy_binary.points(first(found.closest_a_deg, found.closest_b_deg), _SRID),
         "closest_b_point": copy_binary.points(first(found.closest_b_deg, found.closest_a_deg), _SRID),
     }
+    return columns, (a_kind, a_id, b_kind, b_id)
+
+
+def _gone(known: KnownPairs) -> _Columns:
+    """Return the columns of rows that go: those of pairs that were not found again."""
+    gone = known.gone()
+    nothing = copy_binary.Ragged.of([None] * len(gone.row))
+    members: _Columns = {
+        "a_kind": copy_binary.fixed(gone.a_kind, "i2"),
+        "a_id": copy_binary.fixed(gone.a_id, "i8"),
+        "b_kind": copy_binary.fixed(gone.b_kind, "i2"),
+        "b_id": copy_binary.fixed(gone.b_id, "i8"),
+        "place": known.places(gone.row),
+    }
+    return {name: members.get(name, nothing) for name in _TYPES}
 
 
 def _geometries(found: Conflicts) -> copy_binary.Ragged:

@@ -1,0 +1,128 @@
+"""Which pairs of objects have a row already, and whether that tells what is found of them now.
+
+A row carries a digest of what was written and under which settings. So what did not change is known without being sent
+or read: 64 bits, by which two different answers for one pair are taken for the same once in 2^64 times.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final, Self
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.db.store import copy_binary
+from conflictdb.kernel.rows import interleaved
+
+_COLUMNS: Final = [
+    ("a_kind", "i2"),
+    ("a_id", "i8"),
+    ("b_kind", "i2"),
+    ("b_id", "i8"),
+    ("digest", "i8"),
+    ("place", "V6"),
+]
+_KIND_BIT: Final = 62  # above the numbers of all objects
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """n pairs that have a row and were not found again: members (n,) as in `KnownPairs.find`, and their rows (n,)."""
+
+    a_kind: NDArray[np.int64]
+    a_id: NDArray[np.int64]
+    b_kind: NDArray[np.int64]
+    b_id: NDArray[np.int64]
+    row: NDArray[np.int64]
+
+
+class KnownPairs:
+    """The pairs of objects with a changed member that have a row, and which of them were found again so far."""
+
+    def __init__(
+        self, a: NDArray[np.int64], b: NDArray[np.int64], digest: NDArray[np.int64], place: copy_binary.Bytes
+    ) -> None:
+        """Take the members (n,) of rows by number, their digests, and where they are (n, 6); a pair may come twice.
+
+        They stay there: the snapshot sees them, and nobody else detects the scene.
+        """
+        self._objects = np.unique(np.concatenate([a, b]))
+        first, second = np.minimum(a, b), np.maximum(a, b)
+        self._pair, row = np.unique(self._pairs(first, second), return_index=True)
+        self._first, self._second, self._digest, self._place = first[row], second[row], digest[row], place[row]
+        self._is_found = np.zeros(len(row), np.bool_)
+
+    @classmethod
+    def read(cls, conn: psycopg.Connection[Any], scene_id: int) -> Self:
+        """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot."""
+        rows, _ = copy_binary.receive(conn, "_known_conflicts", [scene_id], _COLUMNS)
+        return cls(
+            _numbers(rows["a_kind"], rows["a_id"]),
+            _numbers(rows["b_kind"], rows["b_id"]),
+            rows["digest"],
+            rows["place"].view(np.uint8).reshape(-1, 6),
+        )
+
+    def find(
+        self,
+        a_kind: NDArray[Any],
+        a_id: NDArray[np.int64],
+        b_kind: NDArray[Any],
+        b_id: NDArray[np.int64],
+        digest: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Take note that pairs (n,) were found, the smaller kind and number first, and return their rows.
+
+        Returns which (n,), -1 where there is none, and whether they have the same digest (n,).
+        """
+        found, is_same = np.full(len(digest), -1), np.zeros(len(digest), np.bool_)
+        if not len(self._pair):
+            return found, is_same
+        a, b = _numbers(a_kind, a_id), _numbers(b_kind, b_id)
+        row = np.minimum(np.searchsorted(self._pair, self._pairs(a, b)), len(self._pair) - 1)
+        known = np.flatnonzero((self._first[row] == a) & (self._second[row] == b))
+        found[known] = row = row[known]
+        is_same[known] = self._digest[row] == digest[known]
+        self._is_found[row] = True
+        return found, is_same
+
+    def places(self, rows: NDArray[np.int64]) -> copy_binary.Ragged:
+        """Return a column of tid: where rows (n,) are, null for -1."""
+        place = np.zeros((len(rows), 6), np.uint8)
+        known = np.flatnonzero(rows >= 0)
+        place[known] = self._place[rows[known]]
+        return copy_binary.nullable(place, rows < 0)
+
+    def gone(self) -> Gone:
+        """Return the pairs that were not found again."""
+        rows = np.flatnonzero(~self._is_found)
+        (a_kind, a_id), (b_kind, b_id) = (_kinds_and_ids(one[rows]) for one in (self._first, self._second))
+        return Gone(a_kind, a_id, b_kind, b_id, rows)
+
+    def _pairs(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return a number (n,) for each pair of members: another one for another pair, if all of them are known."""
+        return np.searchsorted(self._objects, first) * (len(self._objects) + 1) + np.searchsorted(self._objects, second)
+
+
+def digests(columns: Iterable[copy_binary.Column], key: bytes) -> NDArray[np.int64]:
+    """Return digests (n,) of rows under a key of 64 bytes at most; none is 0, which stands for none."""
+    parts, size = [], np.zeros(1, np.int64)
+    for column in columns:
+        fields = copy_binary.fields(column)
+        parts += fields
+        size = size + sum(np.diff(part[1]) if isinstance(part, tuple) else part.shape[1] for part in fields)
+    rows, ends = interleaved(parts).tobytes(), copy_binary.offsets(size).tolist()
+    found = [hashlib.blake2b(rows[start:end], digest_size=8, key=key).digest() for start, end in pairwise(ends)]
+    return np.maximum(np.frombuffer(b"".join(found), np.uint64), 1).astype(np.int64)
+
+
+def _numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return one number for each object, in the order of kinds, then ids."""
+    return (kind.astype(np.int64) << _KIND_BIT) | ids
+
+
+def _kinds_and_ids(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    return numbers >> _KIND_BIT, numbers & ((1 << _KIND_BIT) - 1)

@@ -1,0 +1,27 @@
+"""Know of a conflict by a digest whether what a detection finds is the same."""
+
+from alembic import op
+
+revision = "0021"
+down_revision = "0020"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "a55e4044d2c7822c6bdb776f606886600c70aa8c138ac4523b11408186e1a41d"
+
+# Of rows that are there already it is not known: the next detection of the pair writes them again.
+DIGEST = "ALTER TABLE conflictdb.conflict ADD COLUMN digest bigint NOT NULL DEFAULT 0"
+
+# Their arguments change; sql/ makes what follows them.
+REPLACED_ROUTINES = ("_begin_write()", "_write_run(bigint, jsonb)")
+
+
+def upgrade() -> None:
+    op.execute(DIGEST)
+    for routine in REPLACED_ROUTINES:
+        op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
+
+
+def downgrade() -> None:
+    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")

@@ -1,0 +1,63 @@
+"""Which pairs are known, by numbers of objects and digests."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.known_pairs import KnownPairs, digests
+
+TRACK = 1 << 62  # above the numbers of areas
+
+
+def find(known: KnownPairs, *pairs: tuple[int, int, int, int, int]) -> tuple[list[int], list[bool]]:
+    """Ask for pairs: kind and number of both members, digest."""
+    a_kind, a_id, b_kind, b_id, digest = np.array(pairs, dtype=np.int64).reshape(-1, 5).T
+    how, is_same = known.find(a_kind, a_id, b_kind, b_id, digest)
+    return how.tolist(), is_same.tolist()
+
+
+def ints(*values: int) -> NDArray[np.int64]:
+    return np.array(values, dtype=np.int64)
+
+
+def places(count: int) -> NDArray[np.uint8]:
+    return np.repeat(np.arange(1, count + 1, dtype=np.uint8)[:, None], 6, axis=1)
+
+
+def test_pairs_are_found_whichever_member_their_row_has_first() -> None:
+    known = KnownPairs(ints(1, 7, 5), ints(TRACK | 1, 3, TRACK | 7), ints(10, 20, 30), places(3))
+    asked = [(0, 1, 1, 1, 10), (0, 3, 0, 7, 21), (0, 1, 1, 7, 30), (0, 3, 1, 3, 30), (0, 9, 0, 10, 0)]
+    rows, is_same = find(known, *asked)
+    assert is_same == [True, False, False, False, False]
+    column = known.places(np.array(rows))
+    assert column.is_null is not None
+    assert column.is_null.tolist() == [False, False, True, True, True]
+    assert column.data.tolist() == 6 * [1] + 6 * [2]
+    gone = known.gone()
+    assert [gone.a_kind.tolist(), gone.a_id.tolist(), gone.b_kind.tolist(), gone.b_id.tolist()] == [[0], [5], [1], [7]]
+    assert known.places(gone.row).data.tolist() == 6 * [3]
+
+
+def test_a_row_that_comes_twice_goes_once() -> None:
+    """It does where both of its members changed."""
+    known = KnownPairs(ints(4, 4), ints(2, 2), ints(1, 1), places(1).repeat(2, axis=0))
+    gone = known.gone()
+    assert (gone.a_id.tolist(), gone.b_id.tolist(), gone.row.tolist()) == ([2], [4], [0])
+
+
+def test_nothing_is_known_of_an_empty_scene() -> None:
+    known = KnownPairs(ints(), ints(), ints(), places(0))
+    assert find(known, (0, 1, 0, 2, 0)) == ([-1], [False])
+    assert len(known.gone().row) == 0
+
+
+def test_digests_tell_rows_and_keys_apart() -> None:
+    """Also a null from nothing, and where one value ends and the next begins."""
+    texts = copy_binary.Ragged.of([b"ab", b"a", b"", None, b"ab"])
+    more = copy_binary.Ragged.of([b"c", b"bc", b"abc", b"abc", b"c"])
+    numbers = copy_binary.fixed([1, 1, 1, 1, 1], "i8")
+    first = digests([texts, more, numbers], b"key").tolist()
+    assert first[0] == first[4]
+    assert len(set(first)) == 4
+    assert 0 not in first
+    assert not set(first) & set(digests([texts, more, numbers], b"other key").tolist())
