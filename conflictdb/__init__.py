@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState, Verdict
+    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Verdict
 
 __all__ = [
     "Advice",
@@ -50,6 +50,7 @@ __all__ = [
     "Contents",
     "Database",
     "EarthModel",
+    "Explanation",
     "IncompleteWarning",
     "InvalidInput",
     "Kind",
@@ -93,7 +94,9 @@ _HOME: Final = {
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model",
     ),
-    **dict.fromkeys(("Approach", "Conflict", "Kind", "Listing", "SceneState", "Verdict"), "conflictdb.results"),
+    **dict.fromkeys(
+        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "SceneState", "Verdict"), "conflictdb.results"
+    ),
 }
 
 

@@ -26,7 +26,7 @@ from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
-from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState
+from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -388,6 +388,14 @@ class Database:
             found = store.approaches(self.connection, scene)
         _warn_if_incomplete(found.state)
         return found
+
+    def explain(self, scene: str, a_key: str, b_key: str) -> Explanation:
+        """Return why two objects of a scene are in conflict, or are not, as of the last detection.
+
+        Raises InvalidInput if the scene or one of the objects is not known.
+        """
+        with self._transaction():
+            return store.explanation(self.connection, scene, a_key, b_key)
 
     def wait_until_current(self, scene: str, timeout_s: float = 60.0) -> None:
         """Wait until nothing of a scene waits for detection, which a worker has to do, or another program.

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import Method
@@ -216,6 +216,21 @@ class SceneState:
     last_error: str | None
     is_current: bool
     remark: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Why two objects are in conflict, or are not: what the SQL function `explain_conflict` returns.
+
+    facts : the JSON object, with ``verdict``, ``why``, ``decided_by``, ``stages``, ``pieces``, ``is_current`` and more
+    text : the same in words, some lines
+    """
+
+    facts: dict[str, Any]
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
 
 
 class Listing(list[_Row]):

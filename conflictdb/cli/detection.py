@@ -1,9 +1,10 @@
-"""`detect`, `conflicts` and `approaches`."""
+"""`detect`, `conflicts`, `approaches` and `explain`."""
 
 import argparse
+import json
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
-from conflictdb.cli.output import note, out, progress, remark
+from conflictdb.cli.output import data, note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, load_files, show_progress
@@ -84,6 +85,18 @@ def approaches(args: argparse.Namespace) -> int:
         _wait(db, args)
         found = db.approaches(args.scene)
     print_approaches(found, [found.state], args.format)
+    return DONE
+
+
+def explain(args: argparse.Namespace) -> int:
+    """Print why two objects are in conflict, or are not."""
+    with database(args) as db:
+        _wait(db, args)
+        found = db.explain(args.scene, *args.keys)
+    if args.format == "json":
+        data([json.dumps(found.facts, indent=2), "\n"], is_json=True)
+    else:
+        out(found.text)
     return DONE
 
 

@@ -69,9 +69,9 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _approaches, _advise, _export, _worker, _status, _attach, _schema, _server):
+    for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _status):
         add(commands)
-    for add in (_psql, _demo):
+    for add in (_attach, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -166,6 +166,20 @@ def _approaches(commands: Any) -> None:
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     _add_wait(parser)
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
+
+
+def _explain(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "explain",
+        "detection:explain",
+        "say why two objects are in conflict, or are not",
+        "Which stage decided, what each of them left, and whether that is current. Does not detect.",
+    )
+    parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of the two objects")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
+    _add_wait(parser)
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="default: text")
 
 
 def _advise(commands: Any) -> None:

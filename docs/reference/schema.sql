@@ -573,6 +573,18 @@ FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _explained_as_json(p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+    RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT floor_m double precision, OUT ceiling_m double precision, OUT box geometry)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _explained_text(j jsonb)
+    RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _explanation(p_scene text, p_a text, p_b text, OUT facts jsonb, OUT said text)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _find_attached(p_scene text, p_table text)
     RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -801,6 +813,15 @@ FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_t
 FUNCTION _short_identity(p_identity text)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _shown(p_instant timestamp with time zone)
+    RETURNS text LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _shown(p_span tstzrange)
+    RETURNS text LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision)
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -875,6 +896,12 @@ FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth tex
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET lock_timeout=10s;
+
+FUNCTION explain_conflict(p_scene text, p_a text, p_b text)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION explain_conflict_text(p_scene text, p_a text, p_b text)
+    RETURNS text LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a55e4044d2c7822c6bdb776f606886600c70aa8c138ac4523b11408186e1a41d"
+routines_sha256 = "041715a1ba2a642c236318822312b13be21089628ba1406c1a720ab2461a3d8e"
 
 # Of rows that are there already it is not known: the next detection of the pair writes them again.
 DIGEST = "ALTER TABLE conflictdb.conflict ADD COLUMN digest bigint NOT NULL DEFAULT 0"

@@ -220,6 +220,20 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
     assert '"nearest_m": 2000.0' in run("export", "--scene", "apart", "-").out
 
 
+def test_explain_says_why(run: Run) -> None:
+    run("detect", STRAIT)
+    told = run("explain", "--scene", "strait", "FERRY", "DIVING")
+    assert told.code == 0
+    assert told.out.startswith(
+        '"DIVING" (area) and "FERRY" (track): conflict\n  they meet\n  from 2026-06-01 09:00:00Z'
+    )
+    facts = json.loads(run("explain", "--scene", "strait", "SUB-1", "SUB-2", "--format", "json").out)
+    assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
+    unknown = run("explain", "--scene", "strait", "FERRY", "nobody")
+    assert unknown.code != 0
+    assert "is no object of scene 'strait'" in unknown.err
+
+
 def test_approaches_are_printed_in_every_format(run: Run) -> None:
     run("detect", STRAIT, "--nearest-m", "20000")
     rows = json.loads(run("approaches", "--scene", "strait", "--format", "json").out)

@@ -227,6 +227,10 @@ BAD = {
     "steps that return": (
         "havens('s', '2026-01-01', '2026-12-01', '1 month -30 days 1 s')", "ZC003", "havens_at_most",
     ),
+    "explanation in an unknown scene": ("explain_conflict('nowhere', 'X', 'T')", "ZC010", "scene_known"),
+    "explanation of an unknown object": ("explain_conflict('s', 'X', 'nobody')", "ZC011", "object_known"),
+    "explanation of nothing": ("explain_conflict('s', 'X', NULL)", "ZC011", "object_known"),
+    "explanation of one object": ("explain_conflict('s', 'X', 'X')", "ZC008", "explained_objects_differ"),
     "haven of an unknown track": ("haven_at('s', 'nobody', now())", "ZC011", "object_known"),
 }  # fmt: skip
 

@@ -95,6 +95,7 @@ QUERIES = [
     "SELECT * FROM conflictdb.candidates(%s)",
     "SELECT * FROM conflictdb.probe(%s, 'SRID=4326;POINT(0 0)')",
     "SELECT conflictdb.haven_at(%s, 'T1', '2026-03-01')",
+    "SELECT conflictdb.explain_conflict_text(%s, 'T1', 'A1')",
     "SELECT * FROM conflictdb.havens(%s, '2026-03-01', '2026-03-02', '6 h')",
     "SELECT * FROM conflictdb.queue",
 ]

@@ -8,7 +8,7 @@ import psycopg
 
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.methods import Method
-from conflictdb.results import Approach, Conflict, Kind, Listing, SceneState, Verdict
+from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +120,13 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
         for row in rows
     ]
     return Listing(state, found)
+
+
+def explanation(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
+    """Return why two objects are in conflict, or are not; InvalidInput if the scene or one of them is not known."""
+    with transaction(conn):
+        facts, said = call(conn, "_explanation", scene, a_key, b_key)
+    return Explanation(facts, said)
 
 
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:

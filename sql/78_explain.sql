@@ -1,0 +1,295 @@
+-- Why two objects are in conflict, or are not: what is stored of them and of their pair, stage by stage.
+--
+-- Stages 1 and 2 are asked again, of the pieces that the last detection made; what stages 3 and 4 found is in the
+-- conflict. A pair without one was proven apart by the first stage that leaves nothing of it. So nothing is guessed:
+-- after a change of one of the two the answer is that it is not known.
+
+CREATE OR REPLACE FUNCTION _explained_object(
+    p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint,
+    OUT is_covered boolean, OUT span tstzrange, OUT floor_m double precision, OUT ceiling_m double precision,
+    OUT box geometry
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    SELECT o.kind, o.id, o.key INTO kind, id, key
+        FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a
+              WHERE a.scene_id = p_scene_id AND a.key = p_key
+              UNION ALL
+              SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
+    IF NOT FOUND THEN
+        PERFORM _refuse('ZC011', format('object %s', quote_nullable(p_key)), 'key',
+                        format('is no object of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
+                        'object_known');
+    END IF;
+    waits := EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = _explained_object.kind
+                     AND m.object_id = _explained_object.id);
+    SELECT count(*), bool_or(p.part < 0), range_merge(range_agg(p.span)), min(p.floor_m), max(p.ceiling_m),
+           ST_Extent(p.hull)
+        INTO pieces, is_covered, span, floor_m, ceiling_m, box
+        FROM piece p WHERE p.object_kind = _explained_object.kind AND p.object_id = _explained_object.id
+                       AND p.scene_id + 0 = p_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _explained_object(bigint, text) IS
+'An object, whether it waits for detection, and what all of its pieces cover; refuses (ZC011) a key that is not known.';
+
+CREATE OR REPLACE FUNCTION _explained_as_json(
+    p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision,
+    p_ceiling_m double precision
+) RETURNS jsonb
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- JSON has no infinite numbers.
+    SELECT jsonb_build_object(
+        'key', p_key, 'kind', CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END, 'waits', p_waits, 'pieces', p_pieces,
+        'from', nullif(lower(p_span), '-infinity'), 'to', nullif(upper(p_span), 'infinity'),
+        'floor_m', nullif(p_floor_m, '-infinity'), 'ceiling_m', nullif(p_ceiling_m, 'infinity'));
+END;
+COMMENT ON FUNCTION _explained_as_json(text, smallint, boolean, bigint, tstzrange, double precision,
+                                       double precision) IS
+'What explain_conflict says of one object.';
+
+CREATE OR REPLACE FUNCTION _shown(p_instant timestamptz) RETURNS text
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- The same in every session.
+    SELECT rtrim(rtrim(to_char(p_instant AT TIME ZONE 'UTC', 'YYYY-MM-DD HH24:MI:SS.US'), '0'), '.') || 'Z';
+END;
+COMMENT ON FUNCTION _shown(timestamptz) IS 'An instant as text, UTC, whatever the session''s settings.';
+
+CREATE OR REPLACE FUNCTION _shown(p_span tstzrange) RETURNS text
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN lower_inf(p_span) AND upper_inf(p_span) THEN 'for ever'
+                ELSE concat_ws(' ', 'from ' || _shown(lower(p_span)), 'to ' || _shown(upper(p_span))) END;
+END;
+COMMENT ON FUNCTION _shown(tstzrange) IS 'A span as text, UTC, whatever the session''s settings.';
+
+CREATE OR REPLACE FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision) RETURNS text
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_floor_m = '-infinity' AND p_ceiling_m = 'infinity' THEN 'at all heights'
+                WHEN p_floor_m = '-infinity' THEN 'below ' || p_ceiling_m || ' m'
+                WHEN p_ceiling_m = 'infinity' THEN 'from ' || p_floor_m || ' m upward'
+                ELSE 'between ' || p_floor_m || ' and ' || p_ceiling_m || ' m' END;
+END;
+COMMENT ON FUNCTION _shown_heights(double precision, double precision) IS
+'A height band (metres, infinite where it is unbounded) as text.';
+
+CREATE OR REPLACE FUNCTION explain_conflict(p_scene text, p_a text, p_b text) RETURNS jsonb
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_most_pieces CONSTANT integer := 20;
+    v_scene scene%ROWTYPE;
+    v_run run%ROWTYPE;
+    v_conflict conflict%ROWTYPE;
+    v_swapped record;
+    a record;
+    b record;
+    v_left record;
+    v_is_current boolean;
+    v_is_found boolean;
+    v_verdict text;
+    v_stage integer;
+    v_by text;
+    v_why text;
+    v_waiting text;
+    v_method text;
+    v_is_static boolean;
+    v_last_stage integer;
+BEGIN
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
+    SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
+    SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
+    IF p_a = p_b THEN
+        PERFORM _refuse('ZC008', format('object %L', p_a), 'key', 'is given twice: a conflict is of two objects',
+                        'explained_objects_differ');
+    END IF;
+    IF (b.kind, b.key COLLATE "C") < (a.kind, a.key COLLATE "C") THEN
+        v_swapped := a;
+        a := b;
+        b := v_swapped;
+    END IF;
+    SELECT c.* INTO v_conflict FROM conflict c
+        WHERE c.scene_id = v_scene.scene_id AND c.a_kind = a.kind AND c.a_id = a.id AND c.b_kind = b.kind
+          AND c.b_id = b.id;
+    v_is_found := FOUND;
+    SELECT r.* INTO v_run FROM run r
+        WHERE r.scene_id = v_scene.scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
+    v_waiting := CASE
+        WHEN NOT FOUND THEN 'the scene was never detected'
+        WHEN a.waits OR b.waits THEN concat_ws(' and ', CASE WHEN a.waits THEN to_json(a.key)::text END,
+                                               CASE WHEN b.waits THEN to_json(b.key)::text END)
+                                     || ' changed, or the settings did, and no detection has seen that yet'
+        WHEN EXISTS (SELECT FROM attachment t JOIN attached_change q USING (attachment_id)
+                     WHERE t.scene_id = v_scene.scene_id) THEN
+            'changes of an attached table wait to be taken over' END;
+    v_is_current := v_waiting IS NULL;
+    v_method := coalesce(v_conflict.method, v_run.method, v_scene.method);
+    -- Two areas are decided by their shapes, whatever the method.
+    v_is_static := a.kind = 0 AND b.kind = 0;
+    v_last_stage := CASE WHEN v_is_static THEN 4 WHEN v_method = 'screen' THEN 2 WHEN v_method = 'window' THEN 3
+                         ELSE 4 END;
+
+    SELECT count(*) AS in_boxes, count(*) FILTER (WHERE m.meets) AS in_hulls,
+           (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
+                      ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces
+        INTO v_left
+        FROM (SELECT o.part AS a_part, p.part AS b_part, o.span * p.span AS span, ST_Intersects(o.hull, p.hull) AS meets
+              FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && o.span
+              WHERE o.scene_id + 0 = v_scene.scene_id AND o.object_kind = a.kind AND o.object_id = a.id
+                AND p.scene_id + 0 = v_scene.scene_id AND p.object_kind = b.kind AND p.object_id = b.id
+                AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;
+
+    IF v_is_found THEN
+        v_verdict := v_conflict.verdict;
+        v_stage := v_last_stage;
+        v_by := CASE WHEN v_is_static THEN 'their shapes, while both are there' ELSE 'their motion' END;
+        v_why := CASE v_conflict.verdict
+            WHEN 'conflict' THEN CASE WHEN v_scene.separation_m > 0
+                                      THEN 'they come nearer than the separation that is wanted' ELSE 'they meet' END
+            WHEN 'grazing' THEN 'they come so close to the limit that it is too close to call within the tolerance'
+            WHEN 'near' THEN 'they do not meet, but come within nearest_m'
+            ELSE CASE WHEN a.is_covered OR b.is_covered
+                      THEN 'one of them could not be cut into pieces: all that is known is when and how high it is'
+                      WHEN v_stage < 4 THEN format('method %s ends with stage %s, which cannot decide', v_method,
+                                                   v_stage)
+                      ELSE 'neither a contact nor a distance could be proven' END
+        END;
+    ELSIF NOT v_is_current THEN
+        v_verdict := 'unknown';
+        v_why := v_waiting;
+    ELSE
+        v_verdict := 'apart';
+        IF NOT a.span && b.span THEN
+            v_stage := 1;
+            v_by := 'time';
+            v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span));
+        ELSIF NOT (a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m) THEN
+            v_stage := 1;
+            v_by := 'height';
+            v_why := format('one is %s, the other %s', _shown_heights(a.floor_m, a.ceiling_m),
+                            _shown_heights(b.floor_m, b.ceiling_m));
+        ELSIF NOT a.box && b.box THEN
+            v_stage := 1;
+            v_by := 'space';
+            v_why := 'the boxes around all that each of them ever covers do not meet';
+        ELSIF v_left.in_boxes = 0 THEN
+            v_stage := 1;
+            v_by := 'space, time and height together';
+            v_why := 'they are never in the same box at the same time and height';
+        ELSIF v_left.in_hulls = 0 THEN
+            v_stage := 2;
+            v_by := 'space';
+            v_why := 'boxes of theirs meet, but nothing that pieces of both sweep at the same time';
+        ELSE
+            v_stage := v_last_stage;
+            v_by := CASE WHEN v_is_static THEN 'their shapes' ELSE 'their motion' END;
+            v_why := CASE v_last_stage
+                WHEN 3 THEN 'there is no time in which they could meet'
+                ELSE 'they are proven to stay further apart than what counts as a conflict' END;
+        END IF;
+    END IF;
+
+    RETURN jsonb_build_object(
+        'scene', v_scene.name,
+        'a', _explained_as_json(a.key, a.kind, a.waits, a.pieces, a.span, a.floor_m, a.ceiling_m),
+        'b', _explained_as_json(b.key, b.kind, b.waits, b.pieces, b.span, b.floor_m, b.ceiling_m),
+        'verdict', v_verdict,
+        'is_current', v_is_current,
+        'is_scene_current', _is_current(v_scene.scene_id),
+        'waiting', v_waiting,
+        'decided_by', CASE WHEN v_stage IS NOT NULL THEN jsonb_build_object('stage', v_stage, 'by', v_by) END,
+        'why', v_why,
+        'periods', CASE WHEN v_is_found THEN
+            (SELECT coalesce(jsonb_agg(jsonb_build_object('from', lower(r), 'to', upper(r)) ORDER BY r), '[]')
+             FROM unnest(v_conflict.periods) r) END,
+        'time_error_s', v_conflict.time_error_s,
+        'closest', CASE WHEN v_conflict.closest_m IS NOT NULL THEN jsonb_build_object(
+            'at', v_conflict.closest_at, 'm', v_conflict.closest_m, 'error_m', v_conflict.closest_error_m,
+            'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',
+            'b', ST_AsGeoJSON(v_conflict.closest_b_point, 9)::jsonb -> 'coordinates') END,
+        'stages', CASE WHEN v_verdict <> 'unknown' THEN jsonb_build_array(
+            jsonb_build_object('stage', 1, 'asks', 'do boxes of pieces meet in space, time and height?',
+                               'pairs', a.pieces * b.pieces, 'left', v_left.in_boxes),
+            jsonb_build_object('stage', 2, 'asks', 'does what the pieces sweep meet?',
+                               'pairs', v_left.in_boxes, 'left', v_left.in_hulls),
+            jsonb_build_object('stage', 3, 'asks', 'in which time can they meet?', 'pairs', v_left.in_hulls, 'says',
+                CASE WHEN v_left.in_hulls = 0 THEN 'not asked: nothing was left'
+                     WHEN v_is_static THEN 'not asked: neither of them moves'
+                     WHEN v_method = 'screen' THEN
+                         'not asked: method screen ends before'
+                     WHEN v_method = 'exact' THEN
+                         'not asked: method exact looks at all the time that pieces share'
+                     ELSE 'asked; what it said of each pair of pieces is not kept' END),
+            jsonb_build_object('stage', 4, 'asks', 'exactly when do they meet?', 'says',
+                CASE WHEN v_left.in_hulls = 0 THEN 'not asked: nothing was left'
+                     WHEN v_last_stage < 4 THEN
+                         format('not asked: method %s ends before', v_method)
+                     ELSE v_verdict END)) END,
+        'pieces', (SELECT coalesce(jsonb_agg(p.pair ORDER BY p.n), '[]')
+                   FROM jsonb_array_elements(v_left.pieces) WITH ORDINALITY p (pair, n) WHERE p.n <= c_most_pieces),
+        'pieces_not_listed', greatest(v_left.in_hulls - c_most_pieces, 0),
+        'settings', jsonb_build_object('motion', v_scene.motion, 'earth', v_scene.earth, 'method', v_scene.method,
+                                       'tolerance_m', v_scene.tolerance_m, 'separation_m', v_scene.separation_m,
+                                       'nearest_m', v_scene.nearest_m),
+        'run', CASE WHEN v_is_found THEN jsonb_build_object('run_id', v_conflict.run_id, 'method', v_conflict.method)
+                    WHEN v_run.run_id IS NOT NULL THEN
+                        jsonb_build_object('run_id', v_run.run_id, 'method', v_run.method) END
+    );
+END
+$$;
+COMMENT ON FUNCTION explain_conflict(text, text, text) IS
+'Why two objects of a scene are in conflict, or are not: verdict (as in the view conflicts; near; apart; unknown while '
+'a change waits for detection), the stage that decided and why, what each stage left, which pieces, periods, closest '
+'approach, settings, run, and whether that is current. explain_conflict_text says it in words.';
+
+CREATE OR REPLACE FUNCTION _explained_text(j jsonb) RETURNS text
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Keys as in JSON, which keeps them on a line.
+    SELECT concat_ws(E'\n',
+        format('%s (%s) and %s (%s): %s', j #> '{a,key}', j #>> '{a,kind}', j #> '{b,key}', j #>> '{b,kind}',
+               j ->> 'verdict'),
+        '  ' || (j ->> 'why'),
+        (SELECT string_agg('  ' || _shown(tstzrange((p ->> 'from')::timestamptz, (p ->> 'to')::timestamptz)), E'\n'
+                           ORDER BY n)
+                || CASE WHEN (j ->> 'time_error_s')::double precision > 0
+                        THEN format(', ends good to %s s',
+                                    trim(to_char((j ->> 'time_error_s')::double precision, '9.9EEEE'))) ELSE '' END
+         FROM jsonb_array_elements(CASE jsonb_typeof(j -> 'periods') WHEN 'array' THEN j -> 'periods' ELSE '[]' END)
+              WITH ORDINALITY r (p, n)),
+        '  closest: ' || coalesce(
+            round((j #>> '{closest,m}')::numeric, 3) || ' m, within ' || round((j #>> '{closest,error_m}')::numeric, 3)
+            || ' m'
+            || coalesce(', at ' || _shown((j #>> '{closest,at}')::timestamptz), ''),
+            'not kept; a detection with nearest_m keeps it'),
+        '  decided by stage ' || (j #>> '{decided_by,stage}') || ': ' || (j #>> '{decided_by,by}'),
+        (SELECT string_agg(format('  stage %s: %s %s', s ->> 'stage', s ->> 'asks',
+                                  coalesce(s ->> 'says', format('%s of %s pairs of pieces', s ->> 'left',
+                                                                s ->> 'pairs'))), E'\n' ORDER BY n)
+         FROM jsonb_array_elements(CASE jsonb_typeof(j -> 'stages') WHEN 'array' THEN j -> 'stages' ELSE '[]' END)
+              WITH ORDINALITY t (s, n)),
+        '  run ' || (j #>> '{run,run_id}') || ', method ' || (j #>> '{run,method}'),
+        (SELECT '  settings: ' || string_agg(s.key || ' ' || s.value, ', ' ORDER BY s.key)
+         FROM jsonb_each_text(j -> 'settings') s),
+        CASE WHEN (j ->> 'is_current')::boolean THEN '  current: neither has changed since'
+             ELSE '  not current: ' || (j ->> 'waiting') END);
+END;
+COMMENT ON FUNCTION _explained_text(jsonb) IS 'What explain_conflict says, in words.';
+
+CREATE OR REPLACE FUNCTION explain_conflict_text(p_scene text, p_a text, p_b text) RETURNS text
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    SELECT _explained_text(explain_conflict(p_scene, p_a, p_b));
+END;
+COMMENT ON FUNCTION explain_conflict_text(text, text, text) IS 'What explain_conflict says, in words.';
+
+CREATE OR REPLACE FUNCTION _explanation(p_scene text, p_a text, p_b text, OUT facts jsonb, OUT said text)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    facts := explain_conflict(p_scene, p_a, p_b);
+    said := _explained_text(facts);
+END
+$$;
+COMMENT ON FUNCTION _explanation(text, text, text) IS 'What explain_conflict says, and that in words.';

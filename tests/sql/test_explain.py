@@ -1,0 +1,131 @@
+"""explain_conflict says what is known of a pair and who decided it, and says so when that is not known."""
+
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load
+from workloads import PAPER, throw
+
+from conflictdb import connect
+from conflictdb.db import detect
+from conflictdb.methods import Method
+from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.results import Verdict
+
+Conn = psycopg.Connection[Any]
+T0_US = 1_772_323_200_000_000
+HOUR_US = 3_600_000_000
+HOSTILE = "a'b\"c\n\x1b[31m \\ é"
+
+
+def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
+
+
+def track(key: str, *positions: tuple[float, float], start_us: int = T0_US, **more: Any) -> Track:
+    times = start_us + HOUR_US * np.arange(len(positions))
+    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200), **more)
+
+
+def explained(conn: Conn, a: str, b: str) -> dict[str, Any]:
+    row = conn.execute("SELECT conflictdb.explain_conflict('s', %s, %s)", [a, b]).fetchone()
+    assert row is not None
+    return dict(row[0])
+
+
+PAIRS = {
+    # of the track T, from (0, 0) eastward to (1, 0)
+    "meets": (box("X", 0.4, -0.1, 0.6, 0.1), "conflict", 4, "their motion"),
+    "later": (box("X", 0.4, -0.1, 0.6, 0.1, start_us=T0_US + 9 * HOUR_US), "apart", 1, "time"),
+    "above": (box("X", 0.4, -0.1, 0.6, 0.1, floor_m=50.0), "apart", 1, "height"),
+    "elsewhere": (box("X", 0.4, 2.0, 0.6, 3.0), "apart", 1, "space"),
+    "gone before it comes": (
+        box("X", 0.9, -0.1, 0.95, 0.1, start_us=T0_US, end_us=T0_US + HOUR_US // 20),
+        "apart", 1, "space, time and height together",
+    ),
+    "behind": (track("X", (-0.02, 0.0), (0.98, 0.0)), "apart", 4, "their motion"),
+    "near": (box("X", 0.4, 0.0025, 0.6, 0.1), "near", 4, "their motion"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", PAIRS)
+def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> None:
+    other, verdict, stage, by = PAIRS[case]
+    areas = [other] if isinstance(other, Area) else []
+    tracks = [track("T", (0.0, 0.0), (1.0, 0.0), ceiling_m=40.0), *([other] if isinstance(other, Track) else [])]
+    load(conn, Scene("s", tolerance_m=0.001, nearest_m=100.0 if verdict == "near" else 0.0), areas, tracks)
+    before = explained(conn, "T", "X")
+    conn.commit()
+    assert (before["verdict"], before["is_current"], before["decided_by"]) == ("unknown", False, None)
+    assert before["why"] == "the scene was never detected"
+    detect.detect(conn, "s", jobs=1)
+    facts = explained(conn, "T", "X")
+    assert (facts["verdict"], facts["is_current"]) == (verdict, True)
+    assert facts["decided_by"] == {"stage": stage, "by": by}
+    assert facts == explained(conn, "X", "T")
+    assert (facts["closest"] is not None) == (verdict in ("conflict", "near"))
+    conn.execute("UPDATE conflictdb.track SET ceiling_m = 39 WHERE key = 'T'")
+    after = explained(conn, "T", "X")
+    assert (after["is_current"], after["waiting"].startswith('"T" changed')) == (False, True)
+    assert after["verdict"] == ("unknown" if verdict == "apart" else verdict)
+    ((text,),) = conn.execute("SELECT conflictdb.explain_conflict_text('s', 'T', 'X')").fetchall()
+    assert text.splitlines()[0].endswith(f": {after['verdict']}")
+    assert 'not current: "T" changed' in text
+
+
+@pytest.mark.parametrize("method", list(Method))
+def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -> None:
+    """Who is no conflict is apart, and not by a stage that left something of the pair."""
+    scene, areas, tracks = throw(PAPER, 7, 6, 6)
+    scene = Scene("s", method=method)
+    load(conn, scene, areas, tracks)
+    detect.detect(conn, "s", jobs=1)
+    with connect(conn) as db:
+        found = {frozenset((one.a_key, one.b_key)): one.verdict for one in db.conflicts("s")}
+        decides = method not in (Method.SCREEN, Method.WINDOW)
+        assert all(
+            (one.verdict != Verdict.UNRESOLVED) == (decides or one.b_kind == "area") for one in db.conflicts("s")
+        )
+        keys = [one.key for one in (*areas, *tracks)]
+        apart_by = set()
+        for i, a in enumerate(keys):
+            for b in keys[:i]:
+                facts = db.explain("s", a, b).facts
+                assert facts["verdict"] == found.get(frozenset((a, b)), "apart")
+                left = [facts["stages"][k]["left"] for k in (0, 1)]
+                if facts["verdict"] == "apart":
+                    apart_by.add(facts["decided_by"]["stage"])
+                    assert [count > 0 for count in left] == [facts["decided_by"]["stage"] > k for k in (1, 2)]
+                else:
+                    assert left[1] > 0
+                assert len(facts["pieces"]) + facts["pieces_not_listed"] == left[1]
+    assert found
+    assert 1 in apart_by
+
+
+def test_hostile_keys_and_sessions_change_nothing(conn: Conn) -> None:
+    load(conn, Scene("s"), [box(HOSTILE, 0.4, -0.1, 0.6, 0.1)], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    say = "SELECT conflictdb.explain_conflict_text('s', 'T', %s)"
+    plain = conn.execute(say, [HOSTILE]).fetchone()
+    conn.execute("SET DateStyle = 'SQL, DMY'; SET TimeZone = 'Asia/Kolkata'; SET IntervalStyle = 'iso_8601'")
+    conn.execute("SET extra_float_digits = -10")
+    told = conn.execute(say, [HOSTILE]).fetchone()
+    assert told is not None
+    assert told == plain
+    assert "\x1b" not in told[0]
+    assert told[0].splitlines()[0].endswith('(area) and "T" (track): conflict')
+
+
+def test_a_row_of_an_attached_table_that_waits_makes_it_unknown(conn: Conn) -> None:
+    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0)), track("U", (0.0, 5.0), (1.0, 5.0))])
+    detect.detect(conn, "s", jobs=1)
+    conn.execute("CREATE TABLE ops (id text PRIMARY KEY, shape geometry)")
+    mapped = '{"key": "id", "footprint": "shape"}'
+    conn.execute("SELECT conflictdb.attach('s', 'area', 'ops', %s)", [mapped])
+    conn.commit()
+    facts = explained(conn, "T", "U")
+    assert (facts["verdict"], facts["why"]) == ("unknown", "changes of an attached table wait to be taken over")
