@@ -89,7 +89,19 @@ class Load:
         a, b, start, span = (np.tile(column, times) for column in columns)
         size = np.tile(np.diff(self.offset[first : last + 1]), times)
         offset, wanted = np.concatenate([[0], np.cumsum(size)]), np.full(len(size), nearest_m)
-        return closest(self.scene, a, b, start, np.zeros(len(a)), span, offset, wanted, kernel.Work(), threads)
+        return closest(
+            self.scene,
+            a,
+            b,
+            start,
+            np.zeros(len(a)),
+            span,
+            offset,
+            wanted,
+            np.zeros(len(wanted)),
+            kernel.Work(),
+            threads,
+        )
 
 
 def spent(work: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:

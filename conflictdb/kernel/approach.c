@@ -2,7 +2,8 @@
  *
  * Of each group the times of all its pairs are bounded from below, the least bound first, and halved until no bound is
  * less than the least distance that was seen, so that one pair that comes close spares the others the work. The distance
- * is stated with the difference between what was seen and what is proven. Nothing is decided by sampling.
+ * is stated with the difference between what was seen and what is proven. Nothing is decided by sampling. A group whose
+ * distance need not be known well is done as soon as that difference is small enough.
  *
  * Of instants that are as close the earliest counts. Where polygons touch it is proven to be the first.
  */
@@ -13,7 +14,7 @@
 #include "border.h"
 #include "meeting.h"
 
-/* The distance is found to this, metres, unless the work is used up first. With less, more work. */
+/* The distance is found to this, metres, unless less will do or the work is used up first. With less, more work. */
 static const double APPROACH_M = 2.5e-4;
 /* Distances that differ by less, metres, are equal. Rounding is a tenth of it: with less, which instant counts would be
  * chance. */
@@ -50,7 +51,7 @@ typedef struct {
     Part *heap;
     int64_t parts;
     Seen *seen; /* by pair, less first_pair */
-    double wanted, least, floor;
+    double wanted, aim, least, floor;
 } Search;
 
 static void push(Search *search, Part part) {
@@ -100,6 +101,9 @@ static void see(Search *search, int64_t i, double t, double distance, double hal
 /* A distance above this need not be known. */
 static double limit_of(const Search *search) { return least(search->least, search->wanted); }
 
+/* Whether a distance need not be known as well as it can be. */
+static bool is_coarse(const Search *search) { return search->aim > APPROACH_M; }
+
 static void finish(Search *search, Part part) {
     Seen *seen = search->seen + (part.pair - search->first_pair);
     seen->floor = least(seen->floor, part.bound);
@@ -109,7 +113,7 @@ static void finish(Search *search, Part part) {
 /* Bound a part from [start, end] and what its distance is there, and keep it. */
 static void bound_part(Search *search, int64_t i, double start, double end, double first, double last) {
     meet(search, i);
-    During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - APPROACH_M);
+    During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - search->aim);
     see(search, i, 0.5 * (start + end), during.middle, 0.5 * (end - start));
     push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
 }
@@ -133,11 +137,11 @@ static void search_group(Search *search) {
     while (search->parts > 0 && search->least > KERNEL_TOUCH_M) {
         if (search->heap[0].bound > limit_of(search) + TIE_M) return;
         Part part = pop(search);
-        if (!part.is_seen) {
+        if (!part.is_seen && !(part.bound >= search->least - search->aim)) {
             look_at_pair(search, part);
             continue;
         }
-        bool is_done = part.bound >= limit_of(search) - APPROACH_M || part.end - part.start <= SHORTEST_S;
+        bool is_done = part.bound >= limit_of(search) - search->aim || part.end - part.start <= SHORTEST_S;
         if (is_done || halved >= MAX_HALVED) {
             finish(search, part);
             continue;
@@ -252,29 +256,30 @@ static Moment group_touch(Search *search) {
     return moment.pair < 0 ? known : moment;
 }
 
-/* The earliest instant at which a group is as close as it comes. */
+/* The earliest instant at which a group is as close as it comes; where that need not be known well, one that is seen. */
 static Moment group_passage(Search *search) {
     Moment moment = {-1, 0, 0.0};
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
         const Seen *seen = search->seen + (i - search->first_pair);
-        bool is_near = seen->least <= limit_of(search) + APPROACH_M && seen->half > 0.0;
-        if (is_near && seen->least - seen->floor > TIE_M) polish(search, i);
+        bool is_near = seen->least <= limit_of(search) + search->aim && seen->half > 0.0;
+        if (is_near && seen->least - seen->floor > (is_coarse(search) ? search->aim : TIE_M)) polish(search, i);
     }
     if (search->least > search->wanted) return moment;
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
         const Seen *seen = search->seen + (i - search->first_pair);
         double low = search->pairs->low_s[i], level = search->least + TIE_M, at = seen->at;
         if (seen->least > level) continue;
-        at = distance_at(search, i, low) <= level ? low : first_below(search, i, low, at, level);
+        if (!is_coarse(search) && distance_at(search, i, low) > level) at = first_below(search, i, low, at, level);
+        else if (!is_coarse(search)) at = low;
         take_earlier(search, &moment, i, at);
     }
     return moment;
 }
 
 /* Put the pairs of a group into the search; false where one of them cannot be. */
-static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted) {
+static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted, double aim) {
     search->first_pair = first_pair, search->last_pair = last_pair, search->parts = 0;
-    search->wanted = wanted, search->least = INFINITY, search->floor = INFINITY;
+    search->wanted = wanted, search->aim = most(aim, APPROACH_M), search->least = INFINITY, search->floor = INFINITY;
     for (int64_t i = first_pair; i < last_pair; i++) {
         double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
         if (!(high >= low) || !meet(search, i)) return false;
@@ -319,7 +324,7 @@ static Stated state_group(Search *search) {
 static KernelStatus check_groups(const KernelPairs *pairs, const KernelGroups *groups, int64_t *largest) {
     *largest = 0;
     if (groups->count < 0) return KERNEL_BAD_COUNT;
-    if (!groups->offset || (groups->count > 0 && !groups->wanted_m)) return KERNEL_NULL;
+    if (!groups->offset || (groups->count > 0 && (!groups->wanted_m || !groups->aim_m))) return KERNEL_NULL;
     if (groups->offset[0] != 0) return KERNEL_BAD_OFFSET;
     for (int64_t g = 0; g < groups->count; g++) {
         if (groups->offset[g + 1] < groups->offset[g]) return KERNEL_BAD_OFFSET;
@@ -349,7 +354,7 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
     }
     for (int64_t g = 0; status == KERNEL_OK && g < groups->count; g++) {
         Stated stated = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
-        if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g])) {
+        if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g], groups->aim_m[g])) {
             search_group(&search);
             for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
             stated = state_group(&search);

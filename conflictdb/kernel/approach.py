@@ -21,7 +21,7 @@ class Closest:
     """How close each of g groups of pairs comes.
 
     pair : (g,) the pair that comes closest; -1 where none is within what was asked, and where that is not known
-    at_s : (g,) its seconds: the earliest instant that is as close; of a touch the first
+    at_s : (g,) its seconds: the earliest instant that is as close, of a touch the first; some one where less will do
     distance_m : (g,) metres on the earth, 0 of a touch, infinite beyond what was asked, NaN where a piece cannot be
     error_m : (g,) how far from it the least distance may be, either way
     a_deg, b_deg : (g, 2) longitude (in [-180, 180)) and latitude of the nearest points
@@ -44,6 +44,7 @@ def closest(
     high_s: Floats,
     group_offset: _Ints,
     wanted_m: Floats,
+    aim_m: Floats,
     work: Work,
     threads: int = 1,
 ) -> Closest:
@@ -51,6 +52,7 @@ def closest(
 
     group_offset : (g + 1,) the pairs of group k are [group_offset[k], group_offset[k + 1])
     wanted_m : (g,) the distance beyond which nothing needs to be known, metres; may be infinite
+    aim_m : (g,) how well the distance needs to be known, metres: coarser takes less work; 0: as well as it can be
     work : counts what is done
     """
     n = len(wanted_m)
@@ -65,7 +67,7 @@ def closest(
         done, first = HeldWork(), int(offset[groups.start])
         rows = slice(first, int(offset[groups.stop]))
         held, mine = HeldPairs.of(pairs, rows), _HeldGroups(groups.stop - groups.start)
-        mine.hold(offset=offset[groups.start : groups.stop + 1] - first, wanted_m=wanted_m[groups])
+        mine.hold(offset=offset[groups.start : groups.stop + 1] - first, wanted_m=wanted_m[groups], aim_m=aim_m[groups])
         columns = [getattr(found, column.name)[groups] for column in fields(found)]
         answers = (column.ctypes.data for column in columns)
         functions, given = library(), (ctypes.byref(held), ctypes.byref(mine))
@@ -82,5 +84,5 @@ def closest(
 class _HeldGroups(Held):
     """KernelGroups."""
 
-    types: ClassVar[dict[str, Any]] = {"offset": np.int64, "wanted_m": np.float64}
+    types: ClassVar[dict[str, Any]] = {"offset": np.int64, "wanted_m": np.float64, "aim_m": np.float64}
     _fields_ = fields_of(types, "count")

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 9
+#define KERNEL_ABI 10
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -171,6 +171,7 @@ typedef struct {
     int64_t count;
     const int64_t *offset;  /* (count + 1,) */
     const double *wanted_m; /* (count,) the distance beyond which nothing needs to be known; may be infinite */
+    const double *aim_m;    /* (count,) how well the distance needs to be known: coarser takes less work */
 } KernelGroups;
 
 typedef struct KernelScene KernelScene;
@@ -249,7 +250,8 @@ KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, 
 /* Find how close pairs come, the closest of each group: both ends of their time count.
  *
  * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known
- * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first
+ * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first;
+ *     where aim_m is more than 2.5e-4 some instant at which it is distance_m
  * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be
  * error_m : (groups,) how far from it the least distance may be, either way
  * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b

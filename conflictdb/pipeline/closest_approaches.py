@@ -3,34 +3,36 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb import kernel
-from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows
+from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.results import Verdict
 from conflictdb.stage4.closest_approach import approaches
+from conflictdb.stage4.constants import APPROACH_SHARE, TOUCH_M
 
 
 def with_closest_approaches(
-    scene: Scene, prepared: kernel.Scene, pairs: Pairs, conflicts: Conflicts, threads: int = 1
+    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, conflicts: Conflicts, threads: int = 1
 ) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict.
 
     prepared : the pieces of the pairs
+    contacts : all that were found of the pairs
+    conflicts : what they were merged into
     threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces
-    pairs = pairs.take(PairRows(np.flatnonzero(~is_covered(pieces, pairs))))
-    # Objects that meet are closest when they first do.
-    meets = (
-        (conflicts.verdict == Verdict.CONFLICT.code)
-        if scene.separation_m == 0.0
-        else np.zeros(len(conflicts), np.bool_)
-    )
+    first_s, last_s, touches = _contact_times(contacts, len(pairs))
+    seen = PairRows(np.flatnonzero(~is_covered(pieces, pairs)))
+    pairs, first_s, last_s, touches = pairs.take(seen), first_s[seen], last_s[seen], touches[seen]
+    meets = conflicts.closest_m == 0.0
     a, b, swapped = ordered_members(pieces, pairs)
     if scene.nearest_m == 0.0:
         # At most the pairs of conflicts are asked for.
@@ -38,6 +40,7 @@ def with_closest_approaches(
         known_members &= np.isin(pieces.object_id[b], conflicts.b_id[~meets])
         likely = PairRows(np.flatnonzero(known_members))
         pairs, swapped, a, b = pairs.take(likely), swapped[likely], PieceRows(a[likely]), PieceRows(b[likely])
+        first_s, last_s, touches = first_s[likely], last_s[likely], touches[likely]
     known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
     keys = np.concatenate([known, object_keys(pieces, a, b)], axis=1)
     objects, number = np.unique(keys, axis=1, return_inverse=True)
@@ -45,24 +48,34 @@ def with_closest_approaches(
 
     wanted = np.full(objects.shape[1], scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
     wanted[known_number] = np.where(meets, -np.inf, np.inf)
-    rows = PairRows(np.flatnonzero(wanted[number] >= 0.0))
+    # What is decided is closest during a contact: else it is further apart than wanted, or by more than the tolerance.
+    decided, aim = np.zeros(objects.shape[1], np.bool_), np.zeros(objects.shape[1])
+    decided[known_number] = conflicts.verdict != Verdict.UNRESOLVED.code
+    aim[known_number[conflicts.verdict == Verdict.GRAZING.code]] = APPROACH_SHARE * scene.tolerance_m
+    during = decided[number]
+    rows = PairRows(np.flatnonzero((wanted[number] >= 0.0) & (~during | (first_s <= last_s))))
     asked, group = np.unique(number[rows], return_inverse=True)
     candidates = pairs.take(rows)
-    nearest = approaches(prepared, candidates, group, wanted[asked], threads)
+    times = np.where(during, first_s, 0.0)[rows], np.where(during, last_s, np.inf)[rows]
+    nearest = approaches(prepared, candidates, *times, group, wanted[asked], aim[asked], threads)
+    # No nearer than this at all other times.
+    elsewhere = np.where(decided[asked], scene.separation_m + scene.tolerance_m, np.inf)
+    np.minimum.at(elsewhere, group, np.where(during & touches, scene.separation_m, np.inf)[rows])
+    found_m = np.where(np.isinf(nearest.distance_m), 0.0, nearest.distance_m)
+    error = np.maximum(nearest.error_m, found_m - elsewhere + TOUCH_M)
     of_b = swapped[rows[nearest.pair]]
     nearest_a_deg = np.where(of_b[:, None], nearest.b_deg, nearest.a_deg)
     nearest_b_deg = np.where(of_b[:, None], nearest.a_deg, nearest.b_deg)
 
-    closest_us = np.where(meets, conflicts.period_us[conflicts.period_offset[:-1], 0], SINCE_EVER_US)
-    closest_m, error_m = np.where(meets, 0.0, np.nan), np.where(meets, 0.0, np.nan)
-    first = np.where(meets[:, None], conflicts.first_contact_deg, np.nan)
-    a_deg, b_deg = first.copy(), first.copy()
+    closest_us, closest_m = conflicts.closest_us.copy(), conflicts.closest_m.copy()
+    error_m = conflicts.closest_error_m.copy()
+    a_deg, b_deg = conflicts.closest_a_deg.copy(), conflicts.closest_b_deg.copy()
     place = np.full(objects.shape[1], -1)
     place[asked] = np.arange(len(asked))
     mine = np.flatnonzero(place[known_number] >= 0)
     theirs = place[known_number[mine]]
     closest_us[mine], closest_m[mine] = nearest.at_us[theirs], nearest.distance_m[theirs]
-    error_m[mine] = nearest.error_m[theirs]
+    error_m[mine] = error[theirs]
     a_deg[mine], b_deg[mine] = nearest_a_deg[theirs], nearest_b_deg[theirs]
     of_conflicts = replace(
         conflicts,
@@ -98,8 +111,20 @@ def with_closest_approaches(
         time_error_s=np.zeros(len(more)),
         closest_us=nearest.at_us[more],
         closest_m=nearest.distance_m[more],
-        closest_error_m=nearest.error_m[more],
+        closest_error_m=error[more],
         closest_a_deg=nearest_a_deg[more],
         closest_b_deg=nearest_b_deg[more],
     )
     return Conflicts.concatenate([of_conflicts, only_near])
+
+
+def _contact_times(contacts: Contacts, n: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return when contacts of n pairs of pieces begin and end, seconds, (n,) each, and whether any of them touches.
+
+    Without contacts the end is before the start.
+    """
+    first_s, last_s, touches = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n, np.bool_)
+    np.minimum.at(first_s, contacts.pair, contacts.start_s)
+    np.maximum.at(last_s, contacts.pair, contacts.end_s)
+    touches[contacts.pair[contacts.touches]] = True
+    return first_s, last_s, touches

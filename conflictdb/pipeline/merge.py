@@ -7,7 +7,7 @@ from conflictdb import kernel
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -16,7 +16,7 @@ from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import object_keys, ordered_members
 from conflictdb.pipeline.regions import regions_of
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
-from conflictdb.results import Verdict
+from conflictdb.results import Kind, Verdict
 from conflictdb.stage4.meeting import meeting_points
 
 
@@ -31,7 +31,7 @@ def merged_by_object(
     regions: bool = False,
     threads: int = 1,
 ) -> Conflicts:
-    """Return one row per pair of objects with a contact; closest approaches are still missing.
+    """Return one row per pair of objects with a contact; closest approaches are still missing but of what meets.
 
     prepared : the pieces of the pairs
     footprints : asked for whole areas where contacts are shallow in all parts of one
@@ -42,14 +42,14 @@ def merged_by_object(
     a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
     shared_start, shared_end = pieces.shared_span(pairs.a, pairs.b)
     start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
-    objects, group = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)
+    objects, group_of = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)
     n = objects.shape[1]
     # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
     meet = np.zeros(n, np.bool_)
-    meet[group[contacts.touches]] = True
-    told = np.flatnonzero(contacts.touches | ~meet[group] | (contacts.verdict == Verdict.UNRESOLVED.code))
-    order = told[np.lexsort((end[told], start[told], group[told]))]
-    group = group[order]
+    meet[group_of[contacts.touches]] = True
+    told = np.flatnonzero(contacts.touches | ~meet[group_of] | (contacts.verdict == Verdict.UNRESOLVED.code))
+    order = told[np.lexsort((end[told], start[told], group_of[told]))]
+    group = group_of[order]
     bounds = np.searchsorted(group, np.arange(n + 1))
     earliest = order[bounds[:-1]]
     period_us, period_offset, time_error_s = _periods(group, start[order], end[order], contacts.error_s[order], n)
@@ -57,7 +57,7 @@ def merged_by_object(
     has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     has_conflict[group[contacts.verdict[order] == Verdict.CONFLICT.code]] = True
     has_open[group[contacts.verdict[order] == Verdict.UNRESOLVED.code]] = True
-    shallow = np.flatnonzero(~has_conflict & ~has_open)
+    shallow = np.flatnonzero(~has_conflict & ~has_open & meet & _has_parts(pieces, a, b, group_of, n))
     contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow.tolist()]
     contacts_of = [rows[contacts.touches[rows]] for rows in contacts_of]
     for k, (deep, is_unknown) in isolated(
@@ -71,6 +71,18 @@ def merged_by_object(
     ):
         has_conflict[shallow[k]], has_open[shallow[k]] = deep, is_unknown
 
+    verdict = np.select(
+        [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
+    )
+    first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest)
+    # Objects that meet for certain are closest when they first do.
+    doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
+    meet[group_of[doubtful]] = False
+    meet = (
+        (has_conflict | (meet & ~has_open)) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
+    )
+    nothing = np.where(meet, 0.0, np.nan)
+    place = np.where(meet[:, None], first_contact_deg, np.nan)
     member_a, member_b = a[earliest], b[earliest]
     return Conflicts(
         a_kind=pieces.kind[member_a],
@@ -81,16 +93,14 @@ def merged_by_object(
         b_version=pieces.version[member_b],
         period_us=period_us,
         period_offset=period_offset,
-        verdict=np.select(
-            [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
-        ).astype(np.int8),
-        first_contact_deg=_first_contacts(scene, prepared, pairs, contacts, earliest),
+        verdict=verdict.astype(np.int8),
+        first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
-        closest_us=np.full(n, SINCE_EVER_US),
-        closest_m=np.full(n, np.nan),
-        closest_error_m=np.full(n, np.nan),
-        closest_a_deg=np.full((n, 2), np.nan),
-        closest_b_deg=np.full((n, 2), np.nan),
+        closest_us=np.where(meet, period_us[period_offset[:-1], 0], SINCE_EVER_US),
+        closest_m=nothing,
+        closest_error_m=nothing,
+        closest_a_deg=place,
+        closest_b_deg=place,
         region=regions_of(
             scene,
             plane,
@@ -105,6 +115,22 @@ def merged_by_object(
         if regions
         else None,
     )
+
+
+def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
+    """Return (n,) whether contacts of a group are with several parts of one area.
+
+    What is deeper in an area than in any of its parts is within the tolerance of two of them: both have a contact.
+
+    a, b : (m,) the pieces of each contact
+    group : (m,) the pair of objects that it is of
+    """
+    several = np.zeros(n, np.bool_)
+    for member in (a, b):
+        contact = np.flatnonzero(pieces.kind[member] == Kind.AREA.code)
+        parts = np.unique(group[contact] * len(pieces) + member[contact])
+        several |= np.bincount(parts // max(len(pieces), 1), minlength=n) > 1
+    return several
 
 
 def _first_contacts(

@@ -49,38 +49,42 @@ def deep_in_whole_areas(
     members = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair])
     every = np.concatenate(members)
     numbers = np.unique(pieces.object_id[every[pieces.kind[every] == Kind.AREA.code]])
-    wholes = planar(plane, footprints(numbers)) if len(numbers) else np.empty(0, dtype=object)
-    cores = np.array([_core(scene, plane, whole) for whole in wholes], dtype=object)
-    shapely.prepare(cores)
+    is_deep = np.zeros(len(contacts_of), np.bool_)
+    if not len(numbers):
+        return is_deep
+    cores = _cores(scene, plane, planar(plane, footprints(numbers)))
     zero, _ = pieces.shared_span(*members)
     moves = np.isfinite(contacts.end_s[rows])
     first, last = (np.where(moves, ends[rows], 0.0) for ends in (contacts.start_s, contacts.end_s))
-    is_deep = np.zeros(len(contacts_of), np.bool_)
-    for share in _SHARES:
-        at = (1.0 - share) * first + share * last
-        for area, other in (members, members[::-1]):
-            asked = np.flatnonzero((pieces.kind[area] == Kind.AREA.code) & ~is_deep[owner])
-            mine = cores[np.searchsorted(numbers, pieces.object_id[area[asked]])]
-            reaches = _meet(mine, plane, _polygons(prepared, PieceRows(other[asked]), at[asked], zero[asked]))
-            is_deep[owner[asked[reaches]]] = True
+    at = np.concatenate([(1.0 - share) * first + share * last for share in _SHARES])
+    for area, other in (members, members[::-1]):
+        asked = np.flatnonzero(np.tile(pieces.kind[area] == Kind.AREA.code, len(_SHARES)))
+        row = asked % len(rows)
+        mine = cores[np.searchsorted(numbers, pieces.object_id[area[row]])]
+        reaches = _meet(mine, plane, _polygons(prepared, PieceRows(other[row]), at[asked], zero[row]))
+        is_deep[owner[row[reaches]]] = True
     return is_deep
 
 
-def _core(scene: Scene, plane: Plane, whole: shapely.Geometry) -> shapely.Geometry:
-    """Return what of an area in the plane is deeper than the tolerance."""
-    if whole.is_empty:
-        return whole
-    corners = np.array(whole.bounds).reshape(2, 2).T[:, :, None]
-    margin = max(scene.tolerance_m, TOUCH_M) * float(plane.largest_scale(corners)[0])
-    return shapely.buffer(whole, -margin, join_style="mitre")
+def _cores(scene: Scene, plane: Plane, wholes: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return (n,) what of areas in the plane is deeper than the tolerance."""
+    corners = np.nan_to_num(shapely.bounds(wholes)).reshape(-1, 2, 2).transpose(2, 1, 0)
+    margin = max(scene.tolerance_m, TOUCH_M) * plane.largest_scale(corners)
+    cores = shapely.buffer(wholes, -margin, join_style="mitre")
+    shapely.prepare(cores)
+    return np.asarray(cores)
 
 
 def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_]) -> NDArray[np.bool_]:
     """Return (n,) whether geometries of the plane meet, a turn apart or not."""
-    meet = np.zeros(len(cores), np.bool_)
-    for turn in (-1, 0, 1) if plane.turn_m else (0,):
-        away = np.array([turn * plane.turn_m, 0.0])
-        meet |= shapely.intersects(cores, shapely.transform(polygons, lambda xy, away=away: xy + away))
+    meet = np.asarray(shapely.intersects(cores, polygons))
+    west, _, east, _ = shapely.bounds(polygons).T
+    first, _, last, _ = shapely.bounds(cores).T
+    for away in (-plane.turn_m, plane.turn_m) if plane.turn_m else ():
+        near = np.flatnonzero((west + away <= last) & (first <= east + away) & ~meet)
+        if near.size:
+            moved = shapely.transform(polygons[near], lambda xy, away=away: xy + np.array([away, 0.0]))
+            meet[near] = shapely.intersects(cores[near], moved)
     return meet
 
 

@@ -15,6 +15,10 @@ TOUCH_M: Final = 5e-8
 # measured along geodesics, which is slower.
 SHORT_M: Final = 1e-3
 
+# Of what is only within the tolerance the least distance is told to this share of the tolerance: with less, such pairs
+# cost more than others; with more, it says little more than that they are.
+APPROACH_SHARE: Final = 0.1
+
 # --- Arrays ----------------------------------------------------------------------------------------------------------
 
 # None of these changes an answer: they keep arrays within memory and the processor's cache.

@@ -198,13 +198,15 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);
+    double *aim = block(groups, 8);
     double *place_a = block(2 * groups, 8), *place_b = block(2 * groups, 8);
     group_offset[0] = 0, group_offset[groups] = below(20 * odd) ? m : instant(-2, 50, 2);
     for (int64_t g = 1; g < groups; g++) group_offset[g] = below(20 * odd) ? g * m / groups : instant(-2, 50, 2);
     for (int64_t g = 0; g < groups; g++) wanted[g] = below(2) ? INFINITY : number(0.0, 1e7, odd);
-    KernelGroups in_groups = {groups, group_offset, wanted};
+    for (int64_t g = 0; g < groups; g++) aim[g] = below(2) ? 0.0 : number(0.0, 1e5, odd);
+    KernelGroups in_groups = {groups, group_offset, wanted, aim};
     calls[kernel_approaches(scene, &pairs, &in_groups, closest, at, apart, doubt, place_a, place_b, &work)]++;
-    void *of_groups[] = {group_offset, closest, wanted, at, apart, doubt, place_a, place_b};
+    void *of_groups[] = {group_offset, closest, wanted, aim, at, apart, doubt, place_a, place_b};
     for (size_t i = 0; i < sizeof of_groups / sizeof *of_groups; i++) free(of_groups[i]);
     free(degrees);
     int64_t slots = 1;

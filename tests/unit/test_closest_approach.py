@@ -86,12 +86,13 @@ class Given:
         self.a, self.b, self.start_us, self.span_s = (x[rows] for x in (self.a, self.b, self.start_us, self.span_s))
         return self
 
-    def closest(self, offset: Any = None, wanted_m: float = np.inf, threads: int = 1) -> Closest:
+    def closest(self, offset: Any = None, wanted_m: float = np.inf, threads: int = 1, aim_m: float = 0.0) -> Closest:
         """The closest approach of each pair by itself, or of groups."""
         offset = np.arange(len(self.a) + 1) if offset is None else np.asarray(offset)
         columns = self.a, self.b, self.start_us, np.zeros(len(self.a)), self.span_s
-        wanted = np.full(len(offset) - 1, wanted_m)
-        return closest(self.held, *columns, offset, wanted, kernel.Work(), threads)
+        wanted, aim = np.full(len(offset) - 1, wanted_m), np.full(len(offset) - 1, aim_m)
+        self.work = kernel.Work()
+        return closest(self.held, *columns, offset, wanted, aim, self.work, threads)
 
     def distances(self, at_s: Floats) -> Floats:
         """Distances (n, k) at instants (n, k)."""
@@ -225,9 +226,9 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     pieces = pieces_of(scene, plane, AreaBatch.of(standing), TrackBatch.of(moving))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     objects, group = np.unique(object_keys(pieces, pairs.a, pairs.b), axis=1, return_inverse=True)
-    found = approaches(
-        kernel.Scene(plane.kernel_plane, pieces), pairs, group, np.full(objects.shape[1], scene.nearest_m)
-    )
+    always = np.zeros(len(group)), np.full(len(group), np.inf)
+    wanted, aim = np.full(objects.shape[1], scene.nearest_m), np.zeros(objects.shape[1])
+    found = approaches(kernel.Scene(plane.kernel_plane, pieces), pairs, *always, group, wanted, aim)
     number = {tuple(column): k for k, column in enumerate(objects.T.tolist())}
     for row in golden()[case]:
         k = number[tuple(int(row[key]) for key in ("a_kind", "a_id", "b_kind", "b_id"))]
@@ -361,6 +362,24 @@ def test_nothing_is_told_of_what_is_further_than_wanted() -> None:
     np.testing.assert_allclose(some.distance_m[~far], everything.distance_m[~far], atol=1e-3)
 
 
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, GROWING_CIRCLES], ids=lambda w: w.name)
+def test_a_distance_that_need_not_be_known_well_takes_less_work_and_is_not_far_off(workload: Workload) -> None:
+    """At the instant told it is the distance told, and nowhere less than the bound, which is as good as asked for."""
+    given = Given.of(workload, 7, 12, EarthModel.SPHERE, nearest_m=1e5).some(200)
+    fine = given.closest()
+    windows = given.work.windows
+    for aim_m in (1.0, 1e2, 1e4):
+        found = given.closest(aim_m=aim_m)
+        assert given.work.windows < windows
+        windows = given.work.windows
+        then = given.distances(found.at_s[:, None])[:, 0]
+        np.testing.assert_array_less(np.abs(then - found.distance_m), 1e-6 + 1e-9 * then)
+        np.testing.assert_array_less(found.error_m, np.maximum(aim_m, 1.1 * fine.error_m) + 0.01)
+        np.testing.assert_array_less(fine.distance_m - fine.error_m - 1e-6, found.distance_m)
+        np.testing.assert_array_less(found.distance_m - found.error_m, fine.distance_m + 1e-6)
+        assert (found.distance_m > fine.distance_m + 0.1 * aim_m).any()
+
+
 def test_the_first_touch_is_found_though_a_later_one_is_seen_first() -> None:
     """A reef of a few metres on the way to a large one, passed in seconds of an hour."""
     degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
@@ -395,7 +414,9 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
     own = np.array([np.flatnonzero((pieces.object_id == k) & (pieces.turn == 0))[0] for k in range(len(tracks) + 1)])
     a, b = PieceRows(np.full(len(tracks), own[0])), PieceRows(own[1:])
     pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
-    found = approaches(kernel.Scene(plane.kernel_plane, pieces), pairs, np.arange(len(a)), np.full(len(a), np.inf))
+    zero = np.zeros(len(a))
+    held = kernel.Scene(plane.kernel_plane, pieces)
+    found = approaches(held, pairs, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero)
     assert (np.abs(found.distance_m - expected) <= found.error_m + 1e-6).all()
     assert (found.at_s == 0.0).all()
     between = geod.inv(*found.a_deg.T, *found.b_deg.T)[2]

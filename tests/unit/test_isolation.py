@@ -149,9 +149,9 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
     expected = answer(scene)
     approaches = closest_approaches.approaches
 
-    def lost(prepared: kernel.Scene, pairs: Any, group: Any, wanted_m: Any, threads: int) -> Any:
+    def lost(prepared: kernel.Scene, *given: Any) -> Any:
         none = replace(prepared.pieces, shape_xy=np.nan * prepared.pieces.shape_xy)
-        return approaches(kernel.Scene(plane_of(scene).kernel_plane, none), pairs, group, wanted_m, threads)
+        return approaches(kernel.Scene(plane_of(scene).kernel_plane, none), *given)
 
     monkeypatch.setattr(closest_approaches, "approaches", lost)
     found = answer(scene)
@@ -163,9 +163,11 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_depth_that_cannot_be_found_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    areas = [area("A", 4.0), area("B", 4.5)]  # side by side: grazing
+    # Side by side: grazing. One has a dent, and so several parts.
+    corners = [(4.5, 57.0), (4.5, 57.5), (4.0, 57.5), (4.3, 57.25), (4.0, 57.0)]
+    areas = [Area("A", shapely.MultiPolygon([shapely.Polygon(corners)])), area("B", 4.5)]
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.GRAZING]
-    monkeypatch.setattr(whole_areas, "_core", failing_for(whole_areas._core, lambda *_: True))
+    monkeypatch.setattr(whole_areas, "_cores", failing_for(whole_areas._cores, lambda *_: True))
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.UNRESOLVED]
 
 
