@@ -28,6 +28,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -132,6 +133,10 @@ class Scenes:
         found = [throw(workload, seed, objects, objects, earth) for seed in range(scenes)]
         return cls(replace(found[0][0], tolerance_m=0.0), [(areas, tracks) for _, areas, tracks in found])
 
+    @cached_property
+    def _footprints(self) -> NDArray[np.object_]:
+        return AreaBatch.of([area for areas, _ in self.thrown for area in areas]).footprint
+
     def batch(self, tolerance_m: float) -> tuple[Pieces, Pairs]:
         """Return all pieces, and the pairs of them with a track that stages 1 and 2 leave, within each scene."""
         scene = replace(self.scene, tolerance_m=tolerance_m)
@@ -154,7 +159,7 @@ class Scenes:
 
     def footprints(self, numbers: NDArray[np.int64]) -> NDArray[np.object_]:
         """Return the footprints of some areas by number."""
-        return AreaBatch.of([area for areas, _ in self.thrown for area in areas]).footprint[numbers]
+        return self._footprints[numbers]
 
     def truth(self, count: int) -> dict[Pair, oracle.Meeting]:
         """Return what brute force says of every pair with a track in the first scenes."""

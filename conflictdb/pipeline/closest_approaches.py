@@ -12,52 +12,64 @@ from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.pieces.covers import is_covered
-from conflictdb.pipeline.object_pairs import object_keys, ordered_members
+from conflictdb.pipeline.object_pairs import numbered, object_keys, ordered_members
 from conflictdb.results import Verdict
 from conflictdb.stage4.closest_approach import approaches
 from conflictdb.stage4.constants import APPROACH_SHARE, TOUCH_M
 
 
 def with_closest_approaches(
-    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, conflicts: Conflicts, threads: int = 1
+    scene: Scene,
+    prepared: kernel.Scene,
+    pairs: Pairs,
+    contacts: Contacts,
+    conflicts: Conflicts,
+    work: kernel.Work,
+    threads: int = 1,
 ) -> Conflicts:
     """Return the conflicts with their closest approach, and the pairs that come near without conflict.
 
     prepared : the pieces of the pairs
     contacts : all that were found of the pairs
     conflicts : what they were merged into
+    work : counts what is done
     threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces
-    first_s, last_s, touches = _contact_times(contacts, len(pairs))
-    seen = PairRows(np.flatnonzero(~is_covered(pieces, pairs)))
-    pairs, first_s, last_s, touches = pairs.take(seen), first_s[seen], last_s[seen], touches[seen]
     meets = conflicts.closest_m == 0.0
+    if scene.nearest_m == 0.0 and meets.all():
+        return conflicts
+    first_s, last_s, touches = _contact_times(contacts, len(pairs))
+    likely = ~is_covered(pieces, pairs)
     a, b, swapped = ordered_members(pieces, pairs)
     if scene.nearest_m == 0.0:
-        # At most the pairs of conflicts are asked for.
-        known_members = np.isin(pieces.object_id[a], conflicts.a_id[~meets])
-        known_members &= np.isin(pieces.object_id[b], conflicts.b_id[~meets])
-        likely = PairRows(np.flatnonzero(known_members))
-        pairs, swapped, a, b = pairs.take(likely), swapped[likely], PieceRows(a[likely]), PieceRows(b[likely])
-        first_s, last_s, touches = first_s[likely], last_s[likely], touches[likely]
+        # At most the pairs of conflicts are asked for; where these are decided, those in contact.
+        if not (conflicts.verdict == Verdict.UNRESOLVED.code).any():
+            likely &= first_s <= last_s
+        likely &= np.isin(pieces.object_id[a], conflicts.a_id[~meets])
+        likely &= np.isin(pieces.object_id[b], conflicts.b_id[~meets])
+    asked_of = PairRows(np.flatnonzero(likely))
+    a, b, swapped = PieceRows(a[asked_of]), PieceRows(b[asked_of]), swapped[asked_of]
+    first_s, last_s, touches = first_s[asked_of], last_s[asked_of], touches[asked_of]
     known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
-    keys = np.concatenate([known, object_keys(pieces, a, b)], axis=1)
-    objects, number = np.unique(keys, axis=1, return_inverse=True)
+    number, n = numbered(np.concatenate([known, object_keys(pieces, a, b)], axis=1))
     known_number, number = number[: len(conflicts)], number[len(conflicts) :]
 
-    wanted = np.full(objects.shape[1], scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
+    wanted = np.full(n, scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
     wanted[known_number] = np.where(meets, -np.inf, np.inf)
     # What is decided is closest during a contact: else it is further apart than wanted, or by more than the tolerance.
-    decided, aim = np.zeros(objects.shape[1], np.bool_), np.zeros(objects.shape[1])
+    decided, aim = np.zeros(n, np.bool_), np.zeros(n)
     decided[known_number] = conflicts.verdict != Verdict.UNRESOLVED.code
     aim[known_number[conflicts.verdict == Verdict.GRAZING.code]] = APPROACH_SHARE * scene.tolerance_m
     during = decided[number]
     rows = PairRows(np.flatnonzero((wanted[number] >= 0.0) & (~during | (first_s <= last_s))))
     asked, group = np.unique(number[rows], return_inverse=True)
-    candidates = pairs.take(rows)
+    # In the order of their keys, as everywhere.
+    one, other = pairs.a[asked_of[rows]], pairs.b[asked_of[rows]]
     times = np.where(during, first_s, 0.0)[rows], np.where(during, last_s, np.inf)[rows]
-    nearest = approaches(prepared, candidates, *times, group, wanted[asked], aim[asked], threads)
+    nearest = approaches(
+        prepared, PieceRows(one), PieceRows(other), *times, group, wanted[asked], aim[asked], work, threads
+    )
     # No nearer than this at all other times.
     elsewhere = np.where(decided[asked], scene.separation_m + scene.tolerance_m, np.inf)
     np.minimum.at(elsewhere, group, np.where(during & touches, scene.separation_m, np.inf)[rows])
@@ -70,7 +82,7 @@ def with_closest_approaches(
     closest_us, closest_m = conflicts.closest_us.copy(), conflicts.closest_m.copy()
     error_m = conflicts.closest_error_m.copy()
     a_deg, b_deg = conflicts.closest_a_deg.copy(), conflicts.closest_b_deg.copy()
-    place = np.full(objects.shape[1], -1)
+    place = np.full(n, -1)
     place[asked] = np.arange(len(asked))
     mine = np.flatnonzero(place[known_number] >= 0)
     theirs = place[known_number[mine]]
@@ -86,14 +98,16 @@ def with_closest_approaches(
         closest_b_deg=b_deg,
     )
 
-    is_known = np.zeros(objects.shape[1], np.bool_)
+    is_known = np.zeros(n, np.bool_)
     is_known[known_number] = True
     # Infinite: further apart than asked. NaN: not to be found, so that they may come as near as anything.
     more = np.flatnonzero(~is_known[asked] & ~np.isinf(nearest.distance_m))
+    if not more.size:
+        return of_conflicts
     lost = np.isnan(nearest.distance_m[more])
     pair = PairRows(rows[np.unique(group, return_index=True)[1][more]])
     member_a, member_b = a[pair], b[pair]
-    start, end = pieces.shared_span(candidates.a, candidates.b)
+    start, end = pieces.shared_span(PieceRows(a[rows]), PieceRows(b[rows]))
     first_us, last_us = np.full(len(asked), FOR_EVER_US), np.full(len(asked), SINCE_EVER_US)
     np.minimum.at(first_us, group, start)
     np.maximum.at(last_us, group, end)

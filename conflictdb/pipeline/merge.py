@@ -13,7 +13,7 @@ from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
-from conflictdb.pipeline.object_pairs import object_keys, ordered_members
+from conflictdb.pipeline.object_pairs import numbered, object_keys, ordered_members
 from conflictdb.pipeline.regions import regions_of
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
 from conflictdb.results import Kind, Verdict
@@ -42,8 +42,7 @@ def merged_by_object(
     a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
     shared_start, shared_end = pieces.shared_span(pairs.a, pairs.b)
     start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
-    objects, group_of = np.unique(object_keys(pieces, a, b), axis=1, return_inverse=True)
-    n = objects.shape[1]
+    group_of, n = numbered(object_keys(pieces, a, b))
     # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
     meet = np.zeros(n, np.bool_)
     meet[group_of[contacts.touches]] = True

@@ -26,6 +26,17 @@ def object_keys(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]
     return np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
 
 
+def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Return (n,) numbers of columns (k, n), the same for equal ones, in their order; and how many there are."""
+    order = np.lexsort(keys[::-1])
+    along = keys[:, order]
+    is_new = np.ones(len(order), np.bool_)
+    is_new[1:] = (along[:, 1:] != along[:, :-1]).any(axis=0)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(is_new) - 1
+    return number, int(np.count_nonzero(is_new))
+
+
 def object_numbers(pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) one number for the object of each piece, in the order of kinds, then ids."""
     return (pieces.kind.astype(np.int64) << 62) | pieces.object_id

@@ -138,7 +138,7 @@ def run_stages(
     funnel.met_pairs = len(np.unique(found.pair))
     conflicts = merged_by_object(scene, plane, prepared, pairs, found, footprints, regions=regions, threads=jobs)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, prepared, pairs, found, conflicts, threads=jobs)
+        conflicts = with_closest_approaches(scene, prepared, pairs, found, conflicts, funnel.effort.exact, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
     return conflicts, funnel
 

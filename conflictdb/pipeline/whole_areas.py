@@ -56,13 +56,13 @@ def deep_in_whole_areas(
     zero, _ = pieces.shared_span(*members)
     moves = np.isfinite(contacts.end_s[rows])
     first, last = (np.where(moves, ends[rows], 0.0) for ends in (contacts.start_s, contacts.end_s))
-    at = np.concatenate([(1.0 - share) * first + share * last for share in _SHARES])
-    for area, other in (members, members[::-1]):
-        asked = np.flatnonzero(np.tile(pieces.kind[area] == Kind.AREA.code, len(_SHARES)))
-        row = asked % len(rows)
-        mine = cores[np.searchsorted(numbers, pieces.object_id[area[row]])]
-        reaches = _meet(mine, plane, _polygons(prepared, PieceRows(other[row]), at[asked], zero[row]))
-        is_deep[owner[row[reaches]]] = True
+    # Either member may be the area, and is looked at at several instants.
+    areas = np.flatnonzero(pieces.kind[every] == Kind.AREA.code)
+    asked, share = np.tile(areas, len(_SHARES)), np.repeat(_SHARES, len(areas))
+    row, other = asked % len(rows), PieceRows(np.concatenate(members[::-1])[asked])
+    at = (1.0 - share) * first[row] + share * last[row]
+    mine = cores[np.searchsorted(numbers, pieces.object_id[every[asked]])]
+    is_deep[owner[row[_meet(mine, plane, _polygons(prepared, other, at, zero[row]))]]] = True
     return is_deep
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import kernel
-from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.approach import closest
@@ -39,12 +39,14 @@ class Approaches:
 
 def approaches(
     prepared: kernel.Scene,
-    pairs: Pairs,
+    a: PieceRows,
+    b: PieceRows,
     first_s: Floats,
     last_s: Floats,
     group: NDArray[np.int64],
     wanted_m: Floats,
     aim_m: Floats,
+    work: kernel.Work,
     threads: int = 1,
 ) -> Approaches:
     """Return how close pairs of objects come during times, of what they share.
@@ -52,21 +54,23 @@ def approaches(
     Both ends of a time count, also one that does not belong to it: the distance tends to what it is there.
 
     prepared : the pieces of the pairs
+    a, b : (n,) the pieces of each pair
     first_s, last_s : (n,) the times, seconds after the start of what the pieces share; may end after that
     group : (n,) of which pair of objects each pair of pieces is
     wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
     aim_m : (g,) how well the distance needs to be known, metres; 0: as well as it can be
+    work : counts what is done
     threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces
     order = np.argsort(group, kind="stable")
-    a, b = PieceRows(pairs.a[order]), PieceRows(pairs.b[order])
+    a, b = PieceRows(a[order]), PieceRows(b[order])
     start_us, end_us = pieces.shared_span(a, b)
     still = (pieces.kind[a] == Kind.AREA.code) & (pieces.kind[b] == Kind.AREA.code)
     span_s = np.where(still, 0, end_us - np.where(still, end_us, start_us)) / 1e6
     offset = np.searchsorted(group[order], np.arange(len(wanted_m) + 1))
     low_s, high_s = np.clip(first_s[order], 0.0, span_s), np.clip(last_s[order], 0.0, span_s)
-    found = closest(prepared, a, b, start_us, low_s, high_s, offset, wanted_m, aim_m, kernel.Work(), threads)
+    found = closest(prepared, a, b, start_us, low_s, high_s, offset, wanted_m, aim_m, work, threads)
     known = np.flatnonzero(found.pair >= 0)
     pair, at_us = np.full(len(wanted_m), -1), np.full(len(wanted_m), SINCE_EVER_US)
     pair[known] = order[found.pair[known]]

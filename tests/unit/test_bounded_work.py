@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from verdicts import periods_us
+from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -16,6 +17,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
 from conflictdb.pipeline import whole_areas
 from conflictdb.pipeline.object_pairs import company_of
+from conflictdb.pipeline.run import run_stages
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4.contacts import GRAZING, contacts
@@ -78,6 +80,27 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
     found, effort = contacts(scene, plane_of(scene), prepared, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == {GRAZING}
     assert MAX_INTERVALS < effort.exact.windows < 4 * MAX_INTERVALS
+
+
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
+def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) -> None:
+    """Closest approaches counted: what only comes within the tolerance is asked no more than the tolerance allows."""
+    taken = []
+    for tolerance_m in (0.0, 0.01, 1.0, 10.0, 100.0, 1000.0):
+        work, pairs, close = 0, 0, 0
+        for seed in range(12):
+            scene, areas, tracks = throw(workload, seed, 10, 10, tolerance_m=tolerance_m)
+            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+            found = intersections(pieces, *candidates(pieces), regions=False)
+            footprints = AreaBatch.of(areas).footprint
+            conflicts, funnel = run_stages(scene, plane_of(scene), pieces, found, footprints.__getitem__)
+            work += funnel.effort.exact.windows + funnel.effort.exact.evaluations
+            pairs += funnel.solved_pairs
+            close += int((conflicts.closest_m > 0.0).sum())
+            assert (conflicts.closest_error_m <= 0.1 * tolerance_m + 1e-3).all()
+        taken.append(work / pairs)
+    assert close >= 1
+    assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.1
 
 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:

@@ -35,7 +35,6 @@ from workloads import (
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel import build
@@ -228,7 +227,9 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     objects, group = np.unique(object_keys(pieces, pairs.a, pairs.b), axis=1, return_inverse=True)
     always = np.zeros(len(group)), np.full(len(group), np.inf)
     wanted, aim = np.full(objects.shape[1], scene.nearest_m), np.zeros(objects.shape[1])
-    found = approaches(kernel.Scene(plane.kernel_plane, pieces), pairs, *always, group, wanted, aim)
+    found = approaches(
+        kernel.Scene(plane.kernel_plane, pieces), pairs.a, pairs.b, *always, group, wanted, aim, kernel.Work()
+    )
     number = {tuple(column): k for k, column in enumerate(objects.T.tolist())}
     for row in golden()[case]:
         k = number[tuple(int(row[key]) for key in ("a_kind", "a_id", "b_kind", "b_id"))]
@@ -413,10 +414,9 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
     pieces = pieces_of(scene, plane, AreaBatch.of([]), TrackBatch.of([here, *tracks]))
     own = np.array([np.flatnonzero((pieces.object_id == k) & (pieces.turn == 0))[0] for k in range(len(tracks) + 1)])
     a, b = PieceRows(np.full(len(tracks), own[0])), PieceRows(own[1:])
-    pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
     zero = np.zeros(len(a))
     held = kernel.Scene(plane.kernel_plane, pieces)
-    found = approaches(held, pairs, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero)
+    found = approaches(held, a, b, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero, kernel.Work())
     assert (np.abs(found.distance_m - expected) <= found.error_m + 1e-6).all()
     assert (found.at_s == 0.0).all()
     between = geod.inv(*found.a_deg.T, *found.b_deg.T)[2]

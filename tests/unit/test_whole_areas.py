@@ -7,6 +7,7 @@ import pytest
 import scenes
 import shapely
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
@@ -43,5 +44,7 @@ def test_a_point_along_the_seam_of_two_strips(lat: float, tolerance_m: float, is
     both = np.full(2, 900.0), np.full(2, 2700.0), np.zeros(2), np.full(2, GRAZING, np.int8), np.ones(2, np.bool_)
     contacts = Contacts(np.arange(2), *both)
     whole = np.array([shapely.union(SOUTH, NORTH)])
-    found = deep_in_whole_areas(scene, plane, pieces, pairs, contacts, [np.arange(2)], lambda numbers: whole[numbers])
+    prepared = kernel.Scene(plane.kernel_plane, pieces)
+    mine = [np.arange(2)]
+    found = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, mine, lambda numbers: whole[numbers])
     assert found.tolist() == [is_deep]
