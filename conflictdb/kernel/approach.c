@@ -118,7 +118,21 @@ static void bound_part(Search *search, int64_t i, double start, double end, doub
     push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
 }
 
+/* Whether a look at the middle of a pair's time is enough: the distance need not be known well, nor at its ends. */
+static bool is_known_by_middle(Search *search, Part *part) {
+    if (!is_coarse(search) || !(part->end > part->start)) return false;
+    meet(search, part->pair);
+    During during = approach_during(&search->pair, part->start, part->end, 0.0, 0.0, limit_of(search) - search->aim);
+    see(search, part->pair, 0.5 * (part->start + part->end), during.middle, 0.5 * (part->end - part->start));
+    part->bound = most(part->bound, during.bound);
+    return part->bound >= limit_of(search) - search->aim;
+}
+
 static void look_at_pair(Search *search, Part part) {
+    if (is_known_by_middle(search, &part)) {
+        finish(search, part);
+        return;
+    }
     double half = 0.5 * (part.end - part.start), first = distance_at(search, part.pair, part.start);
     see(search, part.pair, part.start, first, half);
     if (!(part.end > part.start)) {

@@ -313,6 +313,8 @@ def test_who_would_have_to_wait_looks_first() -> None:
 
 
 def test_what_is_dearer_is_not_said_to_save() -> None:
+    assert "window" not in said(7000.0, 14000.0, 6000.0)
+    assert "window" not in said(20.0, 40.0, 19.9)
     assert "window would cost 1.0 s more and report pairs" in said(1.0, 2.0, 3.0)
 
 
