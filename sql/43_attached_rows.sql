@@ -39,16 +39,27 @@ COMMENT ON FUNCTION _drifted_objects(bigint) IS
 CREATE OR REPLACE FUNCTION _is_compared(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce(p_attachment.compared_at + p_attachment.every > now(), false);
+    -- A clock may have been put back since: what seems far ahead says nothing.
+    SELECT coalesce(p_attachment.compared_at > now() - p_attachment.every
+                    AND p_attachment.compared_at < now() + p_attachment.every, false);
 END;
 COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether it is not time yet to compare all rows of an attachment.';
+
+CREATE OR REPLACE FUNCTION _has_just_failed(p_attachment attachment) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(p_attachment.failed_at > now() - interval '1 minute'
+                    AND p_attachment.failed_at < now() + interval '1 minute', false);
+END;
+COMMENT ON FUNCTION _has_just_failed(attachment) IS
+'Whether the rows of an attachment could not be read within the last minute, so that it is left alone.';
 
 CREATE OR REPLACE FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean) RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY SELECT a.attachment_id FROM attachment a
         WHERE a.scene_id = _scene_id(p_scene)
-          AND (p_try_again OR (a.failed_at > now() - interval '1 minute') IS NOT TRUE)
+          AND (p_try_again OR NOT _has_just_failed(a))
           AND (NOT _is_compared(a) OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
                OR EXISTS (SELECT FROM _drifted_objects(a.attachment_id)))
         ORDER BY a.attachment_id;

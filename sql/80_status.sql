@@ -109,7 +109,7 @@ BEGIN ATOMIC
           SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
-                AND (a.failed_at > now() - interval '1 minute') IS NOT TRUE) p
+                AND NOT _has_just_failed(a)) p
     JOIN scene s USING (scene_id)
     GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;

@@ -612,6 +612,9 @@ FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _has_just_failed(p_attachment attachment)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "041715a1ba2a642c236318822312b13be21089628ba1406c1a720ab2461a3d8e"
+routines_sha256 = "39ea6b603c7a02ca034ff92f78bb7cc4cc8c217e2dc23bee37f5e03982e949ea"
 
 # Of rows that are there already it is not known: the next detection of the pair writes them again.
 DIGEST = "ALTER TABLE conflictdb.conflict ADD COLUMN digest bigint NOT NULL DEFAULT 0"

@@ -7,7 +7,7 @@ import pytest
 from commands import STRAIT
 
 from conflictdb import connect
-from conflictdb.db import store
+from conflictdb.db import attached, store
 from conflictdb.db.detect import detect
 
 Conn = psycopg.Connection[Any]
@@ -82,3 +82,23 @@ def test_changes_of_attached_tables_wait_too(conn: Conn) -> None:
     conn.commit()
     ((scene, changes, attached),) = queue(conn, "scene, changes, attached_changes")
     assert (scene, changes, attached > 0) == ("s", 0, True)
+
+
+def test_no_clock_that_was_put_back_keeps_a_table_from_being_followed(conn: Conn) -> None:
+    """Whether it was last compared, or could not be read, far ahead of now."""
+    conn.execute("CREATE TABLE zone (id text PRIMARY KEY, shape geometry(Polygon, 4326))")
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    conn.execute(
+        "SELECT conflictdb.attach('s', 'area', 'zone', '{\"key\": \"id\", \"footprint\": \"shape\"}', '5 min')"
+    )
+    conn.commit()
+    attached.follow(conn, "s", again=True)
+    assert store.waiting_scenes(conn) == {}
+    conn.execute("UPDATE conflictdb.attachment SET compared_at = now() + interval '1 day'")
+    conn.commit()
+    assert list(store.waiting_scenes(conn)) == ["s"]
+    for ahead, left_alone in (("1 second", True), ("1 day", False)):
+        conn.execute("UPDATE conflictdb.attachment SET failed_at = now() + %s::interval, error = 'no luck'", [ahead])
+        conn.commit()
+        assert (store.waiting_scenes(conn) == {}) == left_alone
+        assert (store.attachments_to_follow(conn, "s", again=False) == []) == left_alone

@@ -1,0 +1,266 @@
+"""Two workers at work while processes, connections and the server are ended at random moments.
+
+Whatever happens: no change that was committed is lost, no conflict is missing or there twice, and the scene becomes
+current again by itself. Each round makes a change, ends something a random time later, and holds the answer that is
+current then to that of `solve`.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import shapely
+from own_server import OwnServer, own_server
+from verdicts import by_pair, solved
+from workloads import PAPER, throw
+
+from conflictdb.db import store
+from conflictdb.db.detect import detect
+from conflictdb.errors import ConflictDBError
+from conflictdb.model import Area, Scene, Track
+
+WORKERS = 2
+# A detection of one change begins and ends within this time after the change, on the whole.
+LONGEST_S = 0.25
+MOST_S = 60.0
+# Short, though long enough for what a worker does outside of a detection.
+LIMIT_MS = 300
+# Room for a server with one scene, and for some of the log of what is written.
+DISK_MB = 400
+
+
+@dataclass
+class Site:
+    """A server, a scene on it, and workers that keep it current.
+
+    areas : as they were last acknowledged, by key
+    """
+
+    server: OwnServer
+    log: Path
+    rng: random.Random
+    scene: Scene
+    areas: dict[str, Area]
+    tracks: list[Track]
+    workers: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
+
+    def start_worker(self) -> None:
+        words = ["--dsn", self.server.dsn, "worker", "--jobs", "1", "--every", "2s"]
+        with self.log.open("ab") as log:
+            self.workers.append(
+                subprocess.Popen([sys.executable, "-m", "conflictdb", *words], stdout=log, stderr=subprocess.STDOUT)
+            )
+
+    def change(self) -> None:
+        """Move one area; it is committed."""
+        key = self.rng.choice(sorted(self.areas))
+        by = self.rng.uniform(-0.1, 0.1)
+        moved = replace(
+            self.areas[key], footprint=shapely.transform(self.areas[key].footprint, lambda lonlat: lonlat + by)
+        )
+        with store.connect(self.server.dsn) as conn:
+            store.replace_scene(conn, self.scene, [moved], [], merge=True)
+        self.areas[key] = moved
+
+    def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
+        """Return the processes that serve workers, as soon as there is one: they may be about to connect again."""
+        end = time.monotonic() + MOST_S
+        query = "SELECT pid FROM pg_stat_activity WHERE application_name = %s"
+        while not (found := conn.execute(query, [store.WORKER_NAME]).fetchall()):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        return [pid for (pid,) in found]
+
+    def check(self) -> None:
+        """Wait until the scene is current; hold all of it to what was acknowledged, and to what is true of that."""
+        with psycopg.connect(self.server.dsn, autocommit=True) as conn:
+            conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
+            assert conn.execute("SELECT * FROM conflictdb.queue").fetchall() == []
+            twice = """SELECT object_kind, object_id, part, turn, span FROM conflictdb.piece
+                       GROUP BY 1, 2, 3, 4, 5 HAVING count(*) > 1"""
+            assert conn.execute(twice.encode()).fetchall() == []
+        with store.connect(self.server.dsn) as conn:
+            scene, areas, tracks = store.read_scene(conn, "s")
+            assert {area.key: area.footprint for area in areas} == {k: a.footprint for k, a in self.areas.items()}
+            rows = store.conflicts(conn, "s")
+        found, expected = by_pair(rows), solved(scene, areas, tracks)
+        assert len(found) == len(rows)
+        assert found.keys() == expected.keys()
+        for pair, answer in expected.items():
+            assert found[pair] == replace(answer, time_error_s=found[pair].time_error_s)
+        assert all(row.is_current for row in rows)
+
+    def check_in_full(self) -> None:
+        """Nothing is found by a detection in full that was not there."""
+        with store.connect(self.server.dsn) as conn:
+            run = detect(conn, "s", full=True, jobs=1)
+        assert (run.opened, run.changed, run.closed) == (0, 0, 0)
+        assert run.conflicts > 0
+
+
+@contextmanager
+def at_work(server: OwnServer, log: Path) -> Iterator[Site]:
+    """Two workers, and a scene that they have detected."""
+    scene, areas, tracks = throw(PAPER, 2, 16, 16)
+    rng = random.Random(7)  # noqa: S311
+    site = Site(server, log, rng, replace(scene, name="s"), {area.key: area for area in areas}, tracks)
+    with store.connect(server.dsn) as conn:
+        store.replace_scene(conn, site.scene, areas, tracks, merge=False)
+    try:
+        for _ in range(WORKERS):
+            site.start_worker()
+        site.check()
+        yield site
+    finally:
+        for worker in site.workers:
+            worker.kill()
+            worker.wait()
+
+
+@pytest.fixture(scope="module")
+def site(server_dsn: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Return a site of the module's own; that there is a server for tests makes sure that its programs are there."""
+    with own_server() as server, at_work(server, tmp_path_factory.mktemp("workers") / "log") as site:
+        yield site
+
+
+def kill_worker(site: Site) -> None:
+    victim = site.workers.pop(site.rng.randrange(len(site.workers)))
+    victim.kill()
+    victim.wait()
+    site.start_worker()
+
+
+def end_worker(site: Site) -> None:
+    victim = site.workers.pop(site.rng.randrange(len(site.workers)))
+    victim.send_signal(signal.SIGTERM)
+    assert victim.wait(5.0) in (0, 143)
+    site.start_worker()
+
+
+def kill_backend(site: Site) -> None:
+    """The server ends all other sessions too, and recovers."""
+    with psycopg.connect(site.server.dsn, autocommit=True) as conn:
+        (pid, *_) = site.backends(conn)
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(psycopg.OperationalError):
+            conn.execute("SELECT pg_sleep(60)")
+    site.server.await_answer()
+
+
+def crash_server(site: Site) -> None:
+    site.server.stop(signal.SIGQUIT)
+    site.server.start()
+
+
+def lose_connections(site: Site) -> None:
+    with psycopg.connect(site.server.dsn, autocommit=True) as conn:
+        for pid in site.backends(conn):
+            conn.execute("SELECT pg_terminate_backend(%s)", [pid])
+
+
+def limit_times(site: Site) -> None:
+    """Sessions that begin now have short limits, and a lock keeps the detection for longer than these."""
+    limits = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
+    waits = "SELECT FROM pg_stat_activity WHERE application_name = %s AND wait_event_type = 'Lock'"
+    with psycopg.connect(site.server.dsn, autocommit=True) as conn:
+        for name in limits:
+            conn.execute(f"ALTER DATABASE conflictdb SET {name} = '{LIMIT_MS}'".encode())
+        lose_connections(site)
+        with conn.transaction():
+            conn.execute("LOCK conflictdb.piece")
+            site.change()
+            end = time.monotonic() + MOST_S
+            while not conn.execute(waits, [store.WORKER_NAME]).rowcount:
+                assert time.monotonic() < end
+                conn.execute("SELECT pg_stat_clear_snapshot(), pg_sleep(0.05)")
+            conn.execute("SELECT pg_sleep(%s)", [2e-3 * LIMIT_MS])
+        conn.execute("ALTER DATABASE conflictdb RESET ALL")
+
+
+def put_clock_back(site: Site) -> None:
+    """All that was written, was written by a clock that was an hour ahead."""
+    with psycopg.connect(site.server.dsn) as conn:
+        conn.execute("UPDATE conflictdb.change SET changed_at = changed_at + interval '1 hour'")
+        for column in ("started_at", "finished_at"):
+            conn.execute(f"UPDATE conflictdb.run SET {column} = {column} + interval '1 hour'".encode())
+
+
+FAULTS = [kill_worker, end_worker, kill_backend, crash_server, lose_connections, limit_times, put_clock_back]
+
+
+def rounds(site: Site, fault: Callable[[Site], None], count: int) -> None:
+    for _ in range(count):
+        site.change()
+        time.sleep(site.rng.uniform(0.0, LONGEST_S))
+        fault(site)
+        site.check()
+    site.check_in_full()
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_scene_becomes_current_again(site: Site, fault: Callable[[Site], None]) -> None:
+    rounds(site, fault, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_scene_becomes_current_again_a_hundred_times(site: Site, fault: Callable[[Site], None]) -> None:
+    rounds(site, fault, 100)
+
+
+@pytest.fixture
+def small_disk() -> Iterator[Path]:
+    """Return a directory on a disk of its own, which soon is full."""
+    place = Path(tempfile.mkdtemp(prefix="conflictdb-disk-"))
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}m,mode=755", "tmpfs", place], capture_output=True, check=False
+    )
+    try:
+        if mounted.returncode:
+            pytest.skip(f"a full disk was not tried: no tmpfs can be mounted: {mounted.stderr.decode().strip()}")
+        yield place
+    finally:
+        if not mounted.returncode:
+            subprocess.run(["umount", place], check=True)
+        place.rmdir()
+
+
+def has_room(site: Site) -> bool:
+    """Make a change; return whether there was room for it."""
+    try:
+        site.change()
+    except ConflictDBError:
+        return False
+    return True
+
+
+@pytest.mark.slow
+def test_a_full_disk_loses_nothing(server_dsn: str, small_disk: Path, tmp_path: Path) -> None:
+    """Changes and detections fail while it is full, and the server may end; when there is room again all goes on."""
+    ballast = small_disk / "ballast"
+    with own_server(small_disk) as server, at_work(server, tmp_path / "log") as site:
+        for _ in range(5):
+            with suppress(OSError), ballast.open("wb", buffering=0) as file:
+                while True:
+                    file.write(bytes(2**16))
+            while has_room(site):
+                pass
+            time.sleep(site.rng.uniform(0.0, 4 * LONGEST_S))
+            ballast.unlink()
+            if not server.is_running():
+                server.start()
+            site.check()
+        site.check_in_full()
