@@ -18,24 +18,27 @@ LONGEST: Final = 2.9
 
 
 def error_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return by how much a true distance may exceed the one found less `overestimate_m`.
+    """Return by how much a true distance may exceed the one stated: that found less `_overestimate_m`.
 
-    Distances found may be too short by the rule for the mean radius, and so be that of a longer one, by 1 % at most.
+    Distances found may be too short by the rule for the mean radius, and so be that of a longer one, by 1 % at most;
+    and what is stated as so far may have been found further than `LONGEST`, and lessened by all that saves.
     """
-    return 1.01 * (overestimate_m(earth, distance_m) + _rule_error_m(earth, distance_m))
+    longest = LONGEST * (1.0 - 1.01 * earth.oblateness)
+    return 1.01 * (_overestimate_m(earth, distance_m, longest) + _rule_error_m(earth, distance_m))
 
 
-def overestimate_m(earth: Earth, distance_m: Floats | float) -> Floats:
+def _overestimate_m(earth: Earth, distance_m: Floats | float, longest: float) -> Floats:
     """Return by how much the distance found may exceed that of the shortest way.
 
     With c = ln(largest / least radius of the conformal sphere), which is also the largest d ln radius / d latitude: to
     second order, a way through smaller radii saves c^2 (2 tan(theta / 2) - theta) / 2 radians; twice that is taken. The
-    nearest place by the mean radius is another, by less than its rule is wrong.
+    nearest place by the mean radius is another, by less than its rule is wrong. Beyond so many radians no more is saved
+    than the largest radius is larger than the least.
     """
     c = earth.oblateness
     theta = np.asarray(distance_m / earth.polar_conformal_radius_m)
-    short = np.minimum(theta, LONGEST)
-    saved = np.where(theta <= LONGEST, c**2 * np.maximum(2.0 * np.tan(0.5 * short) - short, 0.0), 1.001 * c * theta)
+    short = np.minimum(theta, longest)
+    saved = np.where(theta <= longest, c**2 * np.maximum(2.0 * np.tan(0.5 * short) - short, 0.0), 1.001 * c * theta)
     return np.asarray(earth.radius_m * saved + 2.0 * _rule_error_m(earth, distance_m) + SOLVED_SHARE * distance_m)
 
 

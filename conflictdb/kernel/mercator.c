@@ -54,15 +54,18 @@ static double rule_error_m(const KernelPlane *earth, double distance_m) {
 }
 
 /* How much longer than the shortest way may be what is found as the least distance: a way that gives way to smaller
- * radii saves c^2 (2 tan(theta / 2) - theta) / 2 to second order, here doubled for the rest. */
-static double overstated_m(const KernelPlane *earth, double distance_m) {
+ * radii saves c^2 (2 tan(theta / 2) - theta) / 2 to second order, here doubled for the rest; beyond `longest` radians,
+ * no more than the largest radius is larger than the least. */
+static double overstated_m(const KernelPlane *earth, double distance_m, double longest) {
     double c = earth->oblateness, theta = distance_m / polar_radius_m(earth), saved = 1.001 * c * theta;
-    if (theta <= LONGEST) saved = c * c * most(2.0 * tan(0.5 * theta) - theta, 0.0);
+    if (theta <= longest) saved = c * c * most(2.0 * tan(0.5 * theta) - theta, 0.0);
     return earth->radius_m * saved + 2.0 * rule_error_m(earth, distance_m) + SOLVED_SHARE * distance_m;
 }
 
 double mercator_distance_error_m(const KernelPlane *plane, double distance_m) {
-    return 1.01 * (overstated_m(plane, distance_m) + rule_error_m(plane, distance_m));
+    /* What is stated as this far may have been found further than LONGEST, and lessened by all that saves. */
+    double longest = LONGEST * (1.0 - 1.01 * plane->oblateness);
+    return 1.01 * (overstated_m(plane, distance_m, longest) + rule_error_m(plane, distance_m));
 }
 
 /* The least distance of a vertex from an edge, where it is less than NEARBY in the plane; elsewhere too much. */
@@ -222,7 +225,7 @@ double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Pol
         search_all(plane, b, a, origin, &best, &floor, facing);
         found = least(floor, best);
     }
-    found -= overstated_m(plane, found);
+    found -= overstated_m(plane, found, LONGEST);
     return found < 0.0 ? 0.0 : found;
 }
 

@@ -34,7 +34,8 @@ OBJECTS: Final = 3  # areas, and as many tracks
 ROUNDING_US: Final = 3.0  # each answer is rounded outward to the microsecond, and leaves this much over
 # Coordinates are rounded to 3 nm, a distance on the earth to a millimetre in 100 km: of that a slow pair makes this.
 SEPARATION_US: Final = 1e5
-PLACE_M: Final = 0.1  # what a microsecond and rounding are worth at 2,000 kn, with room to spare
+PLACE_M: Final = 0.1  # what rounding is worth, with room to spare
+INSTANT_S: Final = 1e-6  # what instants are rounded to
 
 Pair = tuple[str, str]
 
@@ -116,7 +117,9 @@ def mirror(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 
     def track(one: Track) -> Track:
         turned = np.array([-1.0, 1.0]) if moves(one).any() else np.array([1.0, -1.0])
-        return replace(one, positions_deg=one.positions_deg * np.array([1.0, -1.0]), outline_m=one.outline_m * turned)
+        return with_outlines(
+            replace(one, positions_deg=one.positions_deg * np.array([1.0, -1.0])), lambda outlines: outlines * turned
+        )
 
     return changed(before, area, track), places(lambda lon, lat: (lon, -lat))
 
@@ -127,11 +130,21 @@ def shift_time(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 
 
 def reverse_time(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
-    """Tracks are sailed back, stern first. A loiter keeps the heading before it, another one then: such tracks go."""
+    """Tracks are sailed back, stern first. A loiter keeps the heading before it, another one then: such tracks go.
+
+    So do havens that grow from the start of the track on, for none shrink towards its end.
+    """
+
+    def backwards(outlines: np.ndarray) -> np.ndarray:
+        return outlines[::-1]
+
+    def astern(outlines: np.ndarray) -> np.ndarray:
+        return -outlines[::-1]
+
     tracks = [
-        replace(one, outline_m=-one.outline_m if moves(one).any() else one.outline_m)
+        with_outlines(one, astern if moves(one).any() else backwards)
         for one in before.tracks
-        if moves(one).all() or not moves(one).any()
+        if not one.grow_mps and (moves(one).all() or not moves(one).any())
     ]
     after = in_time(replace(before, tracks=tracks), lambda us: 2 * T0_US - us)
     return after, periods(lambda start, end: (2 * T0_US - end, 2 * T0_US - start))
@@ -230,6 +243,14 @@ CHANGES: Final[tuple[Change, ...]] = (
 def moves(track: Track) -> np.ndarray:
     """Which legs of a track lead elsewhere."""
     return np.any(np.diff(track.positions_deg, axis=0) != 0.0, axis=1)
+
+
+def with_outlines(track: Track, change: Callable[[np.ndarray], np.ndarray]) -> Track:
+    """The outlines at all waypoints, (n, v, 2), changed; of a rigid haven there is one."""
+    if track.outlines_m is None:
+        return replace(track, outline_m=change(track.outline_m[None])[0])
+    outlines = change(track.outlines_m)
+    return replace(track, outline_m=outlines[0], outlines_m=outlines)
 
 
 def changed(before: Thrown, area: Callable[[Area], Area], track: Callable[[Track], Track]) -> Thrown:
@@ -354,11 +375,19 @@ def misplaced(before: Thrown, a: Found, b: Found) -> Iterable[str]:
     scale = globe.a / globe.across_m(np.radians(lat))
     objects: dict[str, Area | Track] = {one.key: one for one in (*before.areas, *before.tracks)}
     here = shapely.Point(0.0, globe.a * globe.isometric(np.radians(lat)))
-    room_m = (PLACE_M + 50.0 * a.time_error_s + 50.0 * b.time_error_s + before.scene.separation_m * 1.01) * scale
+    # Wild tracks are faster than what flies.
+    speed_mps = max([50.0, *(fastest_mps(globe, one) for one in before.tracks if one.key in (a.a_key, a.b_key))])
+    late_s = a.time_error_s + b.time_error_s + INSTANT_S
+    room_m = (PLACE_M + speed_mps * late_s + before.scene.separation_m * 1.01) * scale
     for key in (a.a_key, a.b_key):
         apart = [here.distance(p) for p in oracle.polygons_at(before.scene, objects[key], start, lon)]
         if min(apart, default=np.inf) > room_m:
             yield f"first contact {b.first_contact_deg} is {apart} m from {key}, before: {a}, after: {b}"
+
+
+def fastest_mps(globe: Globe, track: Track) -> float:
+    lasts_s = np.diff(track.times_us) / 1e6
+    return max(np.hypot(leg.north_m, leg.east_m) / s for leg, s in zip(oracle.legs(globe, track), lasts_s, strict=True))
 
 
 def check(change: Change, method: Method, before: Thrown, data: st.DataObject) -> None:

@@ -242,10 +242,11 @@ def _track(rng: np.random.Generator, common: dict[str, Any], places: Any, times:
     elif rng.random() < 0.15:
         base, end = np.array(_outline(rng)), 10.0 ** rng.uniform(-3, 3)
         turned = base[:, ::-1] if rng.random() < 0.2 else base
-        outlines = tuple(
-            tuple(map(tuple, ((turned if k % 2 else base) * (end if k % 3 else 1.0)).tolist()))
-            for k in range(len(path))
-        )
+        with np.errstate(over="ignore"):  # what is too large is infinite then
+            outlines = tuple(
+                tuple(map(tuple, ((turned if k % 2 else base) * (end if k % 3 else 1.0)).tolist()))
+                for k in range(len(path))
+            )
     return Hostile(
         path=path, outline=outlines[0] if outlines else _outline(rng), grow_mps=grow, outlines=outlines, **common
     )

@@ -179,8 +179,7 @@ def grown(outline_m: Floats, by_m: float) -> Floats:
             x, y = corner - other
             normal = np.array([y, -x]) / np.hypot(x, y)
             sides.append(normal if normal @ (corner - middle) > 0.0 else -normal)
-        if abs(np.linalg.det(sides)) < 1e-9:  # the middle of a straight side
-            corners.append(corner + by_m * sides[0])
-        else:
-            corners.append(corner + np.linalg.solve(np.array(sides), [by_m, by_m]))
+        one, other = sides
+        # Solving for where the two lines meet would lose the digits of nearly straight corners.
+        corners.append(corner + by_m * (one + other) / (1.0 + one @ other))
     return np.array(corners)
