@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Verdict
+    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Stream, Verdict
 
 __all__ = [
     "Advice",
@@ -72,6 +72,7 @@ __all__ = [
     "ServerError",
     "Skipped",
     "StoreError",
+    "Stream",
     "Track",
     "Verdict",
     "__version__",
@@ -95,7 +96,8 @@ _HOME: Final = {
         "conflictdb.model",
     ),
     **dict.fromkeys(
-        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "SceneState", "Verdict"), "conflictdb.results"
+        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "SceneState", "Stream", "Verdict"),
+        "conflictdb.results",
     ),
 }
 

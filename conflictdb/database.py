@@ -26,7 +26,7 @@ from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
-from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState
+from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Stream
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -389,6 +389,31 @@ class Database:
         _warn_if_incomplete(found.state)
         return found
 
+    def stream_conflicts(
+        self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False
+    ) -> Stream[Conflict]:
+        """Return what `conflicts` returns, read as it is asked for: in little memory, however many there are.
+
+        Until its last row is read, or it is closed, a transaction is open on the connection.
+        """
+        instant = None if at is None else inputs.moment("stream_conflicts", "at", at)
+        state = self._state(scene)
+        return Stream(state, store.each_conflict(self.connection, scene, instant, with_region=with_region), Conflict)
+
+    def stream_approaches(self, scene: str, *, only_near: bool = False) -> Stream[Approach]:
+        """Return what `approaches` returns, read as it is asked for; `only_near` leaves out those of conflicts.
+
+        Until its last row is read, or it is closed, a transaction is open on the connection.
+        """
+        return Stream(self._state(scene), store.each_approach(self.connection, scene, only_near=only_near), Approach)
+
+    def _state(self, scene: str) -> SceneState:
+        """Return whether what is known of a scene is complete; warns the caller's caller if it is not."""
+        with self._transaction():
+            state = store.scene_state(self.connection, scene)
+        _warn_if_incomplete(state, 4)
+        return state
+
     def explain(self, scene: str, a_key: str, b_key: str) -> Explanation:
         """Return why two objects of a scene are in conflict, or are not, as of the last detection.
 
@@ -566,7 +591,7 @@ def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
     return None
 
 
-def _warn_if_incomplete(state: SceneState) -> None:
+def _warn_if_incomplete(state: SceneState, stacklevel: int = 3) -> None:
+    """Warn the caller of the method that calls this, or who that many calls above."""
     if not state.is_current:
-        # The caller of the method that calls this.
-        warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=3)
+        warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=stacklevel)

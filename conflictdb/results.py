@@ -4,7 +4,7 @@ Verdicts and kinds go by their names here and in files, by their codes in arrays
 to the microsecond; where a period has no bound, it is None. Positions are (longitude, latitude) in degrees.
 """
 
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -134,6 +134,8 @@ class Conflict:
             closest_error_m=self.closest_error_m,
             a_deg=self.closest_a_deg,
             b_deg=self.closest_b_deg,
+            method=self.method,
+            time_error_s=self.time_error_s,
             is_current=self.is_current,
             scene_is_current=self.scene_is_current,
             run_id=self.run_id,
@@ -149,6 +151,7 @@ class Approach:
     closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be
     a_deg, b_deg : the nearest points then
     verdict : near (no conflict), or that of the conflict
+    method, time_error_s : of the detection that found it, and as of the conflict
     is_current, scene_is_current, run_id, found_at : as of a `Conflict`
     """
 
@@ -163,12 +166,14 @@ class Approach:
     closest_error_m: float
     a_deg: Position
     b_deg: Position
+    method: Method
+    time_error_s: float
     is_current: bool | None = None
     scene_is_current: bool | None = None
     run_id: int | None = None
     found_at: datetime | None = None
 
-    def as_near(self, method: Method) -> Conflict:
+    def as_near(self) -> Conflict:
         """Return a pair that is only near as a row among conflicts: it has no periods.
 
         Raises InvalidInput where the verdict is another: the row of such a pair is the conflict.
@@ -184,8 +189,8 @@ class Approach:
             b_kind=self.b_kind,
             verdict=self.verdict,
             periods=(),
-            time_error_s=0.0,
-            method=method,
+            time_error_s=self.time_error_s,
+            method=self.method,
             closest_at=self.closest_at,
             closest_m=self.closest_m,
             closest_error_m=self.closest_error_m,
@@ -237,13 +242,41 @@ class Listing(list[_Row]):
     """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
 
     state : of the scene, read before the list: when it says that nothing was missing, nothing is
+    kind : of its rows, Conflict or Approach, also where there are none
     """
 
-    def __init__(self, state: SceneState, rows: Iterable[_Row]) -> None:
+    def __init__(self, state: SceneState, rows: Iterable[_Row], kind: type[_Row]) -> None:
         super().__init__(rows)
         self.state = state
+        self.kind = kind
 
     @property
     def is_current(self) -> bool:
         """Whether it is complete: nothing of the scene waited for detection when it was read."""
+        return self.state.is_current
+
+
+class Stream(Iterator[_Row]):
+    """Conflicts or closest approaches of a scene of a database, read as they are asked for, however many there are.
+
+    Until it has come to its end, or is closed, a transaction is open on the connection.
+
+    state, kind : as of a `Listing`
+    """
+
+    def __init__(self, state: SceneState, rows: Generator[_Row, None, None], kind: type[_Row]) -> None:
+        self.state = state
+        self.kind = kind
+        self._rows = rows
+
+    def __next__(self) -> _Row:
+        return next(self._rows)
+
+    def close(self) -> None:
+        """Read no more of it."""
+        self._rows.close()
+
+    @property
+    def is_current(self) -> bool:
+        """Whether it is complete: nothing of the scene waited for detection when it was begun."""
         return self.state.is_current

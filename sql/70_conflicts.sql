@@ -38,7 +38,8 @@ COMMENT ON COLUMN conflicts.verdict IS
 'periods then say when they might meet.';
 COMMENT ON COLUMN conflicts.region IS
 'Where, longitude and latitude in degrees; cut at the seam. Two areas that overlap: the intersection; else a superset, '
-'what both sweep during their contacts, and what comes within tolerance and separation of it, in common.';
+'what both sweep during their contacts, and what comes within tolerance and separation of it, in common. Null in a '
+'database that was upgraded from before regions were stored, until the next detection: is_current then says false.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
 'Where they first touch, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
@@ -71,7 +72,7 @@ SELECT s.name AS scene,
            AND NOT EXISTS (SELECT FROM change m
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
            AS is_current,
-       c.run_id, c.found_at, n.scene_is_current
+       c.run_id, c.found_at, n.scene_is_current, c.method, c.time_error_s
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
 WHERE c.closest_m IS NOT NULL;
@@ -98,6 +99,9 @@ COMMENT ON COLUMN approaches.run_id IS 'The run that found it so; later ones fou
 COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found to interfere, or to come near.';
 COMMENT ON COLUMN approaches.scene_is_current IS
 'Whether the closest approaches of the scene are complete: nothing of it waits for detection (see the view scenes).';
+COMMENT ON COLUMN approaches.method IS 'Method of the detection that found it.';
+COMMENT ON COLUMN approaches.time_error_s IS
+'Bound on the error of every end of every period of the conflict, seconds; 0 of a pair that is only near.';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
@@ -110,18 +114,24 @@ COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene
 CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
+    -- A branch for each of the two indexes; no pair is in both.
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
-      AND coalesce(p_key, '') IN (c.a_key, c.b_key);
+      AND c.a_key = coalesce(p_key, '')
+    UNION ALL
+    SELECT c.* FROM conflicts c WHERE c.scene = coalesce(p_scene, '') AND c.b_key = coalesce(p_key, '');
 END;
 COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
 
 CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF approaches
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
+    -- As conflicts_of.
     SELECT c.* FROM approaches c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
-      AND coalesce(p_key, '') IN (c.a_key, c.b_key);
+      AND c.a_key = coalesce(p_key, '')
+    UNION ALL
+    SELECT c.* FROM approaches c WHERE c.scene = coalesce(p_scene, '') AND c.b_key = coalesce(p_key, '');
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scene comes to others.';
 

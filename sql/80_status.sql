@@ -2,38 +2,36 @@
 
 CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean)
 RETURNS TABLE (
-    a_key text, a_kind text, b_key text, b_kind text, starts timestamptz[], ends timestamptz[],
-    verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision,
-    method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz,
-    closest_at timestamptz, closest_m double precision, closest_error_m double precision,
-    closest_a_lon_deg double precision, closest_a_lat_deg double precision,
-    closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean
+    a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text,
+    first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text,
+    time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
+    closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
+    scene_is_current boolean
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _scene_id(p_scene);
     RETURN QUERY
-        SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, p.starts, p.ends, c.verdict,
+        SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
                CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
                ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
                c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
                ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current
         FROM conflicts c
-        CROSS JOIN LATERAL (SELECT array_agg(lower(r) ORDER BY r) AS starts, array_agg(upper(r) ORDER BY r) AS ends
-                            FROM unnest(c.periods) r) p
         WHERE c.scene = p_scene AND (p_at IS NULL OR c.periods @> p_at)
         ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END
 $$;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
-'The conflicts of a scene (at an instant, if given), earliest first; periods as arrays of starts and ends.';
+'The conflicts of a scene (at an instant, if given), earliest first; periods in binary.';
 
-CREATE OR REPLACE FUNCTION _approaches(p_scene text)
+CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean)
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
     b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
-    found_at timestamptz, scene_is_current boolean
+    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -41,13 +39,14 @@ BEGIN
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
                ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
-               c.scene_is_current
+               c.scene_is_current, c.method, c.time_error_s
         FROM approaches c
-        WHERE c.scene = p_scene
+        WHERE c.scene = p_scene AND (NOT p_only_near OR c.verdict = 'near')
         ORDER BY c.closest_at NULLS FIRST, c.a_key, c.b_key;
 END
 $$;
-COMMENT ON FUNCTION _approaches(text) IS 'The closest approaches of a scene, earliest first.';
+COMMENT ON FUNCTION _approaches(text, boolean) IS
+'The closest approaches of a scene, or only those of pairs without conflict, earliest first.';
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,

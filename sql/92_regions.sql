@@ -1,7 +1,5 @@
--- Where conflicts are that were found before regions were stored.
+-- Conflicts that were found before regions were stored say where they are after the next detection, which finds that
+-- out thousands at a time. Until then their scenes wait for it, and say so: a null does not pass for no region.
 
-UPDATE conflict c
-    SET region = _conflict_region(c.scene_id, c.a_kind, c.a_id, c.a_version, c.b_kind, c.b_id, c.b_version, c.periods,
-                                  _plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
-    FROM scene s
-    WHERE s.scene_id = c.scene_id AND c.region IS NULL AND c.verdict <> 'near';
+SELECT _mark_all(s.scene_id) FROM scene s
+WHERE EXISTS (SELECT FROM conflict c WHERE c.scene_id = s.scene_id AND c.region IS NULL AND c.verdict <> 'near');

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from itertools import chain
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
 from conflictdb.cli.output import data, note, out, progress, remark
@@ -9,7 +10,6 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.database import Database
-from conflictdb.results import Approach, Conflict, SceneState, Verdict
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -33,10 +33,7 @@ def detect(args: argparse.Namespace) -> int:
             remark_loaded(loaded)
             scenes = [one.scene for one in loaded]
             is_complete = not any(one.invalid for one in loaded)
-        found: list[Conflict] = []
-        near: list[Approach] = []
-        near_rows: list[Conflict] = []
-        states: list[SceneState] = []
+        runs = []
         for scene in scenes:
             run = db.detect(
                 scene,
@@ -53,19 +50,18 @@ def detect(args: argparse.Namespace) -> int:
             )
             progress("")
             note(run_text(scene, run))
-            known = db.conflicts(scene, with_region=_wants_region(args))
-            found += known
-            states.append(known.state)
-            also = [approach for approach in db.approaches(scene) if approach.verdict == Verdict.NEAR]
-            near += also
-            near_rows += [approach.as_near(run.method) for approach in also]
-    if args.format == "table":
-        print_conflicts(found, states, args.format)
-        if near:
-            out("\nno conflict, but near:\n" + approach_table(near))
-    else:
-        print_conflicts(found + near_rows, states, args.format)
-    if found and args.fail_on_conflict:
+            runs.append(run)
+        found = [db.stream_conflicts(scene, with_region=_wants_region(args)) for scene in scenes]
+        near = [db.stream_approaches(scene, only_near=True) for scene in scenes]
+        states = [one.state for one in found]
+        if args.format == "table":
+            print_conflicts(chain.from_iterable(found), states, args.format)
+            if rows := list(chain.from_iterable(near)):
+                out("\nno conflict, but near:\n" + approach_table(rows))
+        else:
+            near_rows = (approach.as_near() for approach in chain.from_iterable(near))
+            print_conflicts(chain(chain.from_iterable(found), near_rows), states, args.format)
+    if args.fail_on_conflict and any(run.conflicts for run in runs):
         return CONFLICTS_FOUND
     return DONE if is_complete else LEFT_OUT
 
@@ -74,8 +70,8 @@ def conflicts(args: argparse.Namespace) -> int:
     """Print the conflicts that are known."""
     with database(args) as db:
         _wait(db, args)
-        found = db.conflicts(args.scene, args.at, with_region=_wants_region(args))
-    print_conflicts(found, [found.state], args.format)
+        found = db.stream_conflicts(args.scene, args.at, with_region=_wants_region(args))
+        print_conflicts(found, [found.state], args.format)
     return DONE
 
 
@@ -83,8 +79,8 @@ def approaches(args: argparse.Namespace) -> int:
     """Print the closest approaches that are known."""
     with database(args) as db:
         _wait(db, args)
-        found = db.approaches(args.scene)
-    print_approaches(found, [found.state], args.format)
+        found = db.stream_approaches(args.scene)
+        print_approaches(found, [found.state], args.format)
     return DONE
 
 

@@ -18,21 +18,26 @@ if TYPE_CHECKING:
 _SECOND = timedelta(seconds=1)
 
 
-def print_conflicts(conflicts: Sequence[Conflict], states: Sequence[SceneState], form: str) -> None:
-    """Print conflicts as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes."""
+def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState], form: str) -> None:
+    """Print conflicts as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes.
+
+    All but a table, whose columns are as wide as they need to be, are printed as they come.
+    """
     _remark_incomplete(states)
     if form == "table":
         complete = all(state.is_current for state in states)
-        out(conflict_table(conflicts) if conflicts else "no conflicts" if complete else "no conflict is known")
+        rows = list(conflicts)
+        out(conflict_table(rows) if rows else "no conflicts" if complete else "no conflict is known")
         return
     _write(conflicts, states, form, conflict_text.COLUMNS)
 
 
-def print_approaches(approaches: Sequence[Approach], states: Sequence[SceneState], form: str) -> None:
-    """Print closest approaches as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes."""
+def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
+    """Print closest approaches as `print_conflicts` prints conflicts."""
     _remark_incomplete(states)
     if form == "table":
-        out(approach_table(approaches) if approaches else "no closest approach is known")
+        rows = list(approaches)
+        out(approach_table(rows) if rows else "no closest approach is known")
         return
     _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
 
@@ -45,7 +50,7 @@ def _remark_incomplete(states: Iterable[SceneState]) -> None:
 
 
 def _write(
-    pairs: Sequence[Conflict | Approach], states: Sequence[SceneState], form: str, columns: Sequence[str]
+    pairs: Iterable[Conflict | Approach], states: Sequence[SceneState], form: str, columns: Sequence[str]
 ) -> None:
     if form == "csv":
         lines = conflict_text.as_csv(pairs, columns)

@@ -5,40 +5,56 @@ and an empty cell, without one.
 """
 
 import csv
-import json
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from io import StringIO
-from typing import Any, Final
+from json.encoder import encode_basestring
+from math import isfinite
+from typing import Final
 
 from conflictdb.io.instants import format_moment
-from conflictdb.io.json_text import dumped
+from conflictdb.io.json_text import dumped, harmless
 from conflictdb.results import Approach, Conflict, Period, Position, SceneState
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"
-# Columns that hold what users gave.
-_GIVEN: Final = ("scene", "a_key", "b_key")
 # What makes a spreadsheet calculate a cell (also in full width), and the apostrophe that says it shall not.
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")  # noqa: RUF001
 
 
+COLUMNS: Final = (
+    *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
+    *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
+    *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
+    "scene_is_current",
+)
+APPROACH_COLUMNS: Final = (
+    *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
+    *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current", "method", "time_error_s"),
+)
+# What a cell of CSV shows without the quotes of JSON.
+_TEXTS: Final = ("a_kind", "b_kind", "first_contact", "last_contact", "verdict", "method", "found_at", "closest_at")
+_REGION: Final = COLUMNS.index("region")
+_PERIODS: Final = COLUMNS.index("periods")
+_NULL: Final = "null"
+_TRUTH: Final = {None: _NULL, False: "false", True: "true"}
+
+
+def columns_of(kind: type[Conflict] | type[Approach]) -> tuple[str, ...]:
+    """Return the columns of conflicts, or of closest approaches."""
+    return APPROACH_COLUMNS if kind is Approach else COLUMNS
+
+
 def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
     """Yield the lines of one JSON array, one object per pair; unbounded ends of periods are null."""
+    conflict_line, approach_line = _object(COLUMNS), _object(APPROACH_COLUMNS)
     yield "["
-    separator = "\n"
-    for conflict in conflicts:
-        yield f"{separator}  {_object(conflict)}"
-        separator = ",\n"
-    yield "]\n" if separator == "\n" else "\n]\n"
-
-
-def _object(conflict: Conflict | Approach) -> str:
-    """Return a conflict or a closest approach as JSON; a region is JSON already, not to be read again."""
-    if isinstance(conflict, Approach) or conflict.region is None:
-        return dumped(members(conflict))
-    # No text has these quotes: within texts they are escaped.
-    head, tail = dumped(members(conflict, with_region=False)).split('"region": null', 1)
-    return f'{head}"region": {conflict.region}{tail}'
+    separator = "\n  "
+    for one in conflicts:
+        line = approach_line % _approach_texts(one) if isinstance(one, Approach) else conflict_line % _texts(one)
+        yield separator + harmless(line)
+        separator = ",\n  "
+    yield "]\n" if separator == "\n  " else "\n]\n"
 
 
 def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> Iterator[str]:
@@ -49,24 +65,26 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
     """
     buffer = StringIO()
     writer = csv.writer(buffer, lineterminator=_LINE_END)
+    quoted = [columns.index(name) for name in _TEXTS if name in columns]
+    scene, a_key, b_key = (columns.index(name) for name in ("scene", "a_key", "b_key"))
 
-    def written(row: Sequence[object]) -> str:
+    def written(row: Sequence[str]) -> str:
         buffer.seek(0)
         buffer.truncate()
         writer.writerow(row)
         return buffer.getvalue().removesuffix(_LINE_END) + "\n"
 
     yield written(columns)
-    for conflict in conflicts:
-        row = members(conflict)
-        if isinstance(conflict, Conflict):
-            row["periods"] = interval_text(conflict.periods)
-        for name in [name for name in columns if isinstance(row[name], dict)]:
-            row[name] = json.dumps(row[name], separators=(",", ":"))
-        for name in ("is_current", "scene_is_current"):
-            row[name] = "" if row[name] is None else str(row[name]).lower()
-        row.update({name: cell(row[name]) for name in _GIVEN})
-        yield written([row[column] for column in columns])
+    for one in conflicts:
+        row = list(_approach_texts(one) if isinstance(one, Approach) else _texts(one))
+        for k in quoted:
+            if row[k] != _NULL:
+                row[k] = row[k][1:-1]
+        if isinstance(one, Conflict):
+            row[_PERIODS] = interval_text(one.periods)
+        row = ["" if text == _NULL else text for text in row]
+        row[scene], row[a_key], row[b_key] = cell(one.scene), cell(one.a_key), cell(one.b_key)
+        yield written(row)
 
 
 def cell(text: str) -> str:
@@ -97,67 +115,22 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneS
     ]
     told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
     yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
+    conflict_line = _object([name for name in COLUMNS if name != "region"])
+    approach_line = _object(APPROACH_COLUMNS)
     separator = "\n"
-    for conflict in conflicts:
-        properties = members(conflict)
-        if isinstance(conflict, Approach):
-            geometry = _between(conflict.a_deg, conflict.b_deg)
+    for one in conflicts:
+        if isinstance(one, Approach):
+            geometry = _between(one.a_deg, one.b_deg)
+            properties = approach_line % _approach_texts(one)
         else:
-            region, point = properties.pop("region"), properties.pop("first_contact_point")
-            properties["first_contact_point"] = point
-            geometry = point if region is None else region
-            if geometry is None and conflict.closest_a_deg and conflict.closest_b_deg:
-                geometry = _between(conflict.closest_a_deg, conflict.closest_b_deg)
-        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
-        yield f"{separator}    {dumped(feature)}"
+            texts = _texts(one)
+            geometry = texts[_REGION] if one.region is not None else _point(one.first_contact_deg)
+            if geometry == _NULL and one.closest_a_deg and one.closest_b_deg:
+                geometry = _between(one.closest_a_deg, one.closest_b_deg)
+            properties = conflict_line % (texts[:_REGION] + texts[_REGION + 1 :])
+        yield separator + harmless(f'    {{"type": "Feature", "geometry": {geometry}, "properties": {properties}}}')
         separator = ",\n"
     yield " ] }\n"
-
-
-def members(conflict: Conflict | Approach, *, with_region: bool = True) -> dict[str, Any]:
-    """Return a conflict or a closest approach as the members of one JSON object; without its region that is null."""
-    if isinstance(conflict, Approach):
-        return {
-            "scene": conflict.scene,
-            "a_key": conflict.a_key,
-            "a_kind": conflict.a_kind,
-            "b_key": conflict.b_key,
-            "b_kind": conflict.b_kind,
-            "closest_at": format_moment(conflict.closest_at),
-            "closest_m": conflict.closest_m,
-            "closest_error_m": conflict.closest_error_m,
-            "a_point": _point(conflict.a_deg),
-            "b_point": _point(conflict.b_deg),
-            "verdict": conflict.verdict,
-            "is_current": conflict.is_current,
-            "run_id": conflict.run_id,
-            "found_at": format_moment(conflict.found_at),
-            "scene_is_current": conflict.scene_is_current,
-        }
-    return {
-        "scene": conflict.scene,
-        "a_key": conflict.a_key,
-        "a_kind": conflict.a_kind,
-        "b_key": conflict.b_key,
-        "b_kind": conflict.b_kind,
-        "periods": [[format_moment(start), format_moment(end)] for start, end in conflict.periods],
-        "first_contact": format_moment(conflict.first_contact),
-        "last_contact": format_moment(conflict.last_contact),
-        "verdict": conflict.verdict,
-        "region": json.loads(conflict.region) if with_region and conflict.region is not None else None,
-        "first_contact_point": _point(conflict.first_contact_deg),
-        "method": conflict.method,
-        "time_error_s": conflict.time_error_s,
-        "is_current": conflict.is_current,
-        "run_id": conflict.run_id,
-        "found_at": format_moment(conflict.found_at),
-        "closest_at": format_moment(conflict.closest_at),
-        "closest_m": conflict.closest_m,
-        "closest_error_m": conflict.closest_error_m,
-        "closest_a_point": _point(conflict.closest_a_deg),
-        "closest_b_point": _point(conflict.closest_b_deg),
-        "scene_is_current": conflict.scene_is_current,
-    }
 
 
 def interval_text(periods: Sequence[Period]) -> str:
@@ -165,25 +138,87 @@ def interval_text(periods: Sequence[Period]) -> str:
     return " ".join("/".join(format_moment(end) or ".." for end in period) for period in periods)
 
 
-def _point(position_deg: Position | None) -> dict[str, Any] | None:
-    return None if position_deg is None else {"type": "Point", "coordinates": list(position_deg)}
+def _object(columns: Sequence[str]) -> str:
+    """Return a JSON object with a place for the text of each column."""
+    return "{" + ", ".join(f'"{name}": %s' for name in columns) + "}"
 
 
-def _between(a_deg: Position, b_deg: Position) -> dict[str, Any]:
+def _texts(one: Conflict) -> tuple[str, ...]:
+    """Return the columns of a conflict as JSON. By hand: a list of tens of thousands takes half as long."""
+    periods = [(_moment(start), _moment(end)) for start, end in one.periods]
+    return (
+        encode_basestring(one.scene),
+        encode_basestring(one.a_key),
+        encode_basestring(one.a_kind),
+        encode_basestring(one.b_key),
+        encode_basestring(one.b_kind),
+        f"[{', '.join([f'[{start}, {end}]' for start, end in periods])}]",
+        periods[0][0] if periods else _NULL,
+        periods[-1][1] if periods else _NULL,
+        encode_basestring(one.verdict),
+        _NULL if one.region is None else one.region,  # JSON already
+        _point(one.first_contact_deg),
+        encode_basestring(one.method),
+        _number(one.time_error_s),
+        _TRUTH[one.is_current],
+        _NULL if one.run_id is None else str(one.run_id),
+        _moment(one.found_at),
+        _moment(one.closest_at),
+        _number(one.closest_m),
+        _number(one.closest_error_m),
+        _point(one.closest_a_deg),
+        _point(one.closest_b_deg),
+        _TRUTH[one.scene_is_current],
+    )
+
+
+def _approach_texts(one: Approach) -> tuple[str, ...]:
+    """Return the columns of a closest approach as JSON."""
+    return (
+        encode_basestring(one.scene),
+        encode_basestring(one.a_key),
+        encode_basestring(one.a_kind),
+        encode_basestring(one.b_key),
+        encode_basestring(one.b_kind),
+        _moment(one.closest_at),
+        _number(one.closest_m),
+        _number(one.closest_error_m),
+        _point(one.a_deg),
+        _point(one.b_deg),
+        encode_basestring(one.verdict),
+        _TRUTH[one.is_current],
+        _NULL if one.run_id is None else str(one.run_id),
+        _moment(one.found_at),
+        _TRUTH[one.scene_is_current],
+        encode_basestring(one.method),
+        _number(one.time_error_s),
+    )
+
+
+def _moment(moment: datetime | None) -> str:
+    return _NULL if moment is None else f'"{format_moment(moment)}"'
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return _NULL
+    if not isfinite(value):
+        raise ValueError(f"JSON has no number {value}")
+    return repr(float(value))  # numpy's numbers say their type
+
+
+def _point(position_deg: Position | None) -> str:
+    return _NULL if position_deg is None else f'{{"type": "Point", "coordinates": {_coordinates(position_deg)}}}'
+
+
+def _coordinates(position_deg: Position) -> str:
+    lon_deg, lat_deg = position_deg
+    return f"[{_number(lon_deg)}, {_number(lat_deg)}]"
+
+
+def _between(a_deg: Position, b_deg: Position) -> str:
     """Return the line between two points; where it would cross the antimeridian, the points."""
     if a_deg == b_deg:
-        return {"type": "Point", "coordinates": list(a_deg)}
+        return _point(a_deg)
     kind = "LineString" if abs(a_deg[0] - b_deg[0]) <= 180.0 else "MultiPoint"
-    return {"type": kind, "coordinates": [list(a_deg), list(b_deg)]}
-
-
-COLUMNS = (
-    *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
-    *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
-    *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
-    "scene_is_current",
-)
-APPROACH_COLUMNS = (
-    *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
-    *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
-)
+    return f'{{"type": "{kind}", "coordinates": [{_coordinates(a_deg)}, {_coordinates(b_deg)}]}}'

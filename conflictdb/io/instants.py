@@ -46,4 +46,6 @@ def format_moment(moment: datetime | None) -> str | None:
     """Return a moment as ISO 8601 UTC with microseconds, None for an unbounded end."""
     if moment is None:
         return None
-    return moment.astimezone(UTC).isoformat(timespec="microseconds").removesuffix("+00:00") + "Z"
+    if moment.tzinfo is not UTC:
+        moment = moment.astimezone(UTC)
+    return f"{moment.isoformat(timespec='microseconds')[:-6]}Z"

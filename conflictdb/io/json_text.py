@@ -38,7 +38,11 @@ def parse(text: str) -> Any:
 
 def dumped(value: Any, indent: int | None = None) -> str:
     """Return a value as JSON that is harmless on a terminal, and reads back as the same value."""
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent)
+    return harmless(json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent))
+
+
+def harmless(text: str) -> str:
+    """Return JSON with what a terminal may obey escaped."""
     return text if text.isascii() and "\x7f" not in text else _OBEYED.sub(lambda c: f"\\u{ord(c[0]):04x}", text)
 
 

@@ -2,13 +2,14 @@
 
 import gzip
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import IO, Final, cast
 
 from conflictdb.errors import InvalidInput
-from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS, as_csv, as_geojson, as_json
-from conflictdb.results import Approach, Conflict, Listing
+from conflictdb.io.conflict_text import as_csv, as_geojson, as_json, columns_of
+from conflictdb.results import Approach, Conflict, Listing, Stream
 
 _FORMATS: Final = (".geojson", ".json", ".csv")
 
@@ -17,20 +18,20 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON or CSV.
 
     Members and columns are those of the views `conflicts` and `approaches`; what only a database knows is null without
-    one; a CSV file of no results has the columns of conflicts. The file appears when it is complete; if it cannot be
-    written, an older one stays.
+    one; a CSV file of nothing has the columns of conflicts, unless it is an empty answer of `Database.approaches`. The
+    file appears when it is complete; if it cannot be written, an older one stays.
 
     Parameters
     ----------
     results : iterable of Conflict, or of Approach
-        Those of `Database.conflicts` and `Database.approaches` tell GeoJSON whether they are complete.
+        Those of a database tell GeoJSON whether they are complete. They are written as they come.
     path : str or Path
         The file; its name ends in .geojson, .json or .csv, and then in .gz if it shall be compressed.
 
     Raises
     ------
     InvalidInput
-        The name tells no format, or `results` is or holds something else, or both kinds; nothing has been written.
+        The name tells no format, or `results` is or holds something else, or both kinds; no file has been written.
     OSError
         The file cannot be written.
     """
@@ -43,17 +44,27 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
         raise InvalidInput(
             "write", "results", f"{rule}, in a list or the like; got {type(results).__name__}", str(path)
         )
-    rows = list(results)
-    is_approaches = bool(rows) and all(isinstance(row, Approach) for row in rows)
-    if not is_approaches and not all(isinstance(row, Conflict) for row in rows):
-        raise InvalidInput("write", "results", rule, str(path))
+    told = results if isinstance(results, Listing | Stream) else None
+    rows = iter(results)
+    first = list(islice(rows, 1))
+    kind = told.kind if told is not None else Approach if first and isinstance(first[0], Approach) else Conflict
+    each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
     if suffix == ".csv":
-        lines = as_csv(rows, APPROACH_COLUMNS if is_approaches else COLUMNS)
+        lines = as_csv(each, columns_of(kind))
     elif suffix == ".json":
-        lines = as_json(rows)
+        lines = as_json(each)
     else:
-        lines = as_geojson(rows, [results.state] if isinstance(results, Listing) else [])
+        lines = as_geojson(each, [told.state] if told is not None else [])
     write_lines(path, lines)
+
+
+def _each(
+    rows: Iterable[Conflict | Approach], kind: type[Conflict] | type[Approach], refusal: InvalidInput
+) -> Iterator[Conflict | Approach]:
+    for row in rows:
+        if not isinstance(row, kind):
+            raise refusal
+        yield row
 
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:

@@ -215,7 +215,9 @@ VIEW approaches (
     is_current boolean,
     run_id bigint,
     found_at timestamp with time zone,
-    scene_is_current boolean
+    scene_is_current boolean,
+    method text,
+    time_error_s double precision
 );
 
 VIEW attachments (
@@ -374,7 +376,8 @@ CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING bt
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
-CREATE INDEX conflict_scene_id_btree ON conflictdb.conflict USING btree (scene_id);
+CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
+CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
 CREATE INDEX conflict_scene_id_region_periods_gist ON conflictdb.conflict USING gist (scene_id, region, periods) WHERE (verdict <> 'near'::text);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
@@ -420,8 +423,8 @@ FUNCTION _after_scene_removal()
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _approaches(p_scene text)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+FUNCTION _approaches(p_scene text, p_only_near boolean)
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -541,7 +544,7 @@ FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, starts timestamp with time zone[], ends timestamp with time zone[], verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;

@@ -77,7 +77,7 @@ class Database:
     def read(self) -> list[Conflict]:
         with self._connect() as conn:
             near = [row for row in store.approaches(conn, self.scene.name) if row.verdict is Verdict.NEAR]
-            return [*store.conflicts(conn, self.scene.name), *(row.as_near(self.scene.method) for row in near)]
+            return [*store.conflicts(conn, self.scene.name), *(row.as_near() for row in near)]
 
     def _connect(self) -> psycopg.Connection[Any]:
         return psycopg.connect(self.dsn, options="-c timezone=UTC")

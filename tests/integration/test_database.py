@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import psycopg
@@ -14,12 +15,14 @@ import shapely
 import sqlalchemy
 from commands import STRAIT
 from hypothesis import HealthCheck, given, settings
+from psycopg.pq import TransactionStatus
 from psycopg.rows import dict_row
 from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
 from conflictdb.db.store import LoadCounts, replace_scene
+from conflictdb.db.store.reading import _periods
 from conflictdb.io.scene_file import scene_text
 from conflictdb.results import Verdict
 
@@ -176,6 +179,45 @@ def test_a_file_that_cannot_be_written_is_named(dsn: str, tmp_path: Path) -> Non
         with pytest.raises(FileNotFoundError) as failed:
             db.export("strait", tmp_path / "nowhere" / "x.geojson")
         assert failed.value.filename == str(tmp_path / "nowhere" / "x.geojson")
+
+
+def test_conflicts_can_be_read_as_they_are_asked_for(dsn: str, tmp_path: Path) -> None:
+    """The same rows, a cursor's worth at a time; what is not read to its end is closed."""
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait", nearest_m=5_000.0)
+        listed = db.conflicts("strait", with_region=True)
+        with patch("conflictdb.db.store.connection._ROWS_AT_ONCE", 2):
+            assert list(db.stream_conflicts("strait", with_region=True)) == listed
+            stream = db.stream_conflicts("strait", with_region=True)
+            assert (stream.is_current, next(stream)) == (True, listed[0])
+            assert db.connection.execute("SELECT count(*) FROM pg_cursors").fetchall() == [(1,)]
+            stream.close()
+            assert db.connection.info.transaction_status == TransactionStatus.IDLE
+        near = [one for one in db.approaches("strait") if one.verdict is Verdict.NEAR]
+        assert list(db.stream_approaches("strait", only_near=True)) == near
+        for suffix in (".json", ".csv", ".geojson"):
+            conflictdb.write(listed, tmp_path / f"listed{suffix}")
+            conflictdb.write(db.stream_conflicts("strait", with_region=True), tmp_path / f"streamed{suffix}")
+            assert (tmp_path / f"streamed{suffix}").read_bytes() == (tmp_path / f"listed{suffix}").read_bytes()
+        with pytest.raises(InvalidInput, match="'elsewhere'"):
+            db.stream_conflicts("elsewhere")
+
+
+@pytest.mark.parametrize(
+    "periods",
+    [
+        "{}",
+        "{(,)}",
+        "{(,2026-03-01 06:00:00Z],[2026-03-02 06:00:00.000001Z,)}",
+        "{[2026-03-01 06:00:00Z,2026-03-01 06:00:00Z]}",
+        "{[0001-01-01 00:00:00Z,1969-12-31 23:59:59.999999Z],[2026-03-01 06:00Z,9999-12-31 23:59:59.999999Z]}",
+    ],
+)
+def test_periods_are_read_as_the_server_has_them(conn: psycopg.Connection[Any], periods: str) -> None:
+    wanted = conn.execute("SELECT lower(r), upper(r) FROM unnest(%s::tstzmultirange) r ORDER BY r", [periods])
+    (sent,) = conn.execute("SELECT multirange_send(%s::tstzmultirange)", [periods]).fetchone() or ()
+    assert list(_periods(sent)) == wanted.fetchall()
 
 
 # What only a database knows; for GeoJSON also whether its scenes are complete.

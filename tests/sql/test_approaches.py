@@ -42,6 +42,7 @@ def test_view_shows_conflicts_and_near_pairs_with_their_closest_approach(planned
     assert columns == [
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m"),
         *("a_point", "b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
+        *("method", "time_error_s"),
     ]
     found = rows(
         planned,
@@ -127,3 +128,12 @@ def test_areas_that_are_always_there_are_closest_at_no_instant(conn: Conn) -> No
     assert (one.closest_at, one.verdict) == (None, "near")
     assert one.closest_m == pytest.approx(0.01 * METRES * np.cos(np.radians(0.1)), abs=0.01)
     assert one.a_deg[0] == pytest.approx(0.61, abs=1e-6)
+
+
+def test_approaches_tell_how_they_were_found_and_near_ones_can_be_asked_for_alone(planned: Conn) -> None:
+    near, meets = sorted(store.approaches(planned, "s"), key=lambda one: one.verdict != "near")
+    assert (near.method, near.time_error_s) == ("exact", 0.0)
+    (conflict,) = store.conflicts(planned, "s")
+    assert (meets.method, meets.time_error_s) == (conflict.method, conflict.time_error_s)
+    assert meets == conflict.approach
+    assert list(store.each_approach(planned, "s", only_near=True)) == [near]

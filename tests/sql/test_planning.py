@@ -234,3 +234,53 @@ def test_marks_that_are_gone_cost_the_list_of_conflicts_nothing(conn: Conn) -> N
         "SELECT count(scene_is_current) FROM conflictdb.conflicts WHERE scene = 's'"
     ).fetchall()
     assert plan[0]["Plan"]["Shared Hit Blocks"] < 30_000  # for each conflict a hundred pages of marks would be more
+
+
+MANY = 20_000
+
+
+@pytest.fixture
+def with_many(conn: Conn) -> Conn:
+    """Two scenes of as many conflicts, each in a place and at a time of its own."""
+    conn.execute("SELECT conflictdb.create_scene('many'), conflictdb.create_scene('more')")
+    conn.execute(
+        """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version,
+                                            b_key, periods, verdict, region, method, time_error_s, found_at, closest_m,
+                                            closest_error_m, closest_a_point, closest_b_point)
+           SELECT s.scene_id, 1, 0, n + s.scene_id * %(many)s, 1, 'A' || n, 1, n + s.scene_id * %(many)s, 1, 'T' || n,
+                  tstzmultirange(tstzrange(t.at, t.at + interval '1 hour', '[]')), 'conflict', ST_Expand(p.at, 0.1),
+                  'exact', 0, now(), 0, 0, p.at, p.at
+           FROM conflictdb.scene s CROSS JOIN generate_series(1, %(many)s) n
+           CROSS JOIN LATERAL (SELECT ST_SetSRID(ST_MakePoint(n / 200 - 50, n %% 200 * 0.5 - 50), 4326) AS at) p
+           CROSS JOIN LATERAL (SELECT timestamptz '2026-03-01Z' + n %% 977 * interval '1 minute' AS at) t""",
+        {"many": MANY},
+    )
+    conn.execute("ANALYZE")
+    conn.commit()
+    return conn
+
+
+@pytest.mark.parametrize(
+    ("query", "found"),
+    [
+        ("conflicts_of('many', 'A777')", 1),
+        ("conflicts_of('many', 'T777')", 1),
+        ("approaches_of('many', 'A777')", 1),
+        ("approaches_of('many', 'T777')", 1),
+        ("conflicts WHERE scene = 'many' AND a_key = 'A777'", 1),
+        ("conflicts WHERE scene = 'many' AND b_key = 'T777'", 1),
+        ("conflicts_within('many', ST_MakeEnvelope(3.3, 3.3, 3.7, 3.7, 4326), '[2026-03-01,2026-03-02)')", 0),
+        ("conflicts_within('many', ST_MakeEnvelope(2.9, 2.9, 3.1, 3.1, 4326), '[2026-03-01,2026-03-02)')", 1),
+        ("conflicts_within('many', ST_MakeEnvelope(2.9, 2.9, 3.1, 3.1, 4326), NULL)", 1),
+    ],
+)
+def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
+    with_many: Conn, query: str, found: int
+) -> None:
+    with_many.execute("SET search_path = conflictdb, public")
+    with_many.execute("SET client_min_messages = warning")
+    row = with_many.execute(f"EXPLAIN (ANALYZE, TIMING off, FORMAT json) SELECT * FROM {query}".encode()).fetchone()
+    assert row is not None
+    plan = row[0][0]["Plan"]
+    assert plan["Actual Rows"] == found
+    assert max(most_read(plan), worst_waste(plan)) < 100

@@ -17,7 +17,7 @@ from piecework import load
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.methods import Method
-from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.pipeline import regions
 
 Conn = psycopg.Connection[Any]
@@ -211,16 +211,31 @@ def test_all_conflicts_have_a_valid_region(conn: Conn, method: Method) -> None:
     assert {*rows} == {("POLYGON", True, 4326), ("MULTIPOLYGON", True, 4326)}
 
 
-def test_regions_of_older_conflicts_are_filled_in_by_an_upgrade(conn_with_conflicts: Conn) -> None:
-    conn = conn_with_conflicts
-    before = {(c.a_key, c.b_key): c.region for c in store.conflicts(conn, "s", with_region=True)}
-    conn.execute("UPDATE conflict SET region = NULL")
+@pytest.mark.parametrize("motion", Motion)
+def test_older_conflicts_without_a_region_wait_for_a_detection_after_an_upgrade(conn: Conn, motion: Motion) -> None:
+    """They are not taken for conflicts that are nowhere, nor does an upgrade compute for minutes."""
+    areas = [area for area in AREAS if motion is Motion.RHUMB or not area.key.startswith("SEAM")]
+    centre = None if motion is Motion.RHUMB else (5.0, 57.0)
+    earth = EarthModel.WGS84 if motion is Motion.RHUMB else EarthModel.SPHERE
+    load(conn, Scene("s", motion=motion, earth=earth, centre=centre), areas, TRACKS[:1])
+    load(conn, Scene("other"), areas[:2], [])
+    for name in ("s", "other"):
+        detect(conn, name, jobs=1)
+    before = {(c.a_key, c.b_key): (c.region, c.found_at) for c in store.conflicts(conn, "s", with_region=True)}
+    assert before
+    scene_id = store.scene_id(conn, "s")
+    conn.execute("UPDATE conflictdb.conflict SET region = NULL, digest = 0 WHERE scene_id = %s", [scene_id])
+    conn.execute("SET LOCAL search_path = conflictdb, public")
     conn.execute((Path(__file__).parents[2] / "sql" / "92_regions.sql").read_bytes())
-    for row in store.conflicts(conn, "s", with_region=True):
-        # Of what pieces sweep in all, not during the contacts.
-        whole, exact = (shapely.from_geojson(one or "") for one in (row.region, before[row.a_key, row.b_key]))
-        assert whole.buffer(1e-6).covers(exact)
-        assert whole.area < 2.0 * exact.area
+    conn.commit()
+    waiting = store.conflicts(conn, "s", with_region=True)
+    assert [(c.region, c.is_current, c.scene_is_current) for c in waiting] == [(None, False, False)] * len(before)
+    assert store.conflicts(conn, "other").is_current
+    run = detect(conn, "s", jobs=1)
+    assert (run.opened, run.closed) == (0, 0)
+    found = store.conflicts(conn, "s", with_region=True)
+    assert found.is_current
+    assert {(c.a_key, c.b_key): (c.region, c.found_at) for c in found} == before
 
 
 @pytest.mark.parametrize(

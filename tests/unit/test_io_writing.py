@@ -3,6 +3,7 @@
 import csv
 import gzip
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,15 +69,47 @@ def test_closest_approaches_have_columns_of_their_own(found: list[conflictdb.Con
     assert (tmp_path / "none.csv").read_text() == ",".join(COLUMNS) + "\n"
 
 
+def test_an_empty_answer_has_the_columns_of_what_was_asked_for(tmp_path: Path) -> None:
+    state = conflictdb.SceneState("s", 0, 0, None, None, True, None)
+    for kind, columns in ((conflictdb.Conflict, COLUMNS), (conflictdb.Approach, APPROACH_COLUMNS)):
+        for empty in (conflictdb.Listing(state, [], kind), conflictdb.Stream(state, (_ for _ in ()), kind)):
+            conflictdb.write(empty, tmp_path / "none.csv")
+            assert (tmp_path / "none.csv").read_text() == ",".join(columns) + "\n"
+
+
+def test_rows_are_written_as_they_come(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
+    """Two thousand at a time or so are enough for a file of any length; what breaks off leaves the older file."""
+    conflictdb.write(found, tmp_path / "found.json")
+    before = (tmp_path / "found.json").read_bytes()
+    conflictdb.write((one for one in found), tmp_path / "found.json")
+    assert (tmp_path / "found.json").read_bytes() == before
+
+    def breaks_off() -> Iterator[conflictdb.Conflict]:
+        yield found[0]
+        assert [path.suffix for path in tmp_path.iterdir() if path.name != "found.json"] == [".part"]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        conflictdb.write(breaks_off(), tmp_path / "found.json")
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_no_number_in_json_is_refused(found: list[conflictdb.Conflict], value: float, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no number"):
+        conflictdb.write([replace(found[0], time_error_s=value)], tmp_path / "found.json")
+    assert not list(tmp_path.iterdir())
+
+
 def test_only_what_is_near_is_a_row_without_periods(found: list[conflictdb.Conflict]) -> None:
     """A pair that conflicts has periods: its row is the conflict."""
     (near,) = conflictdb.solve([TRACK], [scenes.area("C", shapely.box(0.4, 0.1, 0.6, 0.2))], Scene("s", nearest_m=1e5))
     assert near.approach is not None
-    assert near.approach.as_near(near.method) == near
+    assert near.approach.as_near() == near
     approach = found[1].approach
     assert approach is not None
     with pytest.raises(InvalidInput, match="'A' and 'T': verdict: must be near"):
-        approach.as_near(found[1].method)
+        approach.as_near()
 
 
 def test_a_screening_knows_no_approach() -> None:

@@ -1,7 +1,8 @@
 """Connections, transactions and the one border where psycopg's errors become this package's."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import count
 from typing import Any, Final, TypeVar
 
 import psycopg
@@ -18,6 +19,10 @@ NOT_CURRENT: Final = "ZC014"
 
 # COPY sends and receives texts as UTF-8, and the connection must say so.
 _ENCODING: Final = "UTF8"
+
+# Rows of a long answer that are asked for at a time: bounds the memory of reading it.
+_ROWS_AT_ONCE: Final = 2_000
+_CURSORS: Final = count()  # names of cursors that no two have
 
 _Row = TypeVar("_Row")
 
@@ -64,6 +69,16 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
     return _rows(conn, tuple_row, routine, arguments)
 
 
+def call_each(
+    conn: psycopg.Connection[Any], routine: str, *arguments: object
+) -> Generator[tuple[Any, ...], None, None]:
+    """Yield the rows of a routine of the schema conflictdb, read as they are asked for; a transaction must be open."""
+    with translated(), psycopg.ServerCursor(conn, f"conflictdb_{next(_CURSORS)}", row_factory=tuple_row) as cursor:
+        cursor.itersize = _ROWS_AT_ONCE
+        cursor.execute(_query(routine, arguments), arguments, binary=True)
+        yield from cursor
+
+
 def call_by_name(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[dict[str, Any]]:
     """Return the rows of a routine of the schema conflictdb by the names of their columns."""
     return _rows(conn, dict_row, routine, arguments)
@@ -77,15 +92,17 @@ def _rows(
     In binary, which no DateStyle, IntervalStyle, bytea_output or extra_float_digits of a caller's connection changes,
     and not as a prepared statement, which a pooler may not find again.
     """
-    places = ", ".join(["%s"] * len(arguments))
     # Not the cursors of a caller's connection: those that bind at the client know no binary results.
     with translated(), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
-        # Names of routines come from this package only, values are always parameters.
-        query = f"SELECT * FROM conflictdb.{routine}({places})".encode()  # noqa: S608
         if any(isinstance(argument, Array) for argument in arguments):
             cursor.adapters.register_dumper(Array, ArrayDumper)
-        cursor.execute(query, arguments, prepare=False, binary=True)
+        cursor.execute(_query(routine, arguments), arguments, prepare=False, binary=True)
         return cursor.fetchall()
+
+
+def _query(routine: str, arguments: Sequence[object]) -> bytes:
+    # Names of routines come from this package only, values are always parameters.
+    return f"SELECT * FROM conflictdb.{routine}({', '.join(['%s'] * len(arguments))})".encode()  # noqa: S608
 
 
 @contextmanager

@@ -1,14 +1,31 @@
 """Conflicts, closest approaches and runs, as the database knows them, and whether that is all."""
 
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from struct import Struct
+from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
+from conflictdb.db.store.connection import call, call_by_name, call_each, transaction
 from conflictdb.methods import Method
-from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Verdict
+from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, Period, SceneState, Verdict
+
+# By name: an enum called with one takes ten times as long, which tells in long lists.
+_KINDS: Final = {kind.value: kind for kind in Kind}
+_VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
+_METHODS: Final = {method.value: method for method in Method}
+
+# A multirange is sent as a count and so many ranges, each with its length before it: a byte of flags and the bounds
+# that there are, each with its length; all big-endian (PostgreSQL's multirange_send and range_send).
+_SERVER_EPOCH: Final = datetime(2000, 1, 1, tzinfo=UTC)  # instants count microseconds from it
+_COUNT: Final = Struct(">i")
+_BOUND: Final = Struct(">iq")
+_ONE_BOUNDED: Final = Struct(">iiBiqiq")
+_NO_START: Final = 0x08
+_NO_END: Final = 0x10
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,25 +77,38 @@ def conflicts(
     with transaction(conn):
         # First: what is detected between the two makes the list better than is said of it, not worse.
         state = scene_state(conn, scene)
-        rows = call_many(conn, "_conflicts", scene, at, with_region)
-    found = []
-    for row in rows:
-        a_key, a_kind, b_key, b_kind, starts, ends, verdict, region, lon_deg, lat_deg, *rest = row
-        periods = tuple((_utc(start), _utc(end)) for start, end in zip(starts, ends, strict=True))
-        method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *more = rest
-        *points, scene_is_current = more
-        found.append(
-            Conflict(
+        return Listing(state, each_conflict(conn, scene, at, with_region=with_region), Conflict)
+
+
+def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
+    """Return how close the pairs of a scene come that are known, earliest first; InvalidInput if it is not known."""
+    with transaction(conn):
+        state = scene_state(conn, scene)
+        return Listing(state, each_approach(conn, scene), Approach)
+
+
+def each_conflict(
+    conn: psycopg.Connection[Any], scene: str, at: datetime | None = None, *, with_region: bool = False
+) -> Generator[Conflict, None, None]:
+    """Yield what `conflicts` returns, read as it is asked for.
+
+    One transaction is open, and one cursor in it, until all are read.
+    """
+    with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region)) as rows:
+        for row in rows:
+            a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
+            is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *points, scene_is_current = rest
+            yield Conflict(
                 scene=scene,
                 a_key=a_key,
-                a_kind=Kind(a_kind),
+                a_kind=_KINDS[a_kind],
                 b_key=b_key,
-                b_kind=Kind(b_kind),
-                periods=periods,
-                verdict=Verdict(verdict),
+                b_kind=_KINDS[b_kind],
+                periods=_periods(periods),
+                verdict=_VERDICTS[verdict],
                 region=region,
                 first_contact_deg=None if lon_deg is None else (lon_deg, lat_deg),
-                method=Method(method),
+                method=_METHODS[method],
                 time_error_s=time_error_s,
                 is_current=is_current,
                 run_id=run_id,
@@ -90,36 +120,36 @@ def conflicts(
                 closest_b_deg=None if points[2] is None else (points[2], points[3]),
                 scene_is_current=scene_is_current,
             )
-        )
-    return Listing(state, found)
 
 
-def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
-    """Return how close the pairs of a scene come that are known, earliest first; InvalidInput if it is not known."""
-    with transaction(conn):
-        state = scene_state(conn, scene)
-        rows = call_many(conn, "_approaches", scene)
-    found = [
-        Approach(
-            scene=scene,
-            a_key=row[0],
-            a_kind=Kind(row[1]),
-            b_key=row[2],
-            b_kind=Kind(row[3]),
-            closest_at=_utc(row[4]),
-            closest_m=row[5],
-            closest_error_m=row[6],
-            a_deg=(row[7], row[8]),
-            b_deg=(row[9], row[10]),
-            verdict=Verdict(row[11]),
-            is_current=row[12],
-            run_id=row[13],
-            found_at=row[14].astimezone(UTC),
-            scene_is_current=row[15],
-        )
-        for row in rows
-    ]
-    return Listing(state, found)
+def each_approach(
+    conn: psycopg.Connection[Any], scene: str, *, only_near: bool = False
+) -> Generator[Approach, None, None]:
+    """Yield what `approaches` returns, read as it is asked for.
+
+    `only_near` leaves out those of conflicts. One transaction is open, and one cursor in it, until all are read.
+    """
+    with transaction(conn), closing(call_each(conn, "_approaches", scene, only_near)) as rows:
+        for row in rows:
+            yield Approach(
+                scene=scene,
+                a_key=row[0],
+                a_kind=_KINDS[row[1]],
+                b_key=row[2],
+                b_kind=_KINDS[row[3]],
+                closest_at=_utc(row[4]),
+                closest_m=row[5],
+                closest_error_m=row[6],
+                a_deg=(row[7], row[8]),
+                b_deg=(row[9], row[10]),
+                verdict=_VERDICTS[row[11]],
+                is_current=row[12],
+                run_id=row[13],
+                found_at=row[14].astimezone(UTC),
+                scene_is_current=row[15],
+                method=_METHODS[row[16]],
+                time_error_s=row[17],
+            )
 
 
 def explanation(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
@@ -139,3 +169,25 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
 
 def _utc(instant: datetime | None) -> datetime | None:
     return None if instant is None else instant.astimezone(UTC)
+
+
+def _periods(sent: bytes) -> tuple[Period, ...]:
+    """Return the periods of a tstzmultirange as the server sends it in binary (multirange_send)."""
+    if len(sent) == _ONE_BOUNDED.size:  # nearly all
+        *_, start, _, end = _ONE_BOUNDED.unpack(sent)
+        return ((_instant(start), _instant(end)),)
+    found = []
+    place = _COUNT.size
+    for _ in range(_COUNT.unpack_from(sent)[0]):
+        flags = sent[place + _COUNT.size]
+        place += _COUNT.size + 1
+        ends: list[datetime | None] = []
+        for is_unbounded in (flags & _NO_START, flags & _NO_END):
+            ends.append(None if is_unbounded else _instant(_BOUND.unpack_from(sent, place)[1]))
+            place += 0 if is_unbounded else _BOUND.size
+        found.append((ends[0], ends[1]))
+    return tuple(found)
+
+
+def _instant(us: int) -> datetime:
+    return _SERVER_EPOCH + timedelta(microseconds=us)
