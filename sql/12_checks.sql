@@ -356,7 +356,7 @@ BEGIN
         PERFORM _refuse('ZC006', p_who, 'outline', 'must be the first of outlines, or null', 'outline_is_first');
     END IF;
     PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
-        WHERE abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > 1e-12 * ST_Area(d.geom);
+        WHERE 1e12 * abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > ST_Area(d.geom);
     -- As conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time, by its Bernstein coefficients.
     WITH vertex AS (
         SELECT o.path[1] AS leg, v.path[2] AS n, _not_tiny(ST_X(v.geom)) AS x, _not_tiny(ST_Y(v.geom)) AS y

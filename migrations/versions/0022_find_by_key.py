@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ab275d22d353b2f52243dbc77848064815b8002997c6cd7eb199cb5028c7dde7"
+routines_sha256 = "0096b11af5a952ad85fc18fe0bc0dee7f649249d581e670a67d4e9ac357c59bf"
 
 # The first is also the way to all conflicts of a scene.
 BY_A_KEY = "CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict (scene_id, a_key)"

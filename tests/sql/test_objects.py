@@ -105,6 +105,17 @@ def test_scene_comes_back_as_it_was_loaded(conn: Conn) -> None:
         assert_same(found, wanted)
 
 
+def test_a_haven_whose_area_is_hardly_a_number_is_stored(conn: Conn) -> None:
+    """A part of it would be none: PostgreSQL calls that underflow, and refused the whole load."""
+    corner = 5e-161
+    outline_m = np.array([[corner, corner], [corner, 0.0], [0.0, 0.0], [0.0, corner]])
+    tiny = replace(TRACKS[0], outline_m=outline_m)
+    growing = replace(tiny, key="growing", outlines_m=np.stack([outline_m] * len(tiny.positions_deg)))
+    store.replace_scene(conn, SCENE, [], [tiny, growing], merge=False)
+    for found, wanted in zip(store.read_scene(conn, "s")[2], (tiny, growing), strict=True):
+        assert_same(found, wanted)
+
+
 def test_loading_commits_and_leaves_no_transaction_open(conn: Conn, dsn: str) -> None:
     store.replace_scene(conn, SCENE, AREAS, TRACKS, merge=False)
     assert conn.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
