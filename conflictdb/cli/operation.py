@@ -1,7 +1,7 @@
 """`worker`, `status`, `init` and `upgrade`."""
 
 import argparse
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from conflictdb.cli.codes import DONE, FAILED
@@ -10,6 +10,7 @@ from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text
 from conflictdb.cli.session import database, worker_connections
+from conflictdb.cli.watch import Metrics, served
 from conflictdb.database import Status, connect
 from conflictdb.db import schema
 from conflictdb.db.store import SceneStatus
@@ -19,17 +20,28 @@ from conflictdb.io.json_text import dumped
 
 def work(args: argparse.Namespace) -> int:
     """Keep all scenes current."""
-    check(args, [(args.once and args.every is not None, "--once and --every exclude each other")])
+    both = "exclude each other"
+    check(
+        args,
+        [
+            (args.once and args.every is not None, f"--once and --every {both}"),
+            (args.once and args.http is not None, f"--once and --http {both}"),
+        ],
+    )
     # Not above: it brings the solvers, which other commands need not wait for.
     from conflictdb.db.worker import EVERY_S, Worker
 
     log = JSON_LOG if args.log == "json" else TEXT_LOG
-    with database(args), worker_connections(args) as connection:
+    with database(args), worker_connections(args) as connection, ExitStack() as serving:
         worker = Worker(
             connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
         )
         if args.once:
             return DONE if worker.once() else FAILED
+        if args.http is not None:
+            metrics = Metrics(worker.state)
+            worker.report = metrics.counted(log.report)
+            serving.enter_context(served(args.http, worker.state, metrics, worker.every_s))
         note("working; Ctrl-C ends")
         with suppress(KeyboardInterrupt):
             worker.run()

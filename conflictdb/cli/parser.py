@@ -231,6 +231,12 @@ def _worker(commands: Any) -> None:
     parser.add_argument(
         "--log", choices=("text", "json"), default="text", help="how each line is written (default: text)"
     )
+    parser.add_argument(
+        "--http",
+        type=address,
+        metavar="[HOST:]PORT",
+        help="answer /healthz, and /metrics for Prometheus, at this port; to this machine alone unless HOST is given",
+    )
     parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
     _add_memory(parser)
     _add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
@@ -461,6 +467,14 @@ def whole(text: str) -> int:
     if not re.fullmatch(r"\d{1,18}", text):
         raise argparse.ArgumentTypeError(f"must be a whole number, 0 or more; got {text!r}")
     return int(text)
+
+
+def address(text: str) -> tuple[str, int]:
+    """Return host and port of ``9187``, ``0.0.0.0:9187`` or ``[::1]:9187``; without a host it is this machine alone."""
+    match = re.fullmatch(r"(?:(?P<host>[^:\[\]]+|\[[^\[\]]+\]):)?(?P<port>[0-9]{1,5})", text)
+    if not match or int(match["port"]) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port, or HOST:PORT; got {text!r}")
+    return (match["host"] or "127.0.0.1").strip("[]"), int(match["port"])
 
 
 def duration_s(text: str) -> float:

@@ -69,7 +69,7 @@ class State:
 
     is_connected : whether it has a connection that it knows no harm of
     connections : how many it has made
-    looked_at_s : when it last saw what waits, as of `time.monotonic`
+    looked_at_s : when it last saw what waits, or was made, as of `time.monotonic`
     waiting : scenes that waited then
     longest_s : for how long the first of them had waited then, seconds
     scene : what it detects, None between detections
@@ -77,7 +77,7 @@ class State:
 
     is_connected: bool = False
     connections: int = 0
-    looked_at_s: float = -math.inf
+    looked_at_s: float = field(default_factory=time.monotonic)
     waiting: int = 0
     longest_s: float = 0.0
     scene: str | None = None

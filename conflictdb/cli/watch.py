@@ -1,0 +1,136 @@
+"""What a worker shows over HTTP: /healthz for whoever supervises it, /metrics for Prometheus."""
+
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from socketserver import ThreadingTCPServer
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Final
+
+from conflictdb.errors import ConflictDBError
+
+if TYPE_CHECKING:
+    from conflictdb.db.detect import Run
+    from conflictdb.db.worker import Report, State
+
+# A worker that has not looked for changes for so much longer than it is to, and detects nothing, is stuck.
+_STUCK_S: Final = 60.0
+# A client that says nothing for so long is left.
+_CLIENT_S: Final = 10.0
+_BUCKETS_S: Final = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0)
+
+
+def health(state: "State", every_s: float) -> tuple[bool, dict[str, object]]:
+    """Return whether a worker that looks for changes every so often, seconds, does its work, and what it does."""
+    looked_s_ago = time.monotonic() - state.looked_at_s
+    is_stuck = state.scene is None and looked_s_ago > every_s + _STUCK_S
+    status = "no database" if not state.is_connected else "stuck" if is_stuck else "ok"
+    members = {"detects": state.scene, "looked_s_ago": round(looked_s_ago, 3), "scenes_waiting": state.waiting}
+    return status == "ok", {"status": status, **members}
+
+
+class Metrics:
+    """The metrics of a worker; raises ConflictDBError where prometheus_client is not installed."""
+
+    def __init__(self, state: "State") -> None:
+        try:
+            from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+            from prometheus_client.exposition import CONTENT_TYPE_LATEST
+        except ImportError:
+            raise ConflictDBError("--http needs prometheus_client: pip install 'conflictdb[metrics]'") from None
+        self.content_type = CONTENT_TYPE_LATEST
+        self._registry = CollectorRegistry()
+        self._text: Callable[[CollectorRegistry], bytes] = generate_latest
+        self._runs = Counter(
+            "conflictdb_runs", "Detections of this worker.", ["scene", "outcome"], registry=self._registry
+        )
+        self._seconds = Histogram(
+            "conflictdb_run_seconds", "Time that a detection took.", buckets=_BUCKETS_S, registry=self._registry
+        )
+        self._lag = Histogram(
+            "conflictdb_lag_seconds",
+            "Time from the oldest change that waited to the end of the detection that took it in.",
+            buckets=_BUCKETS_S,
+            registry=self._registry,
+        )
+        shown: dict[str, tuple[str, Callable[[], float]]] = {
+            "connected": ("Whether the worker is connected to the database.", lambda: state.is_connected),
+            "connections_made": ("Connections that it has made; all but the first followed a loss.",
+                                 lambda: state.connections),
+            "scenes_waiting": ("Scenes that waited for detection when it last looked.", lambda: state.waiting),
+            "longest_wait_seconds": ("How long the first of them had waited then.", lambda: state.longest_s),
+        }  # fmt: skip
+        for name, (text, value) in shown.items():
+            Gauge(f"conflictdb_{name}", text, registry=self._registry).set_function(value)
+
+    def counted(self, report: "Report") -> "Report":
+        """Return what takes note of a detection and then tells `report` of it."""
+
+        def both(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
+            self._runs.labels(scene, "failed" if isinstance(outcome, Exception) else "done").inc()
+            if not isinstance(outcome, Exception):
+                self._seconds.observe(outcome.total_s)
+                self._lag.observe(waited_s)
+            report(scene, outcome, waited_s)
+
+        return both
+
+    def text(self) -> bytes:
+        """Return all of it as Prometheus reads it."""
+        return self._text(self._registry)
+
+
+@contextmanager
+def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: float) -> Iterator[int]:
+    """Answer requests at (host, port) until the end of the context; gives the port, which port 0 leaves open.
+
+    Raises ConflictDBError if it cannot.
+    """
+
+    class Handler(BaseHTTPRequestHandler):
+        timeout = _CLIENT_S
+
+        def do_GET(self) -> None:
+            if self.path == "/healthz":
+                is_well, members = health(state, every_s)
+                code = HTTPStatus.OK if is_well else HTTPStatus.SERVICE_UNAVAILABLE
+                self._answer(code, "application/json", json.dumps(members).encode() + b"\n")
+            elif self.path == "/metrics":
+                self._answer(HTTPStatus.OK, metrics.content_type, metrics.text())
+            else:
+                self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"/healthz or /metrics\n")
+
+        def _answer(self, code: HTTPStatus, kind: str, body: bytes) -> None:
+            self.send_response(code)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002
+            """Say nothing: the log is of the worker's own work."""
+
+    class Server(ThreadingTCPServer):
+        allow_reuse_address = True
+        daemon_threads = True
+        address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+
+        def handle_error(self, request: object, client_address: object) -> None:
+            """Leave a client that has gone."""
+
+    try:
+        server = Server(address, Handler)
+    except OSError as error:
+        raise ConflictDBError(f"--http: cannot listen on {address[0]}, port {address[1]}: {error}") from error
+    with server:
+        thread = Thread(target=server.serve_forever, daemon=True, name="http")
+        thread.start()
+        try:
+            yield int(server.server_address[1])
+        finally:
+            server.shutdown()
+            thread.join()

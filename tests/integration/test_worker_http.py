@@ -1,0 +1,136 @@
+"""What a worker shows over HTTP: whether it does its work, and what Prometheus wants to know."""
+
+import json
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import suppress
+from http.client import HTTPMessage
+
+import psycopg
+import pytest
+from commands import STRAIT, runner
+from prometheus_client.parser import text_string_to_metric_families
+
+from conflictdb import connect
+from conflictdb.cli.watch import Metrics, served
+from conflictdb.db import store
+from conflictdb.db.worker import State, Worker
+from conflictdb.errors import ConflictDBError
+
+WAIT_S = 30.0
+HERE = "127.0.0.1"
+
+
+def get(port: int, path: str, host: str = HERE) -> tuple[int, str, HTTPMessage]:
+    try:
+        with urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=WAIT_S) as answer:
+            return answer.status, answer.read().decode(), answer.headers
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode(), error.headers
+
+
+def numbers(text: str) -> dict[tuple[str, ...], float]:
+    """Return the samples of a page of metrics, by name and the values of labels in the order of their names."""
+    samples = (sample for family in text_string_to_metric_families(text) for sample in family.samples)
+    return {(sample.name, *dict(sorted(sample.labels.items())).values()): sample.value for sample in samples}
+
+
+@pytest.mark.parametrize(
+    ("state", "code", "status"),
+    [
+        (State(is_connected=True), 200, "ok"),
+        (State(is_connected=False), 503, "no database"),
+        (State(is_connected=True, looked_at_s=time.monotonic() - 1e4), 503, "stuck"),
+        (State(is_connected=True, looked_at_s=time.monotonic() - 1e4, scene="large \N{BELL}"), 200, "ok"),
+    ],
+)
+def test_health_tells_whether_it_does_its_work(state: State, code: int, status: str) -> None:
+    """A detection may take as long as it takes."""
+    with served((HERE, 0), state, Metrics(state), 60.0) as port:
+        found, text, headers = get(port, "/healthz")
+        assert (found, headers["Content-Type"], headers["Content-Length"]) == (code, "application/json", str(len(text)))
+        assert (json.loads(text)["status"], json.loads(text)["detects"]) == (status, state.scene)
+        assert get(port, "/")[0] == 404
+
+
+def test_metrics_count_detections_and_failures(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever scenes are called."""
+    bad = 'bad"\n'
+    with connect(dsn) as db:
+        db.load(STRAIT, "good")
+        db.load(STRAIT, bad)
+    reports: list[str] = []
+    worker = Worker(lambda: store.connect(dsn), lambda scene, *_: reports.append(scene), jobs=1)
+    metrics = Metrics(worker.state)
+    worker.report = metrics.counted(worker.report)
+    whole = store.is_pending
+
+    def sometimes(conn: psycopg.Connection[object], scene_id: int) -> bool:
+        if scene_id == store.scene_id(conn, bad):
+            raise ValueError("no luck")
+        return whole(conn, scene_id)
+
+    monkeypatch.setattr(store, "is_pending", sometimes)
+    assert not worker.once()
+    assert sorted(reports) == sorted(["good", bad])
+    with served((HERE, 0), worker.state, metrics, 60.0) as port:
+        _, text, headers = get(port, "/metrics")
+    assert headers["Content-Type"].startswith("text/plain; version=")
+    found = numbers(text)
+    assert found["conflictdb_runs_total", "done", "good"] == found["conflictdb_runs_total", "failed", bad] == 1
+    assert found["conflictdb_run_seconds_count",] == found["conflictdb_lag_seconds_count",] == 1
+    assert found["conflictdb_lag_seconds_sum",] > found["conflictdb_run_seconds_sum",] > 0
+    assert found["conflictdb_scenes_waiting",] == 2
+    assert found["conflictdb_longest_wait_seconds",] > 0
+
+
+def test_who_says_nothing_keeps_nobody_waiting_and_a_port_in_use_is_told() -> None:
+    state = State(is_connected=True)
+    with served((HERE, 0), state, Metrics(state), 60.0) as port, socket.create_connection((HERE, port)):
+        assert get(port, "/healthz")[0] == 200
+        with (
+            pytest.raises(ConflictDBError, match=f"cannot listen on {HERE}, port {port}"),
+            served((HERE, port), state, Metrics(state), 60.0),
+        ):
+            pass
+
+
+def test_the_option_is_an_address_of_this_machine_alone(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = runner(dsn, capsys)
+    for wrong in ("", "x", ":1", "70000", "::1:80", "[::1]", "a:b:1"):
+        done = run("worker", "--http", wrong)
+        assert (done.code, "must be a port, or HOST:PORT" in done.err) == (2, True)
+    assert run("worker", "--once", "--http", "0").code == 2
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "prometheus_client", None)
+        done = run("worker", "--http", "0")
+        assert (done.code, done.err) == (
+            1,
+            "conflictdb: --http needs prometheus_client: pip install 'conflictdb[metrics]'\n",
+        )
+    with socket.socket() as free:
+        free.bind((HERE, 0))
+        port = free.getsockname()[1]
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", "--http", str(port)], stdout=subprocess.DEVNULL
+    )
+    try:
+        end = time.monotonic() + WAIT_S
+        while time.monotonic() < end:
+            with suppress(urllib.error.URLError):
+                if get(port, "/healthz")[0] == 200:
+                    break
+            time.sleep(0.05)
+        assert numbers(get(port, "/metrics")[1])["conflictdb_connected",] == 1
+        with pytest.raises(urllib.error.URLError):
+            get(port, "/healthz", "127.0.0.2")  # as any other address of this machine
+    finally:
+        worker.terminate()
+        assert worker.wait(WAIT_S) == 0
