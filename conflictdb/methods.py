@@ -72,7 +72,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             tried=Tried.WIDELY,
             says="a safe time window",
             promises="no conflict is missed; every contact lies in the period",
-            costs="twice to three times `exact`",
+            costs="three to four times `exact`",
         ),
         Method.EXACT: MethodSpec(
             4,

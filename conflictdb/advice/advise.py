@@ -75,11 +75,10 @@ COPIES_S: Final = 1.0
 
 # What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 80 to
 # 2,000 objects with PostgreSQL 15 (benchmarks/advice.py). Another scene or disk may make it half of that, or twice.
-DATABASE_PER_PIECE: Final = 1.0  # its row in, the marks
-JOIN_PER_PIECE: Final = 0.5  # stage 1
-TEST_PER_CANDIDATE: Final = 0.14  # stage 2; its pairs and pieces out
-WRITE_PER_CONFLICT: Final = 1.5
-REGION_RATIO: Final = 1.5  # a region there against one in memory: the same library, but its bytes travel
+DATABASE_PER_PIECE: Final = 2.4  # its row in, the marks
+JOIN_PER_PIECE: Final = 4.5  # stage 1; its pairs and pieces out
+TEST_PER_CANDIDATE: Final = 0.16  # stage 2
+WRITE_PER_CONFLICT: Final = 2.3
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 
 _SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
@@ -267,7 +266,7 @@ class _Measure:
         missed_share = Share.certain if setting.earth == self._truth_is.earth else of_meeting
         made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
         pairs = intersecting.value
-        region_s = REGION_RATIO * done.region_s * pairs / max(done.handled, 1)
+        region_s = done.region_s * pairs / max(done.handled, 1)
         return Estimate(
             setting=setting,
             sampled_pairs=n,
