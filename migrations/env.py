@@ -1,7 +1,8 @@
 """Alembic environment: structure from versions/, routines from sql/ at head, all in one transaction.
 
 `conflictdb.db.schema.upgrade` passes its connection in the config's attributes; the alembic command line passes
-`-x dsn=…`. The version table lives in the schema conflictdb, beside nobody else's.
+`-x dsn=…`. Without a connection (`--sql`) the structure alone is written. The version table lives in the schema
+conflictdb, beside nobody else's.
 """
 
 import psycopg
@@ -35,13 +36,26 @@ def _migrate(connection: sqlalchemy.Connection) -> None:
             context.run_migrations()
 
 
+def _write() -> None:
+    """Write the structure as one script, which a transaction of the caller runs; the routines are files already."""
+    context.configure(
+        dialect_name="postgresql",
+        dialect_opts={"paramstyle": "named"},  # a % is a %
+        version_table="alembic_version",
+        version_table_schema=schema.SCHEMA,
+        transactional_ddl=False,
+    )
+    context.run_migrations()
+
+
 def _run() -> None:
     given = context.config.attributes.get("connection")
     if given is not None:
         _migrate(given)
         return
     if context.is_offline_mode():
-        raise SystemExit("conflictdb migrates online only: sql/ is applied through the connection")
+        _write()
+        return
     dsn = context.get_x_argument(as_dictionary=True).get("dsn", "")
     engine = sqlalchemy.create_engine("postgresql+psycopg://", creator=lambda: psycopg.connect(dsn))
     with engine.connect() as connection:

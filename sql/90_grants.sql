@@ -28,12 +28,18 @@ $$;
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
--- conflictdb.db.schema.missing_grants.
+-- conflictdb.db.schema.missing_grants. In the script of an extension a grant would make all grants on that schema those
+-- of the extension, which dumps leave out: there it is said instead.
 DO $$
 DECLARE
     v_schema regnamespace := (SELECT e.extnamespace FROM pg_catalog.pg_extension e WHERE e.extname = 'postgis');
 BEGIN
-    IF NOT has_schema_privilege('conflictdb_reader', v_schema, 'USAGE') THEN
+    IF has_schema_privilege('conflictdb_reader', v_schema, 'USAGE') THEN
+        NULL;
+    ELSIF current_setting('conflictdb.is_extension', true) = 'on' THEN
+        RAISE WARNING 'the roles of conflictdb cannot use PostGIS yet'
+            USING HINT = format('Run: GRANT USAGE ON SCHEMA %s TO conflictdb_reader', v_schema);
+    ELSE
         BEGIN
             EXECUTE format('GRANT USAGE ON SCHEMA %s TO conflictdb_reader', v_schema);
         EXCEPTION

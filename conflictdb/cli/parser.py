@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
 import conflictdb
@@ -299,6 +300,30 @@ def _schema(commands: Any) -> None:
         "upgrade the schema `conflictdb` of a database to this program's",
         again,
     )
+    parser = _command(
+        commands,
+        "extension",
+        "extension:extension",
+        "make conflictdb an extension of a server: CREATE EXTENSION conflictdb",
+        "For servers whose files you may write; `init` needs none and makes the same schema.",
+    )
+    actions = parser.add_subparsers(title="actions", dest="action", required=True, metavar="ACTION")
+    action = _action(actions, "build", "write the files of the extension into a directory")
+    action.add_argument("directory", type=Path, metavar="DIRECTORY", help="where to; made if need be")
+    action = _action(actions, "install", "write the files to where a server of this machine looks for extensions")
+    action.add_argument(
+        "--pg-config",
+        metavar="PROGRAM",
+        default="pg_config",
+        help="pg_config of that server (default: the one on PATH)",
+    )
+
+
+def _action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
+    )
+    return parser
 
 
 def _server(commands: Any) -> None:
@@ -310,7 +335,7 @@ def _server(commands: Any) -> None:
         ("status", "show whether it runs, and where it lives"),
         ("dsn", "start it and print its connection string, for other programs"),
     ):
-        actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False)
+        _action(actions, name, summary)
 
 
 def _psql(commands: Any) -> None:

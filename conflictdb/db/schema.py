@@ -5,12 +5,13 @@ in one transaction, under a lock: it runs the missing revisions and, once at hea
 """
 
 import hashlib
+import io
 import logging
 import re
 import threading
 import time
 from pathlib import Path
-from typing import Any, Final, LiteralString
+from typing import TYPE_CHECKING, Any, Final, LiteralString
 
 import psycopg
 from psycopg import sql
@@ -18,6 +19,9 @@ from psycopg.rows import tuple_row
 
 from conflictdb.db import store
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError
+
+if TYPE_CHECKING:
+    import alembic.config
 
 _log = logging.getLogger(__name__)
 
@@ -45,6 +49,27 @@ WHERE a.pid <> pg_backend_pid()
                      OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
 ORDER BY a.xact_start, a.pid
 """
+# What routines made anew in a database with the extension belongs to it, but for what serves single attached tables.
+_ADOPT: Final = """
+DO $$
+DECLARE
+    v_one record;
+BEGIN
+    FOR v_one IN
+        SELECT i.type, i.identity
+        FROM (SELECT 'pg_proc'::regclass AS class, p.oid FROM pg_catalog.pg_proc p
+              WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname !~ '^_note_[0-9]+$'
+              UNION ALL
+              SELECT 'pg_class'::regclass, c.oid FROM pg_catalog.pg_class c
+              WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'v') o
+        CROSS JOIN LATERAL pg_catalog.pg_identify_object(o.class, o.oid, 0) i
+        WHERE NOT EXISTS (SELECT FROM pg_catalog.pg_depend d
+                          WHERE d.classid = o.class AND d.objid = o.oid AND d.deptype = 'e') LOOP
+        EXECUTE format('ALTER EXTENSION conflictdb ADD %s %s', v_one.type, v_one.identity);
+    END LOOP;
+END
+$$
+"""
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
 
 
@@ -61,9 +86,33 @@ def routines_sha256() -> str:
     return digest.hexdigest()
 
 
+def revisions() -> list[str]:
+    """Return the revisions of this program, oldest first: what names of files in migrations/versions start with."""
+    return sorted(file.name.partition("_")[0] for file in (_folder("migrations") / "versions").glob("[0-9]*_*.py"))
+
+
 def head() -> str:
     """Return the newest revision this program knows."""
-    return max(_revisions())
+    return revisions()[-1]
+
+
+def structure_sql(after: str | None = None) -> str:
+    """Return the structure as SQL: all revisions, or those after one, without the routines; run as one transaction."""
+    script = io.StringIO()
+    import alembic.command  # takes long, and who does not upgrade does not need it
+
+    config = _alembic_config(script)
+    with _ALEMBIC:
+        alembic.command.upgrade(config, f"{after}:head" if after else "head", sql=True)
+    return script.getvalue()
+
+
+def comment_sql() -> str:
+    """Return the statement that notes in the database which routines it has: those of this program."""
+    return (
+        "COMMENT ON TABLE conflictdb.alembic_version IS "
+        f"'Revision of the structure. Routines: SHA-256 {routines_sha256()}';\n"
+    )
 
 
 def revision(conn: psycopg.Connection[Any]) -> str | None:
@@ -119,13 +168,14 @@ def upgrade(dsn: str) -> str:
         if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
             return found
         store.require_writable(conn)
+        if _is_extension(conn):
+            _update_extension(conn, str(found))
+            return head()
     # These two take longer to import than everything else; a schema that is up to date does not need them.
     import alembic.command
-    import alembic.config
     import sqlalchemy
 
-    config = alembic.config.Config()
-    config.set_main_option("script_location", str(_folder("migrations")))
+    config = _alembic_config()
     engine = sqlalchemy.create_engine(
         "postgresql+psycopg://", creator=lambda: store.connect(dsn), poolclass=sqlalchemy.pool.NullPool
     )
@@ -148,6 +198,32 @@ def upgrade(dsn: str) -> str:
         raise LockTimeout(
             f"upgrading the schema waited {_UPGRADE_WAIT_S:g} s for locks; they are held by: {holders}"
         ) from error
+
+
+def _is_extension(conn: psycopg.Connection[Any]) -> bool:
+    return _one(conn, "SELECT true FROM pg_extension WHERE extname = 'conflictdb'") is True
+
+
+def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
+    """Bring the extension to this program's revision, from the files that its server has.
+
+    Raises SchemaOutdated if the server lacks them.
+    """
+    with conn.transaction():
+        prepare(conn)
+        if found == head():
+            # Between releases routines change before they have a revision; and a restore can have reset triggers.
+            apply_routines(conn)
+            conn.execute(_ADOPT)
+            return
+        known = "SELECT true FROM pg_available_extension_versions WHERE name = 'conflictdb' AND version = %s"
+        if _one(conn, known, head()) is not True:
+            raise SchemaOutdated(
+                f"database {conn.info.dbname!r} has conflictdb as an extension, of version {found}, and its server has "
+                f"no files of version {head()}: run `conflictdb extension install` on the machine of the server, "
+                "then `conflictdb upgrade` again"
+            )
+        conn.execute(sql.SQL("ALTER EXTENSION conflictdb UPDATE TO {}").format(sql.Literal(head())))
 
 
 def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
@@ -217,11 +293,7 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
     for file in routine_files():
         # As bytes and without parameters, so that neither % nor : means anything.
         conn.execute(file.read_bytes())
-    conn.execute(
-        sql.SQL("COMMENT ON TABLE conflictdb.alembic_version IS {}").format(
-            sql.Literal(f"Revision of the structure. Routines: SHA-256 {routines_sha256()}")
-        )
-    )
+    conn.execute(comment_sql().encode())
 
 
 def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
@@ -258,16 +330,19 @@ def _set_search_path(conn: psycopg.Connection[Any]) -> None:
 
 
 def _check_known(found: str, database: str) -> None:
-    if found not in _revisions():
+    if found not in revisions():
         raise SchemaTooNew(
             f"the conflictdb schema of database {database!r} is at revision {found}, which this program does not know "
             f"(it knows up to {head()}): install a newer conflictdb"
         )
 
 
-def _revisions() -> list[str]:
-    """Return the revisions of this program: the numbers that file names of migrations/versions start with."""
-    return [file.name.partition("_")[0] for file in (_folder("migrations") / "versions").glob("[0-9]*_*.py")]
+def _alembic_config(output: io.StringIO | None = None) -> "alembic.config.Config":
+    import alembic.config
+
+    config = alembic.config.Config(output_buffer=output)
+    config.set_main_option("script_location", str(_folder("migrations")))
+    return config
 
 
 def _folder(name: str) -> Path:

@@ -1,7 +1,6 @@
 """Upgrades: from nothing or from any revision to the same schema, all or nothing, also by several at once."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -48,31 +47,6 @@ def alembic_do(dsn: str, command: Any, revision: str) -> None:
         command(config, revision)
 
 
-@pytest.fixture
-def next_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the tree of a next release: a revision that adds a column, and a routine that reads it."""
-    for name in ("sql", "migrations"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    number = int(schema.head()) + 1
-    (tmp_path / "migrations" / "versions" / f"{number:04}_add_scene_note.py").write_text(
-        f"""from alembic import op
-revision = "{number:04}"
-down_revision = "{schema.head()}"
-
-
-def upgrade() -> None:
-    op.execute("ALTER TABLE conflictdb.scene ADD COLUMN note text DEFAULT 'none: 100%'")
-"""
-    )
-    (tmp_path / "sql" / "86_note.sql").write_text(
-        """CREATE OR REPLACE FUNCTION scene_note(p_scene text) RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC SELECT format('%s :x', s.note) FROM scene s WHERE s.name = p_scene; END;
-"""
-    )
-    monkeypatch.setattr(schema, "_folder", lambda name: tmp_path / name)
-    return tmp_path
-
-
 def test_fresh_schema_is_the_documented_one(dsn: str) -> None:
     """docs/reference/schema.sql is reviewed as a diff."""
     found, _ = catalog(dsn)
@@ -94,7 +68,7 @@ def test_upgrade_returns_the_revision_and_again_changes_nothing(empty_dsn: str) 
 
 def test_stepwise_upgrade_is_the_fresh_install(empty_dsn: str, other_dsn: str, next_release: Path) -> None:
     """Every revision in turn, with objects in the tables, gives what a fresh install gives."""
-    for revision in sorted(schema._revisions()):
+    for revision in schema.revisions():
         alembic_do(empty_dsn, alembic.command.upgrade, revision)
         with psycopg.connect(empty_dsn) as conn:
             assert schema.revision(conn) == revision

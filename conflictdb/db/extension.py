@@ -1,0 +1,161 @@
+"""The files of the extension `conflictdb`: the same structure and routines as `schema.upgrade` makes, for a server.
+
+A version of the extension is a revision of the structure. The script of a version makes everything; an update script
+leads from each earlier version that there was straight to it, because routines are only ever those of the newest.
+"""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from conflictdb.db import schema
+from conflictdb.errors import ServerError
+
+# The first revision that was there as an extension: none earlier needs an update script.
+FIRST_VERSION: Final = "0020"
+
+_CONTROL: Final = """\
+comment = 'which plans interfere, where, and exactly when: moving and static areas'
+default_version = '{version}'
+encoding = 'UTF8'
+schema = conflictdb
+relocatable = false
+requires = 'postgis, btree_gist'
+superuser = false
+"""
+
+_ONLY_AS_EXTENSION: Final = '\\echo Use "{command}" to load this file. \\quit\n'
+
+# A database that `conflictdb init` has made stays what it is.
+_REFUSE_BESIDE_INIT: Final = """
+DO $$
+BEGIN
+    IF to_regclass('conflictdb.alembic_version') IS NOT NULL THEN
+        RAISE EXCEPTION 'database % has the schema conflictdb already, made by `conflictdb init`', current_database()
+            USING ERRCODE = 'duplicate_schema',
+                  HINT = 'It needs no extension: keep it current by `conflictdb upgrade`.';
+    END IF;
+END
+$$;
+"""
+
+# What `schema.prepare` sees to elsewhere.
+_PREPARE: Final = """
+DO $$
+DECLARE
+    v_path text := (SELECT format('conflictdb, %I, pg_temp', n.nspname) FROM pg_catalog.pg_extension e
+                    JOIN pg_catalog.pg_namespace n ON n.oid = e.extnamespace WHERE e.extname = 'postgis');
+    v_version text := (SELECT substring(e.extversion FROM '^[0-9]+[.][0-9]+') FROM pg_catalog.pg_extension e
+                       WHERE e.extname = 'postgis');
+BEGIN
+    IF current_setting('server_version_num')::integer < {server}
+       OR string_to_array(v_version, '.')::integer[] < string_to_array('{postgis}', '.')::integer[] THEN
+        RAISE EXCEPTION 'PostgreSQL {major} or newer and PostGIS {postgis} or newer are needed'
+            USING ERRCODE = 'feature_not_supported';
+    END IF;
+    PERFORM set_config('search_path', v_path, true);
+    PERFORM set_config('conflictdb.is_extension', 'on', true); -- for 90_grants.sql
+END
+$$;
+"""
+
+# Functions of attached tables are made anew with the routines, which a script may only do with what belongs to it;
+# they belong to the database, which dumps them.
+_NOTES: Final = """
+DO $$
+DECLARE
+    v_note regprocedure;
+BEGIN
+    FOR v_note IN SELECT p.oid FROM pg_catalog.pg_proc p
+                  WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname ~ '^_note_[0-9]+$' LOOP
+        EXECUTE format('ALTER EXTENSION conflictdb {action} FUNCTION %s', v_note);
+    END LOOP;
+END
+$$;
+"""
+
+# Dumps hold what is in the tables, and how far sequences have come; the revision comes with the extension.
+_DUMP_CONTENTS: Final = """
+DO $$
+DECLARE
+    v_one regclass;
+BEGIN
+    FOR v_one IN SELECT c.oid FROM pg_catalog.pg_class c
+                 WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'S')
+                       AND c.relname <> 'alembic_version' LOOP
+        PERFORM pg_extension_config_dump(v_one, '');
+    END LOOP;
+END
+$$;
+"""
+
+
+def version() -> str:
+    """Return the version that the extension of this program has."""
+    return schema.head()
+
+
+def files() -> Iterator[tuple[str, str]]:
+    """Yield names and contents of the files that a server needs."""
+    newest = version()
+    yield "conflictdb.control", _CONTROL.format(version=newest)
+    yield f"conflictdb--{newest}.sql", _install_script()
+    for earlier in schema.revisions():
+        if FIRST_VERSION <= earlier < newest:
+            yield f"conflictdb--{earlier}--{newest}.sql", _update_script(earlier)
+
+
+def build(directory: Path) -> list[Path]:
+    """Write the files into a directory, which is made if need be; returns their paths."""
+    directory.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, text in files():
+        path = directory / name
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o644)  # the server reads it as another user
+        written.append(path)
+    return written
+
+
+def install_directory(pg_config: str) -> Path:
+    """Return where the server that a program `pg_config` belongs to looks for extensions.
+
+    Raises
+    ------
+    ServerError
+        The program is not there, or tells no directory that is there.
+    """
+    try:
+        told = subprocess.run([pg_config, "--sharedir"], check=True, capture_output=True, text=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise ServerError(
+            f"{pg_config} does not say where its server looks for extensions ({error}): name the pg_config of the "
+            "server, --pg-config /usr/lib/postgresql/17/bin/pg_config, or write the files anywhere by "
+            "`conflictdb extension build` and copy them"
+        ) from error
+    directory = Path(told, "extension")
+    if not directory.is_dir():
+        raise ServerError(f"there is no server beside {pg_config}: it has no directory {directory}")
+    return directory
+
+
+def _install_script() -> str:
+    command = _ONLY_AS_EXTENSION.format(command="CREATE EXTENSION conflictdb")
+    return "".join([command, _REFUSE_BESIDE_INIT, _prepare(), schema.structure_sql(), _routines(), _DUMP_CONTENTS])
+
+
+def _update_script(earlier: str) -> str:
+    command = _ONLY_AS_EXTENSION.format(command=f"ALTER EXTENSION conflictdb UPDATE TO '{version()}'")
+    notes = [_NOTES.format(action=action) for action in ("ADD", "DROP")]
+    structure = schema.structure_sql(earlier)
+    return "".join([command, _prepare(), structure, notes[0], _routines(), notes[1], _DUMP_CONTENTS])
+
+
+def _prepare() -> str:
+    server, postgis = schema.MIN_SERVER_VERSION, ".".join(map(str, schema.MIN_POSTGIS_VERSION))
+    return _PREPARE.format(server=server, major=server // 10000, postgis=postgis)
+
+
+def _routines() -> str:
+    return "\n".join([*(file.read_text(encoding="utf-8") for file in schema.routine_files()), schema.comment_sql()])
