@@ -7,12 +7,15 @@
 -- ZC013 wrong_sequence (called out of order, or in a transaction where it cannot work)
 -- ZC014 not_current (in time)
 --
+-- What functions of SECURITY DEFINER call finds names where only the owner of conflictdb may put some: beside those of
+-- PostGIS a user could define a function or an operator that fits better than the one that was meant.
+--
 -- What refuses is at most STABLE: an IMMUTABLE call may be made while a plan is made, also in a branch never taken.
 
 CREATE OR REPLACE FUNCTION _refuse(
     p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
 ) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     IF p_hint = '' THEN -- RAISE shows an empty hint, and takes no null.
         RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
@@ -27,7 +30,7 @@ COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
 'Raises SQLSTATE p_state. For programs, TABLE says which object, COLUMN which field, CONSTRAINT which rule by name.';
 
 CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
     v_known text;

@@ -6,7 +6,7 @@
 -- Writers only insert marks and a detection only touches marks it saw: they never wait for, or fail, each other.
 
 CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     v_kind smallint := TG_ARGV[0];
     v_id text := TG_ARGV[1];
@@ -74,7 +74,7 @@ END;
 COMMENT ON FUNCTION _mark_all(bigint) IS 'Marks every object of a scene as changed; returns how many.';
 
 CREATE OR REPLACE FUNCTION _after_scene_change() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     PERFORM _mark_all(NEW.scene_id);
     PERFORM pg_notify('conflictdb_request', '');
@@ -89,7 +89,7 @@ COMMENT ON FUNCTION _after_scene_change() IS
 -- replicas alone. Foreign keys do not act there either: a scene takes along what was made of it.
 
 CREATE OR REPLACE FUNCTION _after_replicated_object() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     v_kind smallint := TG_ARGV[0];
     v_row jsonb := to_jsonb(CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END);
@@ -111,7 +111,7 @@ COMMENT ON FUNCTION _after_replicated_object() IS
 'Trigger, once per row that arrives as a replica: what _after_object_change does for the rows of a statement.';
 
 CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
     DELETE FROM run r WHERE r.scene_id = OLD.scene_id;

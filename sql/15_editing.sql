@@ -221,7 +221,7 @@ COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 'The path of a track: a LineString of waypoints with one instant each as M (Unix seconds).';
 
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
 BEGIN

@@ -91,7 +91,7 @@ COMMENT ON FUNCTION _begin_pieces(bigint, boolean) IS
 'in this transaction, which is the first of a detection, or its second too; returns the SRID of the plane.';
 
 CREATE OR REPLACE FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     -- Once, what a foreign key would do for every piece at twice the cost of writing it: who removes the scene waits
     -- for these pieces, or was first.

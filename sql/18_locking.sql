@@ -70,7 +70,7 @@ COMMENT ON FUNCTION _take_scene(bigint, double precision) IS
 
 CREATE OR REPLACE FUNCTION _scene_holders(p_scene_id bigint)
 RETURNS TABLE (pid integer, application text, role text, since timestamptz)
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     RETURN QUERY
     SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
@@ -92,7 +92,7 @@ COMMENT ON FUNCTION _scene_holders(bigint) IS
 'may see more of other sessions than a worker.';
 
 CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     -- Not by foreign keys either, which would cost every conflict and piece more than it costs to write.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;

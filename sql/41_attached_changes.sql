@@ -18,7 +18,7 @@ COMMENT ON FUNCTION _identity_of(text, text[]) IS
 'SQL of the identity of a row: the texts of the columns that tell objects apart, as an array in text form.';
 
 CREATE OR REPLACE FUNCTION _create_note(p_attachment_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     -- Statements that change more rows have them found by comparing the whole table: reading so many takes longer than
     -- writers may notice.
@@ -78,7 +78,7 @@ COMMENT ON FUNCTION _create_note(bigint) IS
 'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema.';
 
 CREATE OR REPLACE FUNCTION _drop_note(p_attachment_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     -- Not while a table has its triggers.
     EXECUTE format('DROP FUNCTION IF EXISTS _note_%s()', p_attachment_id);

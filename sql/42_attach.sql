@@ -6,7 +6,7 @@
 -- where names are looked up. Whoever calls such a function runs foreign code: see 43_attached_rows.sql.
 
 CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT SET client_min_messages = warning AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp SET client_min_messages = warning AS $$
 BEGIN
     IF to_regnamespace('conflictdb_attached') IS NULL THEN
         CREATE SCHEMA IF NOT EXISTS conflictdb_attached;
@@ -20,7 +20,7 @@ COMMENT ON FUNCTION _open_attached_schema() IS
 'Makes sure of the schema conflictdb_attached. Runs as the owner of conflictdb, who owns it.';
 
 CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     DROP SCHEMA conflictdb_attached;
 EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name THEN

@@ -364,7 +364,7 @@ COMMENT ON FUNCTION _take_over_attached(bigint, bigint, bigint[], boolean) IS
 -- Other settings may take what was refused under the ones before.
 
 CREATE OR REPLACE FUNCTION _after_scene_resettled() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     INSERT INTO attached_change (attachment_id, identities)
         SELECT o.attachment_id, array_agg(o.identity) FROM attached_object o JOIN attachment a USING (attachment_id)

@@ -20,6 +20,15 @@ BEGIN
         WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile <> 'v' LOOP
         EXECUTE format('GRANT EXECUTE ON FUNCTION %s TO conflictdb_reader', v_routine);
     END LOOP;
+    -- Who may execute what triggers call may make triggers of it on tables of his own, and have it act as its owner on
+    -- rows that he made up. Triggers of the tables here ask for no such right. Those of attached tables do: their
+    -- owners make them (41_attached_changes.sql).
+    FOR v_routine IN
+        SELECT p.oid FROM pg_catalog.pg_proc p
+        WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.prorettype = 'trigger'::regtype
+              AND p.proname !~ '^_note_[0-9]+$' LOOP
+        EXECUTE format('REVOKE ALL ON FUNCTION %s FROM conflictdb_worker', v_routine);
+    END LOOP;
 END
 $$;
 

@@ -406,22 +406,22 @@ FUNCTION _add_scene_lock(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _after_object_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _after_replicated_object()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _after_replicated_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _after_scene_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _after_scene_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _after_scene_resettled()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -535,7 +535,7 @@ FUNCTION _circle_vertices(p_start double precision[], p_heading double precision
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _close_attached_schema()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _combined_hash(p_sum numeric)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -556,7 +556,7 @@ FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _create_note(p_attachment_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -565,10 +565,10 @@ FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _drop_note(p_attachment_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -712,7 +712,7 @@ FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _open_attached_schema()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
 
 FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -760,7 +760,7 @@ FUNCTION _rectifying_m(p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _refuse_truncate()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -787,13 +787,13 @@ FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_holders(p_scene_id bigint)
-    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _scene_holds_objects()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_id(p_scene text)
-    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -937,7 +937,7 @@ FUNCTION remove_object(p_scene text, p_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

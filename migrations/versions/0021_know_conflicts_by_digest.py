@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "39ea6b603c7a02ca034ff92f78bb7cc4cc8c217e2dc23bee37f5e03982e949ea"
+routines_sha256 = "386be4350f89f1e4881aa87c91de39724e9cb5ad38c30f937f35408863c78fb9"
 
 # Of rows that are there already it is not known: the next detection of the pair writes them again.
 DIGEST = "ALTER TABLE conflictdb.conflict ADD COLUMN digest bigint NOT NULL DEFAULT 0"

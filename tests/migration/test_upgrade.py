@@ -13,7 +13,7 @@ import alembic.config
 import psycopg
 import pytest
 import sqlalchemy
-from catalog import describe, details
+from catalog import describe, details, privileges
 from databases import TestServer
 from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
@@ -23,6 +23,7 @@ from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, Schema
 
 ROOT = Path(schema.__file__).resolve().parents[2]
 SNAPSHOT = ROOT / "docs" / "reference" / "schema.sql"
+PRIVILEGES = SNAPSHOT.with_name("privileges.txt")
 
 
 @pytest.fixture
@@ -53,6 +54,25 @@ def test_fresh_schema_is_the_documented_one(dsn: str) -> None:
     if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT"):
         SNAPSHOT.write_text(found)
     assert found == SNAPSHOT.read_text()
+
+
+def test_privileges_are_the_documented_ones(conn: psycopg.Connection[Any]) -> None:
+    """docs/reference/privileges.txt is reviewed as a diff; nothing of it is PUBLIC's."""
+    found = privileges(conn)
+    if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT"):
+        PRIVILEGES.write_text(found)
+    assert found == PRIVILEGES.read_text()
+    public = """SELECT o.name FROM (
+                    SELECT n.nspname, coalesce(n.nspacl, acldefault('n', n.nspowner)) FROM pg_namespace n
+                    WHERE n.nspname = 'conflictdb'
+                    UNION ALL
+                    SELECT c.relname, coalesce(c.relacl, acldefault('r', c.relowner)) FROM pg_class c
+                    WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+                    UNION ALL
+                    SELECT p.proname, coalesce(p.proacl, acldefault('f', p.proowner)) FROM pg_proc p
+                    WHERE p.pronamespace = 'conflictdb'::regnamespace) o (name, acl), LATERAL aclexplode(o.acl) x
+                WHERE x.grantee = 0"""
+    assert conn.execute(public.encode()).fetchall() == []
 
 
 def test_upgrade_returns_the_revision_and_again_changes_nothing(empty_dsn: str) -> None:
@@ -221,8 +241,9 @@ def test_plpgsql_pins_its_search_path_and_sql_is_atomic(dsn: str) -> None:
         loose = conn.execute(
             """SELECT p.oid::regprocedure::text FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
                WHERE p.pronamespace = 'conflictdb'::regnamespace
-                 AND CASE l.lanname WHEN 'sql' THEN p.prosqlbody IS NULL OR p.proconfig IS NOT NULL
-                     ELSE NOT coalesce(p.proconfig[1], '') LIKE 'search_path=conflictdb, %, pg_temp' END"""
+                 AND CASE WHEN l.lanname = 'sql' THEN p.prosqlbody IS NULL OR p.proconfig IS NOT NULL
+                     WHEN p.prosecdef THEN coalesce(p.proconfig[1], '') <> 'search_path=conflictdb, pg_temp'
+                     ELSE NOT coalesce(p.proconfig[1], '') LIKE 'search_path=conflictdb, %pg_temp' END"""
         ).fetchall()
     assert loose == []
 

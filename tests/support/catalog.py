@@ -9,6 +9,10 @@ HEADER = """\
 -- CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew.
 """
 
+PRIVILEGES_HEADER = """\
+What each role may do with each relation and function: conflictdb_reader, _editor, _worker; PUBLIC may nothing.
+Generated: CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew; a change of it is reviewed.
+"""
 RELATIONS = """
 SELECT CASE c.relkind WHEN 'r' THEN 'TABLE' WHEN 'v' THEN 'VIEW' ELSE 'SEQUENCE' END || ' ' || c.relname
        || coalesce((
@@ -68,6 +72,29 @@ FROM (
 WHERE x.grantee <> o.owner
 GROUP BY o.what, x.grantee ORDER BY o.what, x.grantee::regrole::text
 """
+# What a role may do includes what those may that it can do all of; what only the owner may do is left out.
+PRIVILEGES = """
+WITH role (name, place) AS (VALUES ('reader', 1), ('editor', 2), ('worker', 3)),
+thing AS (
+    SELECT CASE c.relkind WHEN 'r' THEN 'TABLE ' WHEN 'v' THEN 'VIEW ' ELSE 'SEQUENCE ' END || c.relname AS what,
+           r.place, r.name, (
+               SELECT string_agg(x.privilege, ', ' ORDER BY x.privilege)
+               FROM unnest(CASE c.relkind WHEN 'S' THEN '{SELECT,UPDATE,USAGE}'::text[]
+                           ELSE '{SELECT,INSERT,UPDATE,DELETE,TRUNCATE,REFERENCES,TRIGGER}' END) x (privilege)
+               WHERE CASE c.relkind WHEN 'S' THEN has_sequence_privilege('conflictdb_' || r.name, c.oid, x.privilege)
+                     ELSE has_table_privilege('conflictdb_' || r.name, c.oid, x.privilege) END) AS may
+    FROM pg_class c CROSS JOIN role r
+    WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+    UNION ALL
+    SELECT 'FUNCTION ' || p.oid::regprocedure::text || CASE WHEN p.prosecdef THEN ' as its owner' ELSE '' END,
+           r.place, r.name,
+           CASE WHEN has_function_privilege('conflictdb_' || r.name, p.oid, 'EXECUTE') THEN 'EXECUTE' END
+    FROM pg_proc p CROSS JOIN role r WHERE p.pronamespace = 'conflictdb'::regnamespace
+)
+SELECT format('%s: %s', t.what, coalesce(string_agg(format('%s %s', t.name, t.may), '; ' ORDER BY t.place)
+                                         FILTER (WHERE t.may IS NOT NULL), 'none'))
+FROM thing t GROUP BY t.what ORDER BY t.what COLLATE "C"
+"""
 BODIES = """
 SELECT p.oid::regprocedure::text || md5(pg_get_functiondef(p.oid)) FROM pg_proc p
 WHERE p.pronamespace = 'conflictdb'::regnamespace
@@ -89,6 +116,13 @@ def describe(conn: psycopg.Connection[Any]) -> str:
     for query, gap in ((RELATIONS, "\n\n"), (CONSTRAINTS, "\n"), (INDEXES, "\n"), (TRIGGERS, "\n"), (ROUTINES, "\n\n")):
         parts.append(gap.join(f"{row[0]};" for row in conn.execute(query.encode())))
     return HEADER + "\n" + "\n\n".join(parts) + "\n"
+
+
+def privileges(conn: psycopg.Connection[Any]) -> str:
+    """Return what docs/reference/privileges.txt holds: what each role may do with each relation and function."""
+    conn.execute("SET LOCAL search_path = conflictdb, public")
+    rows = [row[0] for row in conn.execute(PRIVILEGES.encode())]
+    return PRIVILEGES_HEADER + "\n".join([*rows, ""])
 
 
 def details(conn: psycopg.Connection[Any]) -> list[str]:
