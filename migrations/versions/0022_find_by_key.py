@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0096b11af5a952ad85fc18fe0bc0dee7f649249d581e670a67d4e9ac357c59bf"
+routines_sha256 = "28c185f03945c43f89c5c78c228b100011aa8fc6d513dd829a15174b91326939"
 
 # The first is also the way to all conflicts of a scene.
 BY_A_KEY = "CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict (scene_id, a_key)"
