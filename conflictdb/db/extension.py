@@ -13,7 +13,7 @@ from conflictdb.db import schema
 from conflictdb.errors import ServerError
 
 # The first revision that was there as an extension: none earlier needs an update script.
-FIRST_VERSION: Final = "0021"
+FIRST_VERSION: Final = "0022"
 
 _CONTROL: Final = """\
 comment = 'which plans interfere, where, and exactly when: moving and static areas'

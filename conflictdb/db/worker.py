@@ -246,6 +246,7 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
     store.require_writable(connection)
     with store.transaction(connection):
         schema.check(connection)
+    store.require_detecting(connection)
 
 
 def _recover(connection: "psycopg.Connection[Any]", error: Exception) -> None:

@@ -21,6 +21,7 @@ from conflictdb.db.store.attached import (
 from conflictdb.db.store.connection import (
     begin_snapshot,
     connect,
+    require_detecting,
     require_idle,
     require_writable,
     transaction,
@@ -116,6 +117,7 @@ __all__ = [
     "record_failure",
     "replace_pieces",
     "replace_scene",
+    "require_detecting",
     "require_idle",
     "require_writable",
     "runs",

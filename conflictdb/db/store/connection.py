@@ -141,6 +141,18 @@ def require_writable(conn: psycopg.Connection[Any]) -> None:
         )
 
 
+def require_detecting(conn: psycopg.Connection[Any]) -> None:
+    """Raise ReadOnlyDatabase if this connection's user may not write what a detection finds."""
+    asked = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), quote_ident(current_user)"
+    with translated(), conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+        row = cursor.execute(asked, prepare=False).fetchone()
+    if row is not None and not row[0]:
+        raise ReadOnlyDatabase(
+            f"user {row[1]} may not detect in database {conn.info.dbname!r}; let an administrator run: "
+            f"GRANT conflictdb_worker TO {row[1]}"
+        )
+
+
 def require_idle(conn: psycopg.Connection[Any], what: str) -> None:
     """Raise StoreError if a transaction is open."""
     if conn.info.transaction_status != TransactionStatus.IDLE:
