@@ -1,14 +1,18 @@
 -- Keeping pieces in step with objects. The worker (conflictdb.db.store) reads marked objects, cuts them in arrays and
 -- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
 
-CREATE OR REPLACE FUNCTION _is_pending(p_scene_id bigint) RETURNS boolean
-LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET enable_seqscan = off -- see _is_current
+CREATE OR REPLACE FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET enable_seqscan = off -- see _is_current
 AS $$
 BEGIN
-    RETURN EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id);
+    areas := (SELECT count(*) FROM (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0
+                                    LIMIT 1000) m);
+    tracks := (SELECT count(*) FROM (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1
+                                     LIMIT 1000) m);
 END
 $$;
-COMMENT ON FUNCTION _is_pending(bigint) IS 'Whether an object of a scene waits for detection.';
+COMMENT ON FUNCTION _pending(bigint) IS
+'How many marks of areas and of tracks of a scene wait for detection; beyond a thousand a thousand.';
 
 CREATE OR REPLACE FUNCTION _changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,

@@ -37,7 +37,10 @@ def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
         The connection is lost.
     """
     for k in range(_ROUNDS):
-        for attachment_id in store.attachments_to_follow(conn, scene, again=again and k == 0):
+        attachment_ids = store.attachments_to_follow(conn, scene, again=again and k == 0)
+        if not attachment_ids:
+            return
+        for attachment_id in attachment_ids:
             try:
                 taken_over = _follow(conn, attachment_id)
             except ConflictDBError as error:

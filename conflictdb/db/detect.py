@@ -2,10 +2,10 @@
 
 The only module that knows both halves: the database, where stage 1 runs, and the arrays of the stages after it.
 
-Two transactions. The first refreshes the pieces of the objects that changed. The second sees one state of the database:
-it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the marks that the
-pieces cover. So after a crash at any point either nothing or all of it happened to the conflicts, and marks made
-meanwhile stay.
+Where few objects changed, one transaction does all of it; else there are two. The first refreshes the pieces of the
+objects that changed. The second sees one state of the database: it recomputes the pairs with a changed member, replaces
+their conflicts, records the run and clears the marks that the pieces cover. So after a crash at any point either
+nothing or all of it happened to the conflicts, and marks made meanwhile stay.
 
 Each transaction holds the scene's lock, which ends with it. Another detection may come in between, whole or in part.
 The lock counts how often it was taken: a second transaction that does not follow its first one makes the pieces anew.
@@ -41,6 +41,8 @@ __all__ = ["Progress", "Run", "detect", "detect_pending"]
 
 _log = logging.getLogger(__name__)
 
+# So many changed objects at most are detected by one transaction: making their pieces again, if it fails, costs little.
+_FEW_OBJECTS: Final = 100
 # Changed objects whose candidates are looked for by one statement: enough to be worth its planning.
 _OBJECTS_AT_ONCE: Final = 50_000
 # Chunks whose pairs, without their pieces, are held at once: what is known of a pair takes a thirtieth of its pieces.
@@ -157,19 +159,19 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
     try:
         taken = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
-        if way.only_pending and not store.is_pending(conn, scene_id):
-            raise _NothingPending
         if full:
             store.mark_all(conn, scene_id)
-        settings, record = _refresh_pieces(conn, scene_id, record, way.memory, is_first=True)
-        with store.translated():
-            conn.commit()
-        followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
-        if followed != taken + 1 or store.read_settings(conn, scene_id) != settings:
-            # Another detection came in between, or other settings: whatever is still marked becomes ours here and now.
-            if way.only_pending and not store.is_pending(conn, scene_id):
-                raise _NothingPending
-            settings, record = _refresh_pieces(conn, scene_id, record, way.memory, is_first=False)
+        pending = _pending(conn, scene_id, way)
+        is_first = pending.objects > _FEW_OBJECTS
+        settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first)
+        if is_first:
+            with store.translated():
+                conn.commit()
+            followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+            if followed != taken + 1 or store.read_settings(conn, scene_id) != settings:
+                # Another detection came in between, or other settings: whatever is still marked becomes ours now.
+                pending = _pending(conn, scene_id, way)
+                settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
         return _refresh_conflicts(conn, scene_id, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
@@ -185,23 +187,39 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
         raise
 
 
+def _pending(conn: psycopg.Connection[Any], scene_id: int, way: _Way) -> store.Pending:
+    """Return what waits for a detection; raises _NothingPending where nothing does, and that is no run."""
+    pending = store.pending(conn, scene_id)
+    if way.only_pending and not pending.objects:
+        raise _NothingPending
+    return pending
+
+
 def _refresh_pieces(
-    conn: psycopg.Connection[Any], scene_id: int, record: store.RunRecord, memory: Memory, *, is_first: bool
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    pending: store.Pending,
+    record: store.RunRecord,
+    memory: Memory,
+    *,
+    is_first: bool,
 ) -> tuple[Scene, store.RunRecord]:
     """Make the pieces of the changed objects anew."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
-    store.replace_pieces(conn, scene_id, _made_pieces(conn, scene_id, settings, memory), is_first=is_first)
+    store.replace_pieces(conn, scene_id, _made_pieces(conn, scene_id, pending, settings, memory), is_first=is_first)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=wanted, counted={"pieces_s": took_s})
 
 
-def _made_pieces(conn: psycopg.Connection[Any], scene_id: int, scene: Scene, memory: Memory) -> Iterator[Pieces]:
+def _made_pieces(
+    conn: psycopg.Connection[Any], scene_id: int, pending: store.Pending, scene: Scene, memory: Memory
+) -> Iterator[Pieces]:
     """Yield the pieces of the changed objects of a scene, those of some objects at a time."""
     plane = plane_of(scene)
     no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
-    for kind in Kind:
+    for kind in (kind for kind, count in ((Kind.AREA, pending.areas), (Kind.TRACK, pending.tracks)) if count):
         most, last = _FIRST_OBJECTS, -(2**63)
         while True:
             if kind is Kind.AREA:

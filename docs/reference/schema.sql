@@ -633,9 +633,6 @@ FUNCTION _is_current(p_scene_id bigint)
 FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _is_pending(p_scene_id bigint)
-    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
-
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -722,6 +719,9 @@ FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precisi
 
 FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off;
 
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;

@@ -13,8 +13,8 @@ routines_sha256 = "386be4350f89f1e4881aa87c91de39724e9cb5ad38c30f937f35408863c78
 # Of rows that are there already it is not known: the next detection of the pair writes them again.
 DIGEST = "ALTER TABLE conflictdb.conflict ADD COLUMN digest bigint NOT NULL DEFAULT 0"
 
-# Their arguments change; sql/ makes what follows them.
-REPLACED_ROUTINES = ("_begin_write()", "_write_run(bigint, jsonb)")
+# Their arguments change, or nothing calls them any more; sql/ makes what follows them.
+REPLACED_ROUTINES = ("_begin_write()", "_write_run(bigint, jsonb)", "_is_pending(bigint)")
 
 
 def upgrade() -> None:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "28c185f03945c43f89c5c78c228b100011aa8fc6d513dd829a15174b91326939"
+routines_sha256 = "c2b2738102a1bb376852ef7801161051eee72c56feed0af468de7526f08d1fc4"
 
 # The first is also the way to all conflicts of a scene.
 BY_A_KEY = "CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict (scene_id, a_key)"

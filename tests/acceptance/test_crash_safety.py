@@ -46,17 +46,23 @@ def stopping(name, *, after):
 
 for name in ("changed_areas", "replace_pieces", "dirty_objects", "pieces", "stage", "end_write"):
     stopping(name, after=True)
+conflictdb.db.detect._FEW_OBJECTS = int(sys.argv[4])
 with store.connect(sys.argv[1]) as conn:
     detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"))
 """
+# What counts as few changed objects: none, so that there are two transactions, or as many as the scene has.
+TWO_TRANSACTIONS, ONE_TRANSACTION = -1, 100
 PLACES = [
-    pytest.param("changed_areas", marks=pytest.mark.slow),
-    "replace_pieces",
-    pytest.param("dirty_objects", marks=pytest.mark.slow),
-    "pieces",
-    "progress",
-    pytest.param("stage", marks=pytest.mark.slow),
-    "end_write",
+    pytest.param("changed_areas", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    ("replace_pieces", TWO_TRANSACTIONS),
+    pytest.param("dirty_objects", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    ("pieces", TWO_TRANSACTIONS),
+    ("progress", TWO_TRANSACTIONS),
+    pytest.param("stage", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    ("end_write", TWO_TRANSACTIONS),
+    pytest.param("changed_areas", ONE_TRANSACTION, marks=pytest.mark.slow),
+    ("pieces", ONE_TRANSACTION),
+    ("end_write", ONE_TRANSACTION),
 ]
 
 
@@ -69,10 +75,14 @@ def changed() -> tuple[Scene, list[Area], list[Track], list[Area], list[Track]]:
     return scene, areas, tracks, areas[4:], moved + tracks[3:]
 
 
-def start_victim(dsn: str, scene: str, place: str, tmp_path: Path) -> "subprocess.Popen[str]":
+def start_victim(
+    dsn: str, scene: str, place: str, tmp_path: Path, few: int = TWO_TRANSACTIONS
+) -> "subprocess.Popen[str]":
     script = tmp_path / "victim.py"
     script.write_text(VICTIM)
-    return subprocess.Popen([sys.executable, str(script), dsn, scene, place], stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, str(script), dsn, scene, place, str(few)], stdout=subprocess.PIPE, text=True
+    )
 
 
 def wait_until_at(victim: "subprocess.Popen[str]", place: str) -> None:
@@ -116,9 +126,9 @@ def assert_same_but_for_what_changed(
     assert all(pair in stale for pair in before if removed & set(pair)), "and say that they are not current"
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(("place", "few"), PLACES)
 def test_killed_detection_leaves_the_old_conflicts(
-    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, place: str, changed: Any
+    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, place: str, few: int, changed: Any
 ) -> None:
     scene, areas, tracks, areas_after, tracks_after = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
@@ -129,7 +139,7 @@ def test_killed_detection_leaves_the_old_conflicts(
 
     store.replace_scene(conn, scene, areas_after, tracks_after, merge=False)
     conn.commit()
-    victim = start_victim(dsn, scene.name, place, tmp_path)
+    victim = start_victim(dsn, scene.name, place, tmp_path, few)
     try:
         wait_until_at(victim, place)
     finally:

@@ -227,6 +227,7 @@ def stepped(dsn: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Stepped]:
         return begin_locked(*arguments)
 
     monkeypatch.setattr(store, "begin_locked", gated)
+    monkeypatch.setattr(detect, "_FEW_OBJECTS", -1)  # two transactions, however few objects changed
     return both
 
 
@@ -351,9 +352,23 @@ def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn,
         store.replace_pieces(conn, scene_id, [pieces])
 
 
-@pytest.mark.parametrize("place", ["begin_locked", "dirty_objects", "end_write"])
+@pytest.mark.parametrize(
+    ("place", "is_one_transaction"),
+    [
+        ("begin_locked", False),
+        ("dirty_objects", False),
+        ("end_write", False),
+        ("begin_locked", True),
+        ("end_write", True),
+    ],
+)
 def test_a_scene_may_be_removed_while_it_is_detected(
-    conn: Conn, other: Conn, scene_id: int, place: str, monkeypatch: pytest.MonkeyPatch
+    conn: Conn,
+    other: Conn,
+    scene_id: int,
+    place: str,
+    is_one_transaction: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """At once but while the detection writes, which says what has become of the scene."""
     another = store.set_scene(conn, Scene("another"))
@@ -374,6 +389,7 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         return result
 
     monkeypatch.setattr(store, place, meanwhile)
+    monkeypatch.setattr(detect, "_FEW_OBJECTS", 100 if is_one_transaction else -1)
     if place == "end_write":
         assert detect.detect(conn, SCENE.name, jobs=1).conflicts == 1
     else:

@@ -28,11 +28,12 @@ from conflictdb.db.store.connection import (
     translated,
 )
 from conflictdb.db.store.detection import (
+    Pending,
     changed_areas,
     changed_tracks,
     footprints,
-    is_pending,
     mark_all,
+    pending,
     replace_pieces,
 )
 from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
@@ -74,6 +75,7 @@ __all__ = [
     "Dirty",
     "Holder",
     "LoadCounts",
+    "Pending",
     "RunOutcome",
     "RunRecord",
     "RunStatus",
@@ -103,12 +105,12 @@ __all__ = [
     "end_write",
     "explanation",
     "footprints",
-    "is_pending",
     "is_scene",
     "kept_rows",
     "list_scenes",
     "listen",
     "mark_all",
+    "pending",
     "pieces",
     "preview_attachment",
     "read_attached",

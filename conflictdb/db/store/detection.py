@@ -8,6 +8,7 @@ calls:
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -38,9 +39,22 @@ def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
     return int(call(conn, "_mark_all", scene_id)[0])
 
 
-def is_pending(conn: psycopg.Connection[Any], scene_id: int) -> bool:
-    """Return whether an object of a scene waits for a detection."""
-    return bool(call(conn, "_is_pending", scene_id)[0])
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """How many marks areas and tracks of a scene have that wait for a detection; beyond a thousand a thousand."""
+
+    areas: int
+    tracks: int
+
+    @property
+    def objects(self) -> int:
+        """As many objects at most wait."""
+        return self.areas + self.tracks
+
+
+def pending(conn: psycopg.Connection[Any], scene_id: int) -> Pending:
+    """Return how many objects of a scene wait for a detection."""
+    return Pending(*call(conn, "_pending", scene_id))
 
 
 def changed_areas(
