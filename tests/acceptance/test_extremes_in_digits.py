@@ -219,11 +219,11 @@ def test_contact_that_begins_where_a_span_ends(method: Method) -> None:
 @methods
 @pytest.mark.parametrize("speed_mps", [10.0, 1000.0])
 def test_contact_of_the_last_fraction_of_a_microsecond_is_reported(speed_mps: float, method: Method) -> None:
-    """It counts if it is deeper than rounding where the span ends; one that begins with that instant does not."""
+    """It counts if it is deeper than 0.25 um where the span ends; one that begins with that instant does not."""
     degree = parallel_m(EarthModel.SPHERE, 0.0)
     moving = track("T", [(0, 0), (1000.0 * speed_mps / degree, 0)], [0, 1000.0], 100.0, 100.0, 100.0, 100.0)
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0, method=method)
-    for early_s, expected in ((7e-7, True), (4e-7, True), (1e-7, True), (2e-8, True), (0.0, False), (-1e-6, False)):
+    for early_s, expected in ((7e-7, True), (4e-7, True), (1e-7, True), (3e-8, True), (0.0, False), (-1e-6, False)):
         west = (speed_mps * (500.0 - early_s) + 100.0) / degree
         found = solved(scene, [area("A", shapely.box(west, -0.5, west + 0.5, 0.5), end_s=500.0)], [moving])
         assert [one.verdict for one in found.values()] == [Verdict.CONFLICT] * expected
