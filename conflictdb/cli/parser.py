@@ -70,7 +70,7 @@ def build() -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _status):
+    for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
     for add in (_attach, _schema, _server, _psql, _demo):
         add(commands)
@@ -241,6 +241,23 @@ def _worker(commands: Any) -> None:
     parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
     _add_memory(parser)
     _add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
+
+
+def _service(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "service",
+        "service:service",
+        "print what has a system keep scenes current: a unit of systemd, a line for cron, jobs of pg_cron",
+        "Written for this program; where the database is, is yours to fill in.",
+    )
+    parser.add_argument(
+        "what",
+        choices=("systemd", "systemd-once", "systemd-timer", "cron", "pg_cron"),
+        metavar="WHAT",
+        help="systemd: a worker that runs all the time; systemd-once and systemd-timer: one that is started every five "
+        "minutes; cron: the same; pg_cron: jobs by which the database asks for what a worker does",
+    )
 
 
 def _status(commands: Any) -> None:

@@ -26,11 +26,12 @@ class OwnServer:
     """A server that runs while it is started, with the schema in its database `conflictdb`.
 
     home : directory, open to the account that serves root; the data are made in it, or found there
+    settings : of the server, from its next start on
     """
 
     def __init__(self, home: Path, **settings: str) -> None:
         self.data = home / "data"
-        self._settings = {**SETTINGS, "unix_socket_directories": str(self.data), **settings}
+        self.settings = {**SETTINGS, "unix_socket_directories": str(self.data), **settings}
         self.dsn = f"host={self.data} port=5432 user=postgres dbname=conflictdb"
         if not self.data.exists():
             with server.embedded(home, durable=False) as embedded:
@@ -43,7 +44,7 @@ class OwnServer:
 
     def start(self) -> None:
         """Start it and wait until it answers, after a crash when it has recovered."""
-        options = [word for name, value in self._settings.items() for word in ("-c", f"{name}={value}")]
+        options = [word for name, value in self.settings.items() for word in ("-c", f"{name}={value}")]
         with (self.data.parent / "own.log").open("ab") as log:
             self._process = subprocess.Popen(
                 [self.programs.bin / "postgres", "-D", self.data, *options], stdout=log, stderr=log, **self._started
