@@ -171,7 +171,10 @@ def test_methods_that_do_not_solve_tell_no_approach(method: str) -> None:
 
 def test_method_nlp_tells_the_same_approach() -> None:
     pair = [ship("a", 0.0, 0.1, 0.0), ship("b", 0.1, 0.0, 0.01)]
-    assert only([], pair, replace(SCENE, method="nlp")).approach == only([], pair).approach
+    found, expected = only([], pair, replace(SCENE, method="nlp")).approach, only([], pair).approach
+    assert found is not None
+    assert expected is not None
+    assert replace(found, method=expected.method) == expected
 
 
 def test_areas_stand_still() -> None:
@@ -310,3 +313,26 @@ def test_random_scenes_against_brute_force(
         allowed = 2e-3 + 1e-6 * one.closest_m
         assert one.closest_m - one.closest_error_m - allowed <= meeting.least_m <= one.closest_m + allowed
     assert sum(one.verdict is Verdict.NEAR for one in found.values()) >= 2, "pairs that tell nothing"
+
+
+@pytest.mark.parametrize("tolerance_m", [50.0, 200.0])
+def test_what_is_near_to_the_tolerance_is_as_near_as_a_search_of_all_the_time_finds(
+    tolerance_m: float,
+) -> None:
+    """Within the errors of both, also with a separation; and what stays apart is told to a tenth of the tolerance."""
+    compared = 0
+    for seed, separation_m in ((0, 0.0), (1, 0.0), (2, 3.0 * tolerance_m)):
+        scene, areas, tracks = workloads.throw(workloads.HARBOUR, seed, 6, 6)
+        near = replace(scene, tolerance_m=0.0, nearest_m=separation_m + 2.0 * tolerance_m)
+        fine = {(one.a_key, one.b_key): one for one in solve(tracks, areas, near)}
+        for one in solve(tracks, areas, replace(scene, tolerance_m=tolerance_m, separation_m=separation_m)):
+            other = fine[one.a_key, one.b_key]
+            assert one.closest_m is not None
+            assert one.closest_error_m is not None
+            assert other.closest_m is not None
+            assert other.closest_error_m is not None
+            within = one.closest_error_m + other.closest_error_m + 1e-6
+            assert abs(one.closest_m - other.closest_m) <= within
+            assert one.closest_error_m <= 0.1 * tolerance_m + 1e-3
+            compared += one.closest_m > 0.0
+    assert compared > 5
