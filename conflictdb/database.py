@@ -422,6 +422,37 @@ class Database:
         with self._transaction():
             return store.explanation(self.connection, scene, a_key, b_key)
 
+    def probe(self, scene: str, plan: Area | Track, *, jobs: int = 1) -> Listing[Conflict]:
+        """Return what a plan would be in conflict with, and when, without writing anything.
+
+        By the stages that a detection runs, with the scene's settings, on the objects that the last detection saw. With
+        the scene's `nearest_m` also what it would come near. An object that has the key of the plan is left out: the
+        plan would replace it.
+
+        Parameters
+        ----------
+        plan : Area or Track
+            What is planned.
+        jobs : int
+            Threads to solve in. The answer does not depend on it.
+
+        Raises
+        ------
+        InvalidInput
+            There is no such scene, or its plane cannot hold the plan.
+        StoreError
+            A transaction is open: the answer must come from one state of the database.
+        """
+        if not isinstance(plan, Area | Track):
+            raise InvalidInput("probe", "plan", f"must be an Area or a Track; got {type(plan).__name__}")
+        inputs.count("probe", "jobs", jobs, 1)
+        # Not above: the stages take longer to import than everything else.
+        from conflictdb.db import probes
+
+        found = probes.probe(self.connection, scene, plan, jobs=jobs)
+        _warn_if_incomplete(found.state)
+        return found
+
     def wait_until_current(self, scene: str, timeout_s: float = 60.0) -> None:
         """Wait until nothing of a scene waits for detection, which a worker has to do, or another program.
 

@@ -1,7 +1,6 @@
 """`solve`: the stages on objects in memory; no database, the same answer."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
+from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -11,15 +10,15 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.errors import InvalidInput
-from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
+from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.pipeline.run import run_scene
-from conflictdb.results import Conflict, Kind, Position, Verdict
+from conflictdb.pipeline.telling import told
+from conflictdb.results import Conflict, Kind
 from conflictdb.stage1_broad_phase import candidates
 
 Object = TypeVar("Object", Area, Track)
@@ -55,7 +54,9 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     batch = AreaBatch.of(areas)
     pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
     found = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
-    return _told(scene, areas, tracks, Conflicts.concatenate([conflicts for conflicts, _ in found]))
+    keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
+    keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
+    return told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found]))
 
 
 class _InMemory:
@@ -74,42 +75,6 @@ class _InMemory:
         return self._footprint[area_ids]
 
 
-def _told(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Conflicts) -> list[Conflict]:
-    """Return conflicts of numbered objects as users see them."""
-    objects: dict[int, Sequence[Area] | Sequence[Track]] = {Kind.AREA.code: areas, Kind.TRACK.code: tracks}
-    answer = []
-    for k in range(len(conflicts)):
-        pair = [
-            (Kind.of_code(int(kind[k])), objects[int(kind[k])][int(number[k])].key)
-            for kind, number in ((conflicts.a_kind, conflicts.a_id), (conflicts.b_kind, conflicts.b_id))
-        ]
-        (a_kind, a_key), (b_kind, b_key) = sorted(pair, key=lambda member: (member[0].code, member[1].encode()))
-        ends_deg = [conflicts.closest_a_deg[k], conflicts.closest_b_deg[k]]
-        if (a_kind, a_key) != pair[0]:
-            ends_deg.reverse()
-        periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
-        answer.append(
-            Conflict(
-                scene=scene.name,
-                a_key=a_key,
-                a_kind=a_kind,
-                b_key=b_key,
-                b_kind=b_kind,
-                verdict=Verdict.of_code(int(conflicts.verdict[k])),
-                periods=tuple((_instant(start), _instant(end)) for start, end in periods),
-                time_error_s=float(conflicts.time_error_s[k]),
-                method=scene.method,
-                first_contact_deg=_position(conflicts.first_contact_deg[k]),
-                closest_at=_instant(int(conflicts.closest_us[k])),
-                closest_m=_number(conflicts.closest_m[k]),
-                closest_error_m=_number(conflicts.closest_error_m[k]),
-                closest_a_deg=_position(ends_deg[0]),
-                closest_b_deg=_position(ends_deg[1]),
-            )
-        )
-    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
-
-
 def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
     """Return objects of one kind; raises InvalidInput for others."""
     what = f"must be {name}, in a list or the like"
@@ -121,16 +86,3 @@ def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object
             swapped = ": solve(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
             raise InvalidInput("solve", f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
     return objects
-
-
-def _instant(us: int) -> datetime | None:
-    return None if us in (SINCE_EVER_US, FOR_EVER_US) else EPOCH + us * MICROSECOND
-
-
-def _number(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
-
-
-def _position(position_deg: NDArray[np.float64]) -> Position | None:
-    lon, lat = position_deg.tolist()
-    return None if np.isnan(lon) else (lon, lat)

@@ -277,7 +277,7 @@ ROLES: Final = {
         "conflictdb_worker",
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
-            *("attachment", "attached_change", "attached_object"),
+            *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
         ],
     ),
 }

@@ -36,6 +36,10 @@ $$;
 -- nothing all the same. The view `queue` calls the second.
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
+-- Who reads may ask; what somebody asked, nobody else but the workers sees (79_probes.sql).
+GRANT INSERT, DELETE ON probe_request TO conflictdb_reader;
+GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes TO conflictdb_reader;
+
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
 -- conflictdb.db.schema.missing_grants. In the script of an extension a grant would make all grants on that schema those
 -- of the extension, which dumps leave out: there it is said instead.
@@ -74,6 +78,6 @@ GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachme
     TO conflictdb_editor;
 
 -- Workers keep the derived tables.
-GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run TO conflictdb_worker;
+GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, probe_request, probe_reply TO conflictdb_worker;
 -- Who may update a row may lock it: nobody else can keep a scene from being detected.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

@@ -8,6 +8,7 @@ was lost with its connection.
 
 import logging
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db import attached, detect, schema, store
+from conflictdb.db import attached, detect, probes, schema, store
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.pipeline.memory import MEMORY_MB
 
@@ -109,6 +110,7 @@ class Worker:
     state: State = field(default_factory=State)
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
+    _is_asked: bool = False
     _deafness_is_said: bool = False
 
     def once(self) -> bool:
@@ -120,9 +122,10 @@ class Worker:
                 well &= self._round(connection, store.SAY_AFTER_S)
                 for failing in self._failing.values():
                     failing.again_at_s = math.inf
-                if not self._busy:
+                if not self._busy and not self._is_asked:
                     return well
-                time.sleep(_BUSY_PAUSE_S)
+                if not self._is_asked:
+                    time.sleep(_BUSY_PAUSE_S)
 
     def run(self) -> None:
         """Keep scenes current until KeyboardInterrupt; survives the failure of a scene and the loss of the database.
@@ -163,6 +166,8 @@ class Worker:
             dues_s.append(comparison_s)
         if self._busy:
             dues_s.append(_BUSY_PAUSE_S)
+        if self._is_asked:
+            return 0.0
         return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
@@ -193,6 +198,7 @@ class Worker:
         StoreError if the connection is lost.
         """
         well = True
+        self._answer(connection)
         waiting = store.waiting_scenes(connection)
         looked_at_s = time.monotonic()
         self.state.looked_at_s, self.state.waiting = looked_at_s, len(waiting)
@@ -220,7 +226,12 @@ class Worker:
                     self.report(scene, run, time.monotonic() - changed_at_s)
             finally:
                 self.state.scene = None
+            self._answer(connection)
         return well
+
+    def _answer(self, connection: "psycopg.Connection[Any]") -> None:
+        """Answer probes for a while; `_is_asked` says whether some are left."""
+        self._is_asked = probes.answer(connection, jobs=self.jobs or os.cpu_count() or 1, memory_mb=self.memory_mb)
 
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
         """Take note that somebody else has a scene; return whether that may still be."""

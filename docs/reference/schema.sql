@@ -11,6 +11,8 @@ SEQUENCE change_change_id_seq;
 
 SEQUENCE piece_piece_id_seq;
 
+SEQUENCE probe_request_probe_id_seq;
+
 SEQUENCE run_run_id_seq;
 
 SEQUENCE scene_scene_id_seq;
@@ -136,6 +138,38 @@ TABLE piece (
     end_lat_deg double precision,
     bearing_deg double precision,
     shape_to geometry(Polygon)
+);
+
+TABLE probe_reply (
+    probe_id bigint NOT NULL,
+    object_kind smallint NOT NULL,
+    key text COLLATE C NOT NULL,
+    verdict text NOT NULL,
+    periods tstzmultirange NOT NULL,
+    time_error_s double precision NOT NULL,
+    first_contact_point geometry(Point,4326),
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision
+);
+
+TABLE probe_request (
+    probe_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    asked_by name NOT NULL DEFAULT CURRENT_USER,
+    asked_at timestamp with time zone NOT NULL DEFAULT now(),
+    object_kind smallint NOT NULL,
+    key text COLLATE C,
+    footprint geometry(MultiPolygon,4326),
+    active_span tstzrange,
+    path geometry(LineStringM,4326),
+    outline geometry(Polygon),
+    grow_mps double precision NOT NULL DEFAULT 0,
+    floor_m double precision,
+    ceiling_m double precision,
+    answered_at timestamp with time zone,
+    is_current boolean,
+    error text
 );
 
 TABLE run (
@@ -342,6 +376,17 @@ CONSTRAINT piece_kind_known ON piece: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT piece_motion_of_tracks ON piece: CHECK (((object_kind = 1) = (num_nulls(leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg) = 0)));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
+CONSTRAINT probe_reply_kind_known ON probe_reply: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, key);
+CONSTRAINT probe_reply_request_fkey ON probe_reply: FOREIGN KEY (probe_id) REFERENCES probe_request(probe_id) ON DELETE CASCADE;
+CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT probe_request_pkey ON probe_request: PRIMARY KEY (probe_id);
+CONSTRAINT probe_request_plan_given ON probe_request: CHECK (
+CASE object_kind
+    WHEN 0 THEN (num_nonnulls(footprint, active_span) = 2)
+    ELSE (num_nonnulls(path, outline) = 2)
+END);
+CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -381,6 +426,7 @@ CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (s
 CREATE INDEX conflict_scene_id_region_periods_gist ON conflictdb.conflict USING gist (scene_id, region, periods) WHERE (verdict <> 'near'::text);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
+CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -422,6 +468,9 @@ FUNCTION _after_scene_removal()
 
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+
+FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -621,6 +670,9 @@ FUNCTION _has_just_failed(p_attachment attachment)
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _instant_of(p_us bigint)
+    RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -641,6 +693,9 @@ FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name t
 
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
+    RETURNS TABLE(kind smallint, id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint, OUT place tid)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
@@ -699,6 +754,9 @@ FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_cent
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _next_probe(OUT probe_id bigint, OUT scene_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -726,6 +784,9 @@ FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _pieces_meeting(p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
+    RETURNS TABLE(n bigint, piece_id bigint, object_number bigint) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off;
+
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -734,6 +795,9 @@ FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_ce
 
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _prune_probes(p_asked_by name)
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -939,8 +1003,17 @@ FUNCTION remove_object(p_scene text, p_key text)
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
+FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_key text DEFAULT NULL::text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
+    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

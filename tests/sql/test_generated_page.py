@@ -1,6 +1,7 @@
 """docs/reference/sql.md, made from the comments in the catalog, is up to date; nothing public lacks a comment."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import psycopg
@@ -19,3 +20,25 @@ def test_page_is_up_to_date(conn: psycopg.Connection) -> None:
     assert "|  |" not in page  # a column without a comment
     assert "```\n\n\n" not in page  # a routine without one
     assert page == (DOCS / "reference" / "sql.md").read_text()
+
+
+def test_page_has_all_that_is_public_and_nothing_else(conn: psycopg.Connection) -> None:
+    """A relation or routine without an underscore is public; each has a comment, and so has every column."""
+    named = conn.execute(
+        """SELECT c.relname, obj_description(c.oid, 'pg_class') FROM pg_class c
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+             AND c.relname <> 'alembic_version'
+           UNION ALL
+           SELECT p.proname, obj_description(p.oid, 'pg_proc') FROM pg_proc p
+           WHERE p.pronamespace = 'conflictdb'::regnamespace AND left(p.proname, 1) <> '_'"""
+    ).fetchall()
+    page = (DOCS / "reference" / "sql.md").read_text()
+    assert {name for name, _ in named} == set(re.findall(r"^### (\w+)$", page, re.MULTILINE))
+    assert [name for name, said in named if not said] == []
+    bare = conn.execute(
+        """SELECT c.relname || '.' || a.attname FROM pg_attribute a JOIN pg_class c ON c.oid = a.attrelid
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v') AND a.attnum > 0
+             AND NOT a.attisdropped AND c.relname <> 'alembic_version'
+             AND coalesce(col_description(a.attrelid, a.attnum), '') = ''"""
+    ).fetchall()
+    assert bare == []

@@ -1,0 +1,169 @@
+"""Probes: what a planned area or track would meet, and when, by the stages that a detection runs; nothing is written.
+
+The plan is cut into pieces as objects of the scene are, and joined with the pieces that the last detection made. Who
+asks in SQL leaves a request, which a worker answers (`answer`), a scene at a time.
+"""
+
+import logging
+import time
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.db import store
+from conflictdb.errors import InvalidInput
+from conflictdb.model import Area, Scene, Track
+from conflictdb.motion.registry import centred, plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pieces.cutting import check_plane
+from conflictdb.pipeline.memory import MEMORY_MB, Memory
+from conflictdb.pipeline.object_pairs import chunks_of_objects
+from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.telling import told
+from conflictdb.results import Conflict, Kind, Listing
+
+_log = logging.getLogger(__name__)
+
+# Number of the plan among the objects of the scene, which the database counts from 1.
+_PLAN: Final = 0
+# A worker answers for so long before it looks after detections again, seconds: what editors wait for is not held up.
+_ANSWERING_S: Final = 1.0
+
+
+def probe(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    plan: Area | Track,
+    *,
+    jobs: int = 1,
+    memory_mb: int = MEMORY_MB,
+) -> Listing[Conflict]:
+    """Return what a plan would be in conflict with, on one state of the database.
+
+    An object of the scene that has the key of the plan is left out: the plan would replace it.
+
+    Raises InvalidInput if the scene is not known, or its plane cannot hold the plan, and StoreError if a transaction is
+    open.
+    """
+    store.begin_snapshot(conn)
+    try:
+        state = store.scene_state(conn, scene)
+        found = _probed(conn, store.scene_id(conn, scene), plan, plan.key, jobs, Memory.of(memory_mb))
+    finally:
+        with store.translated():
+            conn.rollback()
+    return Listing(state, found, Conflict)
+
+
+def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:
+    """Answer requests, of each scene in turn; return whether some are left after a second.
+
+    conn : without an open transaction
+    """
+    until_s = time.monotonic() + _ANSWERING_S
+    while time.monotonic() < until_s:
+        if not _answer_one(conn, jobs, Memory.of(memory_mb)):
+            return False
+    return True
+
+
+def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> bool:
+    """Answer the request that is next; return whether there was one."""
+    request = None
+    try:
+        store.begin_snapshot(conn)
+        request = store.next_probe(conn)
+        if request is not None:
+            plan = store.plan_of(request)
+            found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
+            store.answer_probe(conn, request, plan, found)
+        with store.translated():
+            conn.commit()
+    except Exception as error:  # whatever is wrong with one plan, the others want to be answered
+        if conn.closed:
+            raise
+        conn.rollback()
+        if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
+            return True  # another worker was quicker
+        if request is None:
+            raise
+        if not isinstance(error, InvalidInput):
+            _log.warning("probe %d failed: %s", request.probe_id, error)
+        # Not again and again: who asked is told, and may ask anew.
+        with store.transaction(conn):
+            store.refuse_probe(conn, request, str(error))
+    return request is not None
+
+
+class _PlanSource:
+    """A plan and the pieces of a scene that it may meet, as a source of pairs."""
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        plan: Area | Track,
+        replaced: str | None,
+        pieces: Pieces,
+        memory: Memory,
+    ) -> None:
+        self._conn, self._scene_id, self._memory = conn, scene_id, memory
+        self._plan, self._replaced, self._pieces = plan, replaced, pieces
+
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        near = store.pieces_meeting(self._conn, self._scene_id, self._pieces, self._replaced)
+        if not len(near.row):
+            return
+        for rows in chunks_of_objects(np.zeros_like(near.number), near.number, self._memory.pairs):
+            yield self._with_pieces(near.row[rows], near.piece_id[rows])
+
+    def _with_pieces(self, row: NDArray[np.int64], piece_id: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
+        """Return the pieces of both, areas first, and the pairs as rows of them, smaller rows first."""
+        others = store.pieces(self._conn, self._scene_id, np.unique(piece_id))
+        areas = np.flatnonzero(others.kind == Kind.AREA.code)
+        is_area = isinstance(self._plan, Area)
+        first = 0 if is_area else len(areas)  # row of the plan's first piece
+        tracks = np.arange(len(areas), len(others))
+        pieces = Pieces.concatenate(
+            [self._pieces, others] if is_area else [others.take(areas), self._pieces, others.take(tracks)]
+        )
+        order = np.argsort(others.piece_id)
+        other = order[np.searchsorted(others.piece_id, piece_id, sorter=order)]
+        other = other + np.where(other >= first, len(self._pieces), 0)
+        a, b = np.minimum(row + first, other), np.maximum(row + first, other)
+        sorted_rows = np.lexsort((b, a))
+        return pieces, PieceRows(a[sorted_rows]), PieceRows(b[sorted_rows])
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        found = store.footprints(self._conn, area_ids)
+        if isinstance(self._plan, Area):
+            found[area_ids == _PLAN] = self._plan.footprint
+        return found
+
+
+def _probed(
+    conn: psycopg.Connection[Any], scene_id: int, plan: Area | Track, replaced: str | None, jobs: int, memory: Memory
+) -> list[Conflict]:
+    """Return what a plan is in conflict with, on the snapshot of the open transaction.
+
+    replaced : key of the object that is left out
+    """
+    areas, tracks = ([plan], []) if isinstance(plan, Area) else ([], [plan])
+    scene: Scene = centred(store.read_settings(conn, scene_id), areas, tracks)
+    plane = plane_of(scene)
+    check_plane(plane, areas, tracks)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory)
+    parts = [part for part, _ in run_scene(scene, plane, source, jobs=jobs)]
+    if not parts:
+        return []
+    found = Conflicts.concatenate(parts)
+    keys = store.keys_of(conn, scene_id, found)
+    plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
+    return told(scene, {**keys, (plan_kind.code, _PLAN): plan.key}, found)

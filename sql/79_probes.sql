@@ -1,0 +1,281 @@
+-- Probes with times: what a plan would meet, and when, to the scene's tolerance. Stages 3 and 4 run at a worker, so the
+-- question is a row that is committed before the answer can be; both are seen by who asked and by workers.
+
+CREATE OR REPLACE FUNCTION _instant_of(p_us bigint) RETURNS timestamptz
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- In two steps, for a number of microseconds may have more digits than a double.
+    SELECT CASE WHEN abs(p_us::numeric) < 9e18 THEN
+        to_timestamp(0) + p_us / 1000000 * interval '1 second' + p_us % 1000000 * interval '1 microsecond' END;
+END;
+COMMENT ON FUNCTION _instant_of(bigint) IS
+'Microseconds since 1970 as an instant; null beyond 9e18, which is no bound.';
+
+CREATE OR REPLACE FUNCTION _pieces_meeting(
+    p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
+    p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
+) RETURNS TABLE (n bigint, piece_id bigint, object_number bigint)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+-- By the index, as in _candidates.
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+BEGIN
+    RETURN QUERY
+        SELECT q.n - 1, p.piece_id, _object_number(p.object_kind, p.object_id)
+        FROM (SELECT u.*, ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon,
+                                                                           s.centre_lat))
+                                                 FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
+                     tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
+                               CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
+              FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
+                   WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n) OFFSET 0) q
+        JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
+        WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
+          AND NOT EXISTS (SELECT FROM area a WHERE p.object_kind = 0 AND a.area_id = p.object_id AND a.key = p_key)
+          AND NOT EXISTS (SELECT FROM track t WHERE p.object_kind = 1 AND t.track_id = p.object_id AND t.key = p_key);
+END
+$$;
+COMMENT ON FUNCTION _pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
+                                    double precision[], integer[]) IS
+'Stage 1 for pieces that are not stored: which of them (n, from 0) meets which piece of a scene in space, time and '
+'height; pieces of the object with that key are left out.';
+
+CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
+RETURNS TABLE (kind smallint, id bigint, key text)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT u.kind, u.id, coalesce(a.key, t.key)
+    FROM unnest(p_kinds, p_ids) u (kind, id)
+    LEFT JOIN area a ON u.kind = 0 AND a.area_id = u.id AND a.scene_id + 0 = p_scene_id
+    LEFT JOIN track t ON u.kind = 1 AND t.track_id = u.id AND t.scene_id + 0 = p_scene_id
+    WHERE coalesce(a.key, t.key) IS NOT NULL;
+END;
+COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'The keys of some objects of a scene.';
+
+CREATE OR REPLACE FUNCTION _prune_probes(p_asked_by name) RETURNS void
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    DELETE FROM probe_request p
+    WHERE p.asked_at < now() - interval '1 hour' AND p.asked_by = coalesce(p_asked_by, p.asked_by);
+END;
+COMMENT ON FUNCTION _prune_probes(name) IS
+'Removes the requests of a role, or of all (null), that are older than an hour, with their answers.';
+
+CREATE OR REPLACE FUNCTION request_probe(
+    p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL, p_key text DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_probe_id bigint;
+BEGIN
+    PERFORM _check_place(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
+    IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
+        PERFORM _refuse('ZC001', 'what is asked about', 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+                        GeometryType(p_footprint)), 'footprint_polygon');
+    END IF;
+    PERFORM _prune_probes(current_user);
+    INSERT INTO probe_request (scene_id, object_kind, key, footprint, active_span, floor_m, ceiling_m)
+        VALUES (v_scene_id, 0, p_key, ST_Multi(ST_Force2D(p_footprint)),
+                _half_open(coalesce(p_active_span, tstzrange(NULL, NULL))), p_floor_m, p_ceiling_m)
+        RETURNING probe_id INTO v_probe_id;
+    PERFORM pg_notify('conflictdb_request', '');
+    RETURN v_probe_id;
+END
+$$;
+COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text) IS
+'Asks the workers what an area like this (longitude and latitude, SRID 4326; [start, end); metres; null is unbounded) '
+'would be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
+'committed. p_key: the object that it would replace, which is left out.';
+
+CREATE OR REPLACE FUNCTION request_track_probe(
+    p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
+    p_ceiling_m double precision DEFAULT NULL, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_who CONSTANT text := 'what is asked about';
+    v_scene_id bigint := _scene_id(p_scene);
+    v_probe_id bigint;
+BEGIN
+    IF p_path IS NULL OR GeometryType(p_path) <> 'LINESTRINGM' OR ST_IsEmpty(p_path) THEN
+        PERFORM _refuse('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
+                        coalesce(GeometryType(p_path), 'null')), 'path_trajectory', 'track_path() makes one.');
+    END IF;
+    IF ST_SRID(p_path) <> 4326 THEN
+        PERFORM _refuse('ZC001', c_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid');
+    END IF;
+    IF p_outline IS NULL OR GeometryType(p_outline) <> 'POLYGON' OR ST_IsEmpty(p_outline) THEN
+        PERFORM _refuse('ZC006', c_who, 'outline', format('must be a Polygon in metres; got %s',
+                        coalesce(GeometryType(p_outline), 'null')), 'outline_polygon',
+                        'rectangle_outline() makes one.');
+    END IF;
+    -- What else is wrong with it the worker tells; times that are no numbers would not get there.
+    IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' THEN
+        PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
+    END IF;
+    PERFORM _check_coordinates(c_who, 'path', p_path, v_scene_id);
+    PERFORM _check_times(c_who, p_path);
+    PERFORM _check_heights(c_who, p_floor_m, p_ceiling_m);
+    PERFORM _prune_probes(current_user);
+    INSERT INTO probe_request (scene_id, object_kind, key, path, outline, floor_m, ceiling_m, grow_mps)
+        VALUES (v_scene_id, 1, p_key, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, coalesce(p_grow_mps, 0))
+        RETURNING probe_id INTO v_probe_id;
+    PERFORM pg_notify('conflictdb_request', '');
+    RETURN v_probe_id;
+END
+$$;
+COMMENT ON FUNCTION request_track_probe(text, geometry, geometry, double precision, double precision,
+                                        double precision, text) IS
+'Asks the workers what a track like this (path and outline as put_track takes them; metres; null is unbounded) would '
+'be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
+'committed. p_key: the object that it would replace, which is left out.';
+
+CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
+RETURNS TABLE (
+    key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
+    time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_pause_s CONSTANT double precision := 0.02;
+    v_until timestamptz := clock_timestamp() + p_timeout;
+    v_who text := format('probe %s', coalesce(p_probe_id::text, 'null'));
+    v_request record;
+BEGIN
+    LOOP
+        SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
+            FROM probe_request p WHERE p.probe_id = p_probe_id;
+        IF NOT FOUND THEN
+            PERFORM _refuse('ZC011', v_who, 'probe_id', 'is no question that this role asked in the last hour',
+                            'probe_known');
+        END IF;
+        EXIT WHEN v_request.answered_at IS NOT NULL;
+        IF current_setting('transaction_isolation') <> 'read committed' THEN
+            PERFORM _refuse('ZC013', v_who, 'transaction',
+                            format('is %s: it sees one state of the database until it ends, and would wait in vain',
+                                   upper(current_setting('transaction_isolation'))),
+                            'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
+        END IF;
+        IF pg_current_xact_id_if_assigned() IS NOT NULL AND v_request.asked_at = now() THEN
+            PERFORM _refuse('ZC013', v_who, 'transaction', 'has asked, which no worker sees until it is committed',
+                            'wait_sees_committed', 'Commit first.');
+        END IF;
+        IF clock_timestamp() >= v_until THEN
+            PERFORM _refuse('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
+                            'probe_answered_in_time', 'Is a worker running, and not at work on a large detection?');
+        END IF;
+        PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
+    END LOOP;
+    IF v_request.error IS NOT NULL THEN
+        PERFORM _refuse('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
+    END IF;
+    IF NOT v_request.is_current THEN
+        RAISE NOTICE '%: changes of the scene waited for detection: the answer may not be complete', v_who;
+    END IF;
+    RETURN QUERY
+        SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
+               upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m, r.closest_error_m
+        FROM probe_reply r WHERE r.probe_id = p_probe_id ORDER BY lower(r.periods) NULLS FIRST, r.key;
+END
+$$;
+COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
+'Who a plan would be in conflict with, as the view conflicts says it: waits until a worker has answered; refuses '
+'(ZC015) when that takes longer than p_timeout (null: however long), (ZC016) a plan that cannot be, with the reason, '
+'and (ZC013) in a transaction that could never see the answer. Answers are kept for an hour, for the role that asked.';
+
+-- What a worker does of it.
+
+CREATE OR REPLACE FUNCTION _next_probe(
+    OUT probe_id bigint, OUT scene_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
+    OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
+    OUT floor_m double precision, OUT ceiling_m double precision
+) RETURNS SETOF record
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN QUERY
+        SELECT p.probe_id, p.scene_id, p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
+               (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
+               (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
+               ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
+        FROM probe_request p
+        WHERE p.answered_at IS NULL
+        -- The scene that was answered longest ago comes first: no scene's questions hold up those of others.
+        ORDER BY (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST, p.probe_id
+        LIMIT 1 FOR UPDATE SKIP LOCKED;
+END
+$$;
+COMMENT ON FUNCTION _next_probe() IS
+'The request to answer next that nobody else works on, if there is one; locked until the transaction ends.';
+
+CREATE OR REPLACE FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
+RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
+                             closest_at, closest_m, closest_error_m)
+        SELECT p_probe_id, f.kind, f.key, f.verdict,
+               (SELECT coalesce(range_agg(tstzrange((d ->> 0)::timestamptz, (d ->> 1)::timestamptz, '[]')),
+                                '{}') FROM jsonb_array_elements(f.periods) d),
+               f.time_error_s, ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326), f.closest_at, f.closest_m,
+               f.closest_error_m
+        FROM jsonb_to_recordset(p_found) f (
+            kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
+            lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
+            closest_error_m double precision);
+    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error
+        WHERE p.probe_id = p_probe_id;
+    PERFORM _prune_probes(NULL);
+END
+$$;
+COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS
+'Writes the answer to a request: what was found, or why it cannot be answered; removes requests older than an hour.';
+
+-- Who asked sees the question and the answer, and workers do.
+ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
+ALTER TABLE probe_reply ENABLE ROW LEVEL SECURITY;
+DROP POLICY IF EXISTS probe_request_own ON probe_request;
+CREATE POLICY probe_request_own ON probe_request TO conflictdb_reader
+    USING (asked_by = current_user) WITH CHECK (asked_by = current_user);
+DROP POLICY IF EXISTS probe_request_worker ON probe_request;
+CREATE POLICY probe_request_worker ON probe_request TO conflictdb_worker USING (true) WITH CHECK (true);
+DROP POLICY IF EXISTS probe_reply_own ON probe_reply;
+CREATE POLICY probe_reply_own ON probe_reply FOR SELECT TO conflictdb_reader
+    USING (EXISTS (SELECT FROM probe_request p WHERE p.probe_id = probe_reply.probe_id AND p.asked_by = current_user));
+DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
+CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
+
+COMMENT ON TABLE probe_request IS
+'What somebody asks the workers about a plan (request_probe, request_track_probe); seen by who asked and by workers, '
+'and removed an hour later.';
+COMMENT ON COLUMN probe_request.probe_id IS 'Number of the question.';
+COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
+COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
+COMMENT ON COLUMN probe_request.asked_at IS 'When its transaction began.';
+COMMENT ON COLUMN probe_request.object_kind IS 'Of the plan: 0 area, 1 track.';
+COMMENT ON COLUMN probe_request.key IS 'Object that it would replace, which is left out; null: none.';
+COMMENT ON COLUMN probe_request.footprint IS 'Of an area: longitude and latitude, degrees.';
+COMMENT ON COLUMN probe_request.active_span IS 'Of an area: when it is there, [start, end).';
+COMMENT ON COLUMN probe_request.path IS 'Of a track: waypoints, M is Unix seconds.';
+COMMENT ON COLUMN probe_request.outline IS 'Of a track: haven, metres to starboard and forward.';
+COMMENT ON COLUMN probe_request.grow_mps IS 'Of a track: speed at which the sides of the haven move outward.';
+COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level; null is unbounded.';
+COMMENT ON COLUMN probe_request.ceiling_m IS 'Height below which it stays, metres; null is unbounded.';
+COMMENT ON COLUMN probe_request.answered_at IS 'When it was answered; null while it waits.';
+COMMENT ON COLUMN probe_request.is_current IS 'Whether nothing of the scene waited for detection then.';
+COMMENT ON COLUMN probe_request.error IS 'Why it cannot be answered; null if it can.';
+
+COMMENT ON TABLE probe_reply IS
+'Answers to probes: a row for each object that the plan would be in conflict with, or come near (see conflict).';
+COMMENT ON COLUMN probe_reply.probe_id IS 'Question.';
+COMMENT ON COLUMN probe_reply.object_kind IS 'Of the object: 0 area, 1 track.';
+COMMENT ON COLUMN probe_reply.key IS 'Key of the object.';
+COMMENT ON COLUMN probe_reply.verdict IS
+'conflict, grazing or unresolved, as in conflicts; near: no conflict, within nearest_m.';
+COMMENT ON COLUMN probe_reply.periods IS 'When; bounds inclusive, rounded outward to the microsecond.';
+COMMENT ON COLUMN probe_reply.time_error_s IS 'Bound on the error of every end of every period, seconds.';
+COMMENT ON COLUMN probe_reply.first_contact_point IS 'Where they first touch; null if not computed.';
+COMMENT ON COLUMN probe_reply.closest_at IS 'Closest approach: when; null if not computed, or always so.';
+COMMENT ON COLUMN probe_reply.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
+COMMENT ON COLUMN probe_reply.closest_error_m IS 'Closest approach: how far from that it may be, metres.';

@@ -1,0 +1,250 @@
+"""A probe says what a detection would say of the plan: from Python, and from SQL where a worker answers."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from piecework import load
+from psycopg import conninfo, sql
+from workloads import ARCTIC, GROWING, PAPER, SEAM, throw
+
+from conflictdb import connect
+from conflictdb.db import detect, probes, store
+from conflictdb.errors import IncompleteWarning, InvalidInput, StoreError
+from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.results import Conflict
+
+Conn = psycopg.Connection[Any]
+T0_US = 1_772_323_200_000_000
+HOUR_US = 3_600_000_000
+T0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=T0_US)
+
+
+def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
+
+
+def track(key: str, *positions: tuple[float, float], **more: Any) -> Track:
+    times = T0_US + HOUR_US * np.arange(len(positions))
+    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200), **more)
+
+
+def said(found: list[Conflict]) -> list[Conflict]:
+    """Return conflicts without what only the database knows."""
+    unknown: dict[str, Any] = dict.fromkeys(("region", "is_current", "scene_is_current", "run_id", "found_at"))
+    rows = [replace(one, **unknown) for one in found]
+    return sorted(rows, key=lambda one: (one.a_key, one.b_key))
+
+
+def same(found: list[Conflict], expected: list[Conflict]) -> bool:
+    """Compare what must not differ: who, what, and when to the bounds of both."""
+    if [(c.a_key, c.b_key, c.verdict, len(c.periods)) for c in found] != [
+        (c.a_key, c.b_key, c.verdict, len(c.periods)) for c in expected
+    ]:
+        return False
+    return all(
+        abs((x - y).total_seconds()) <= one.time_error_s + other.time_error_s + 2e-6
+        for one, other in zip(found, expected, strict=True)
+        for ends in zip(one.periods, other.periods, strict=True)
+        for x, y in zip(*ends, strict=True)
+        if x is not None and y is not None
+    )
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM, GROWING, ARCTIC], ids=lambda w: w.name)
+def test_a_probe_finds_what_a_detection_finds(conn: Conn, workload: Any) -> None:
+    """Each object of a scene, as a plan for the rest of it: also across the seam and around the pole."""
+    scene, areas, tracks = throw(workload, 11, 5, 5)
+    load(conn, scene, areas, tracks)
+    detect.detect(conn, scene.name, jobs=1)
+    with connect(conn) as db:
+        known = db.conflicts(scene.name)
+        conn.commit()
+        assert known
+        met = 0
+        for plan in (*areas, *tracks):
+            found = said(list(db.probe(scene.name, plan)))
+            assert same(found, said([one for one in known if plan.key in (one.a_key, one.b_key)]))
+            met += len(found)
+        assert met == 2 * len(known)
+
+
+def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None:
+    load(conn, Scene("s"), [box("A", 0.4, -0.1, 0.6, 0.1)], [])
+    detect.detect(conn, "s", jobs=1)
+    with connect(conn) as db:
+        (one,) = db.probe("s", track("new", (0.0, 0.0), (1.0, 0.0)))
+        assert (one.a_key, one.b_key, one.verdict) == ("A", "new", "conflict")
+        assert db.probe("s", track("new", (0.0, 5.0), (1.0, 5.0))) == []
+        assert db.probe("s", box("A", 0.4, -0.1, 0.6, 0.1)) == []  # it would replace itself
+        store.replace_scene(conn, Scene("s"), [box("B", 2.0, 2.0, 3.0, 3.0)], [], merge=True)
+        conn.execute("SET default_transaction_read_only = on")
+        conn.commit()
+        with pytest.warns(IncompleteWarning, match="1 object waits"):
+            assert len(db.probe("s", track("new", (0.0, 0.0), (1.0, 0.0)))) == 1
+        conn.execute("SELECT 1")
+        with pytest.raises(StoreError, match="open transaction"):
+            db.probe("s", box("new", 0.0, 0.0, 1.0, 1.0))
+        conn.rollback()
+        with pytest.raises(InvalidInput, match="89"):
+            db.probe("s", track("new", (0.0, 89.5), (1.0, 89.5)))
+        with pytest.raises(InvalidInput, match="must be an Area or a Track"):
+            db.probe("s", "A")  # type: ignore[arg-type]
+        with pytest.raises(InvalidInput, match="nowhere"):
+            db.probe("nowhere", box("new", 0.0, 0.0, 1.0, 1.0))
+
+
+ASK = "SELECT conflictdb.request_probe(%s, ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 4326))"
+ASK_TRACK = """
+SELECT conflictdb.request_track_probe(%s, ST_GeomFromText(%s, 4326), conflictdb.rectangle_outline(500, 500, 200, 200))
+"""
+ANSWER = "SELECT * FROM conflictdb.wait_for_probe(%s, '10 s')"
+
+
+@contextmanager
+def answering(dsn: str) -> Iterator[None]:
+    """Answer requests meanwhile, as a worker does."""
+    ended = threading.Event()
+
+    def work() -> None:
+        with store.connect(dsn) as conn, suppress(StoreError):
+            while not ended.is_set():
+                probes.answer(conn)
+                store.wait_for_change(conn, 0.02)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def ask(conn: Conn, statement: str, *arguments: object) -> int:
+    row = conn.execute(statement.encode(), arguments).fetchone()
+    conn.commit()
+    assert row is not None
+    return int(row[0])
+
+
+def refused(conn: Conn, statement: str, *arguments: object) -> str | None:
+    with pytest.raises(psycopg.Error) as error:
+        conn.execute(statement.encode(), arguments)
+    conn.rollback()
+    return error.value.sqlstate
+
+
+def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
+    load(conn, Scene("s", nearest_m=2000.0), [box("N", 0.4, 0.11, 0.6, 0.2)], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    with answering(dsn):
+        rows = conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()
+        assert [(row[0], row[1], row[2]) for row in rows] == [("N", "area", "near"), ("T", "track", "conflict")]
+        _, _, _, periods, first, last, error_s, point, closest_at, closest_m, _ = rows[1]
+        assert len(periods) == 1
+        assert T0 < first < last < T0 + timedelta(hours=1)
+        assert 0 < error_s < 1e-6
+        assert point is not None
+        assert (closest_at, closest_m) == (first, 0.0)
+        path = f"LINESTRING M (0.5 -1 {T0_US / 1e6}, 0.5 1 {T0_US / 1e6 + 3600})"
+        crossing = conn.execute(ANSWER, [ask(conn, ASK_TRACK, "s", path)]).fetchall()
+        assert [row[0] for row in crossing] == ["T", "N"]  # the earlier first
+        conn.execute("SET DateStyle = 'SQL, DMY'; SET TimeZone = 'Asia/Kolkata'")
+        again = ask(conn, ASK, "s")
+        same_time = "SELECT count(*) FROM conflictdb.wait_for_probe(%s) WHERE first_contact = to_timestamp(%s)"
+        assert conn.execute(same_time, [again, first.timestamp()]).fetchone() == (1,)
+        conn.execute("RESET DateStyle; RESET TimeZone")
+        # What no object can be is told to who asked, and stops no other question.
+        dented = "'POLYGON((0 0, 9 0, 1 1, 0 9, 0 0))'"
+        bad = f"SELECT conflictdb.request_track_probe('s', ST_GeomFromText(%s, 4326), {dented})"
+        assert refused(conn, ANSWER, ask(conn, bad, path)) == "ZC016"
+        assert len(conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()) == 2
+    assert conn.execute("SELECT count(*) FROM conflictdb.change").fetchone() == (0,)
+
+
+def test_what_can_be_no_plan_is_refused_at_once(conn: Conn) -> None:
+    load(conn, Scene("s"), [], [])
+    at = T0_US / 1e6
+    paths = {
+        f"LINESTRING M (0.5 -1 {at}, 0.5 1 {at})": "ZC002",
+        "LINESTRING M (0 0 NaN, 1 1 5)": "ZC001",
+        "LINESTRING M (0 0 1e15, 1 1 2e15)": "ZC003",
+        f"LINESTRING M (0 91 {at}, 0.5 1 {at + 1})": "ZC005",
+        "LINESTRING (0 0, 1 1)": "ZC001",
+    }
+    for path, sqlstate in paths.items():
+        assert refused(conn, ASK_TRACK, "s", path) == sqlstate, path
+    assert refused(conn, ASK, "nowhere") == "ZC010"
+    assert refused(conn, ASK.replace("4326)", "3857)"), "s") == "ZC001"
+    line = "SELECT conflictdb.request_probe('s', 'SRID=4326;LINESTRING(0 0, 1 1)')"
+    assert refused(conn, line) == "ZC001"
+
+
+def test_nobody_answers_in_time(conn: Conn) -> None:
+    load(conn, Scene("s"), [], [])
+    probe_id = ask(conn, ASK, "s")
+    assert refused(conn, "SELECT * FROM conflictdb.wait_for_probe(%s, '50 ms')", probe_id) == "ZC015"
+    assert refused(conn, ANSWER, probe_id + 1000) == "ZC011"
+    conn.execute("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
+    assert refused(conn, ANSWER, probe_id) == "ZC013"
+    row = conn.execute(ASK, ["s"]).fetchone()
+    assert row is not None
+    assert refused(conn, ANSWER, row[0]) == "ZC013"
+
+
+def test_scenes_are_answered_in_turn_and_what_is_old_is_removed(conn: Conn, dsn: str) -> None:
+    load(conn, Scene("s"), [], [])
+    load(conn, Scene("other"), [], [])
+    asked = [ask(conn, ASK, "s") for _ in range(4)] + [ask(conn, ASK, "other")]
+    old = "UPDATE conflictdb.probe_request SET asked_at = now() - interval '61 minutes' WHERE probe_id = %s"
+    conn.execute(old, [asked[3]])
+    conn.commit()
+    with store.connect(dsn) as worker:
+        assert probes.answer(worker) is False
+    rows = conn.execute("SELECT probe_id FROM conflictdb.probe_request ORDER BY answered_at").fetchall()
+    assert [probe_id for (probe_id,) in rows] == [asked[0], asked[4], asked[1], asked[2]]
+
+
+def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
+    """Readers may ask; another reader sees neither the question nor the answer, workers see both."""
+    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    users = {name: f"{name}_{conn.info.dbname}" for name in ("asker", "other", "stranger", "worker")}
+    roles = {"asker": "reader", "other": "reader", "worker": "worker"}
+    for name, user in users.items():
+        conn.execute(sql.SQL("CREATE ROLE {} LOGIN").format(sql.Identifier(user)))
+        if name in roles:
+            role = sql.Identifier(f"conflictdb_{roles[name]}")
+            conn.execute(sql.SQL("GRANT {} TO {}").format(role, sql.Identifier(user)))
+    conn.commit()
+    opened = {}
+    try:
+        for name, user in users.items():
+            opened[name] = psycopg.connect(conninfo.make_conninfo(dsn, user=user))
+        probe_id = ask(opened["asker"], ASK, "s")
+        assert probes.answer(opened["worker"]) is False
+        assert len(opened["asker"].execute(ANSWER, [probe_id]).fetchall()) == 1
+        counts = "SELECT (SELECT count(*) FROM conflictdb.probe_request), (SELECT count(*) FROM conflictdb.probe_reply)"
+        seen = {name: opened[name].execute(counts.encode()).fetchone() for name in ("asker", "other", "worker")}
+        assert seen == {"asker": (1, 1), "other": (0, 0), "worker": (1, 1)}
+        assert refused(opened["other"], ANSWER, probe_id) == "ZC011"
+        assert refused(opened["stranger"], ASK, "s") == "42501"
+        pretend = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, asked_by) SELECT scene_id, 0, %s FROM "
+        assert refused(opened["other"], pretend + "conflictdb.scene", users["asker"]) in ("42501", "23514")
+        assert refused(opened["asker"], "UPDATE conflictdb.probe_request SET asked_at = now()") == "42501"
+        assert refused(opened["asker"], "INSERT INTO conflictdb.probe_reply DEFAULT VALUES") == "42501"
+    finally:
+        for connection in opened.values():
+            connection.close()
+        for user in users.values():
+            conn.execute(sql.SQL("DROP OWNED BY {0}").format(sql.Identifier(user)))
+            conn.execute(sql.SQL("DROP ROLE {0}").format(sql.Identifier(user)))
+        conn.commit()
