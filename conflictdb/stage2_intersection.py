@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 
+from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.results import Kind
@@ -14,12 +15,12 @@ def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) 
 
     regions : whether to compute the regions in which they do; of pairs of areas nobody asks for them
     """
-    hulls = hulls_of(pieces)
-    met = shapely.intersects(hulls[a], hulls[b])
+    met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
     a, b = PieceRows(a[met]), PieceRows(b[met])
     moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
     region = np.full(len(a), None, dtype=object)
     if regions:
+        hulls = hulls_of(pieces)
         region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
     xy, owner = shapely.get_coordinates(region, return_index=True)
     return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))

@@ -9,6 +9,6 @@ on that pair alone: not on its company, nor on how many threads there are.
 
 from conflictdb.kernel.contacts import Guess, Questions, contacts
 from conflictdb.kernel.scene import Plane, Scene, Work
-from conflictdb.kernel.slices import Hulls, hulls
+from conflictdb.kernel.slices import Hulls, apart, hulls
 
-__all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "contacts", "hulls"]
+__all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "apart", "contacts", "hulls"]

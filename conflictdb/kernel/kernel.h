@@ -247,6 +247,16 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
 KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,
                           double *hull, int64_t *hull_offset, double *deviation, double *reach);
 
+/* Tell which hulls of pairs are apart: proven, whatever the rings are. Of convex ones that turn counter-clockwise those that
+ * are not told meet, but for rounding.
+ *
+ * hull, hull_offset : (vertex_count, 2), (hull_count + 1,)  closed rings as kernel_hulls makes them, plane metres; an empty
+ *     one is never apart
+ * a, b : (count,) their hulls; apart : (count,) 1 or 0
+ */
+KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset, int64_t hull_count,
+                          const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
+
 /* Find how close pairs come, the closest of each group: both ends of their time count.
  *
  * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known

@@ -46,6 +46,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_interleave": (_POINTER, _COUNT, _COUNT, _POINTER, _COUNT),
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
+    "kernel_apart": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
 }
 _RETURNS: Final[dict[str, Any]] = {

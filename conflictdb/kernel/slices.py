@@ -1,4 +1,4 @@
-"""Padded hulls of what pieces sweep, and how far vertices leave them."""
+"""Padded hulls of what pieces sweep, how far vertices leave them, and which of them are apart."""
 
 import ctypes
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import check, library, shared
@@ -53,3 +53,16 @@ def hulls(plane: Plane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hul
     shares = shared(make, len(pieces), threads) or [make(slice(0, 0))]
     xy, counts, deviation_m, reach = (np.concatenate(column) for column in zip(*shares, strict=True))
     return Hulls(xy, offsets(counts), deviation_m, reach)
+
+
+def apart(xy: Floats, offset: NDArray[np.int64], a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+    """Return (n,) whether hulls a and b of pieces are apart, which is proven; of convex ones those that are not meet.
+
+    xy, offset : (h, 2) plane metres, (m + 1,)  closed rings, counter-clockwise
+    """
+    xy, offset = np.ascontiguousarray(xy, np.float64), np.ascontiguousarray(offset, np.int64)
+    a, b = (PieceRows(np.ascontiguousarray(rows, np.int64)) for rows in (a, b))
+    found = np.empty(len(a), np.bool_)
+    hulls, where, first, second, told = (array.ctypes.data for array in (xy, offset, a, b, found))
+    check(library().kernel_apart(hulls, len(xy), where, len(offset) - 1, first, second, len(a), told))
+    return found

@@ -57,6 +57,22 @@ static void shape(double *xy, int64_t count, double middle_x, double middle_y, d
     }
 }
 
+/* Ask which hulls are apart; now and then of one that there is not. None is apart from itself. */
+static void pair_hulls(const double *hull, const int64_t *offset, int64_t hulls, int64_t calls[16]) {
+    const int64_t n = below(20);
+    int64_t *a = block(n, 8), *b = block(n, 8);
+    uint8_t *apart = block(n, 1);
+    for (int64_t i = 0; i < n; i++) {
+        a[i] = hulls > 0 && below(200) ? below(hulls) : instant(-3, 20, 2);
+        b[i] = hulls > 0 && below(200) ? below(hulls) : instant(-3, 20, 2);
+    }
+    KernelStatus status = kernel_apart(hull, below(200) ? offset[hulls] : instant(-3, 20, 2), offset, hulls, a, b, n, apart);
+    calls[status]++;
+    for (int64_t i = 0; status == KERNEL_OK && i < n; i++)
+        if (apart[i] > 1 || (apart[i] && a[i] == b[i])) abort();
+    free(a), free(b), free(apart);
+}
+
 /* Hulls of pieces [first, n), into arrays that have room for n pieces of so many vertices. */
 static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t n, double reach,
                        int64_t vertices, int64_t calls[16]) {
@@ -68,6 +84,7 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
     calls[status]++;
     for (int64_t k = 0; status == KERNEL_OK && k < 2 * offset[n]; k++)
         if (!isfinite(hull[k])) abort();
+    if (status == KERNEL_OK) pair_hulls(hull, offset, n - first, calls);
     free(hull), free(deviation), free(size), free(offset);
 }
 

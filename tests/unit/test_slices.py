@@ -10,7 +10,7 @@ from workloads import WORKLOADS, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.contract import Plane, padding_m
@@ -18,6 +18,7 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import track_pieces
 from conflictdb.results import Kind
+from conflictdb.stage1_broad_phase import hulls_of
 
 # A ring may reach so many paddings, where two of its edges meet (kernel.h).
 FURTHEST = 2.5
@@ -101,6 +102,54 @@ def test_hulls_of_any_points(points: list[tuple[float, float]], reach_m: float) 
     hulls = kernel.hulls(KERNEL_PLANE, pieces, reach_m)
     xy, pad, _ = swept(plane, pieces, 0, reach_m)
     assert_is_grown(hulls.xy, xy, pad)
+
+
+def rings_of(*polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.concatenate(polygons), np.cumsum([0, *map(len, polygons)])
+
+
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
+def test_hulls_are_apart_where_they_do_not_intersect(workload: Workload) -> None:
+    _, _, pieces = cut(workload, 8, 20.0)
+    a, b = (PieceRows(rows) for rows in np.triu_indices(len(pieces)))
+    hulls = hulls_of(pieces)
+    apart = kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
+    np.testing.assert_array_equal(apart, ~shapely.intersects(hulls[a], hulls[b]))
+    assert apart.any()
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.tuples(NUMBERS, NUMBERS), min_size=3, max_size=7),
+    st.lists(st.tuples(NUMBERS, NUMBERS), min_size=3, max_size=7),
+)
+def test_whatever_is_told_apart_is(one: list[tuple[float, float]], other: list[tuple[float, float]]) -> None:
+    """Also of rings that are not convex, turn the other way, or have edges of no length or of rounding errors."""
+    first, second = (np.array([*points, points[0]]) for points in (one, other))
+    row = PieceRows(np.array([0, 1]))
+    apart = kernel.apart(*rings_of(first, second), row, PieceRows(row[::-1].copy()))
+    holds = [shapely.convex_hull(shapely.multipoints(points)) for points in (first, second)]
+    assert apart[0] == apart[1]
+    assert not (apart[0] and shapely.intersects(*holds))
+
+
+def test_hulls_that_touch_are_not_apart() -> None:
+    """At a corner, along an edge, and of an edge of rounding errors that leads elsewhere."""
+    square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)]) * 1e6 + 1.7e7 / 3.0
+    away = square + np.array([1e6, 0.0])
+    odd = np.insert(square, 2, square[1] + np.array([-1e-9, 2e-9]), axis=0)
+    xy, offset = rings_of(square, away, odd, away + np.array([1e-3, 0.0]), np.empty((0, 2)))
+    a, b = PieceRows(np.array([0, 0, 2, 0, 2, 0])), PieceRows(np.array([0, 1, 1, 3, 3, 4]))
+    assert kernel.apart(xy, offset, a, b).tolist() == [False, False, False, True, True, False]
+
+
+def test_hulls_that_are_not_there_are_refused() -> None:
+    xy, offset = rings_of(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0)]))
+    here, there = PieceRows(np.array([0])), PieceRows(np.array([1]))
+    with pytest.raises(ValueError, match="none of the pieces"):
+        kernel.apart(xy, offset, here, there)
+    with pytest.raises(ValueError, match="end with the vertices"):
+        kernel.apart(xy[:-1], offset, here, here)
 
 
 def test_a_square_keeps_its_corners() -> None:
