@@ -8,7 +8,8 @@ on that pair alone: not on its company, nor on how many threads there are.
 """
 
 from conflictdb.kernel.contacts import Guess, Questions, contacts
+from conflictdb.kernel.convex import convex_parts
 from conflictdb.kernel.scene import Plane, Scene, Work
 from conflictdb.kernel.slices import Hulls, apart, hulls
 
-__all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "apart", "contacts", "hulls"]
+__all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "apart", "contacts", "convex_parts", "hulls"]

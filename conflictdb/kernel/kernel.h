@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 10
+#define KERNEL_ABI 11
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -246,6 +246,15 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
  */
 KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,
                           double *hull, int64_t *hull_offset, double *deviation, double *reach);
+
+/* Join triangles of polygons to convex parts, over sides that are the same.
+ *
+ * triangle : (count, 3, 2) corners, counter-clockwise; of : (count,) polygon of each, those of one together
+ * corner : (3 count,) room for the corners of parts, one part after the other: rows of all corners (3 count, 2)
+ * offset : (count + 1,) room for where the corners of each part begin, and the last end; parts : (1,) how many there are
+ */
+KernelStatus kernel_convex_parts(const double *triangle, const int64_t *of, int64_t count, int64_t *corner, int64_t *offset,
+                                 int64_t *parts);
 
 /* Tell which hulls of pairs are apart: proven, whatever the rings are. Of convex ones that turn counter-clockwise those that
  * are not told meet, but for rounding.

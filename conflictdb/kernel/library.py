@@ -17,7 +17,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 10
+ABI: Final = 11
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -46,6 +46,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_interleave": (_POINTER, _COUNT, _COUNT, _POINTER, _COUNT),
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
+    "kernel_convex_parts": (_POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
     "kernel_apart": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
 }

@@ -100,6 +100,20 @@ static void lay_rows(int64_t odd, int64_t calls[16]) {
     free(data), free(rows), free(offset);
 }
 
+/* Join triangles whose corners are often the same, of a few polygons; now and then far off, or no numbers. */
+static void join_triangles(int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(30);
+    double *xy = block(6 * n, 8);
+    int64_t *of = block(n, 8), *corner = block(3 * n, 8), *offset = block(n + 1, 8), parts;
+    for (int64_t i = 0; i < 6 * n; i++) xy[i] = below(odd) ? (double)below(3) : number(-1e7, 1e7, 2);
+    for (int64_t i = 0; i < n; i++) of[i] = i / 8;
+    KernelStatus status = kernel_convex_parts(xy, of, below(200) ? n : -1, corner, offset, &parts);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < offset[parts]; k++)
+        if (corner[k] < 0 || corner[k] >= 3 * n) abort();
+    free(xy), free(of), free(corner), free(offset);
+}
+
 static double some_guess(void *of, int64_t pair, double low, double high, int32_t is_last) {
     return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
 }
@@ -182,6 +196,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     KernelStatus status = kernel_scene_make(&plane, &pieces, &scene);
     calls[status]++;
     lay_rows(odd, calls);
+    join_triangles(odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
