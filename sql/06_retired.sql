@@ -16,6 +16,7 @@ BEGIN
                OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near'
                OR 'starts' = ANY (p.proargnames) AND p.proname = '_conflicts'
                OR NOT 'p_only_near' = ANY (p.proargnames) AND p.proname = '_approaches'
+               OR p.pronargs = 2 AND p.proname = '_begin_pieces'
                OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,

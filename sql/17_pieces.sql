@@ -69,8 +69,10 @@ COMMENT ON FUNCTION _changed_tracks(bigint, bigint, bigint) IS
 'The marked tracks of a scene after a number, so many at most, without nulls, for COPY: infinite heights (metres) '
 'stand for unbounded, empty outlines for none per waypoint, empty floors and ceilings (array_send) for none per leg.';
 
-CREATE OR REPLACE FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean) RETURNS integer
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION _begin_pieces(
+    p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     PERFORM _require_snapshot();
     IF p_is_first THEN
@@ -78,21 +80,69 @@ BEGIN
         -- happened, and the marks are still there.
         PERFORM set_config('synchronous_commit', 'off', true);
     END IF;
-    -- Adding 0 keeps the scene from the index: of a scene that is new the planner expects few pieces, and would
-    -- compare all with all.
-    DELETE FROM piece p
-        USING (SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
-               WHERE c.scene_id = p_scene_id) marked
-        WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id
-          AND p.scene_id + 0 = marked.scene_id;
+    is_compared := p_is_full AND EXISTS (SELECT FROM piece p WHERE p.scene_id = p_scene_id);
+    IF is_compared THEN
+        DROP TABLE IF EXISTS pg_temp.made_piece;
+        CREATE TEMPORARY TABLE made_piece ON COMMIT DROP AS SELECT p.* FROM piece p WITH NO DATA;
+    ELSE
+        -- Adding 0 keeps the scene from the index: of a scene that is new the planner expects few pieces, and would
+        -- compare all with all.
+        DELETE FROM piece p
+            USING (SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
+                   WHERE c.scene_id = p_scene_id) marked
+            WHERE p.object_kind = marked.object_kind AND p.object_id = marked.object_id
+              AND p.scene_id + 0 = marked.scene_id;
+    END IF;
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
-    RETURN (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) FROM scene s
-            WHERE s.scene_id = p_scene_id);
+    SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) INTO srid
+        FROM scene s WHERE s.scene_id = p_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _begin_pieces(bigint, boolean) IS
+COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
 'Drops the pieces of all marked (also removed) objects of a scene and covers their marks, for their new pieces follow '
-'in this transaction, which is the first of a detection, or its second too; returns the SRID of the plane.';
+'in this transaction, which is the first of a detection, or its second too; returns the SRID of the plane. Where all '
+'are made again, most will be what they were: then none is dropped, and the new ones go to the temporary table '
+'made_piece, for _compare_pieces.';
+
+CREATE OR REPLACE FUNCTION _compare_pieces(p_scene_id bigint) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_changed bigint;
+BEGIN
+    -- A full join is none of all with all, whatever the planner believes. The equality of geometries is that of their
+    -- numbers.
+    WITH known AS (
+        SELECT p.* FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) d
+        CROSS JOIN LATERAL (SELECT p.* FROM piece p
+                            WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
+                              AND p.scene_id + 0 = p_scene_id OFFSET 0) p
+    ), difference AS MATERIALIZED (
+        SELECT k.piece_id, m.place
+        FROM known k FULL JOIN (SELECT m.ctid AS place, m.* FROM pg_temp.made_piece m) m
+            USING (object_kind, object_id, part, turn)
+        WHERE (k.version, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape, k.shape_to, k.leg_start, k.leg_end,
+               k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg)
+              IS DISTINCT FROM
+              (m.version, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end,
+               m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg)
+    ), removed AS (
+        DELETE FROM piece p USING difference d WHERE p.piece_id = d.piece_id
+    ), added AS (
+        INSERT INTO piece (scene_id, object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m,
+                           shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
+                           end_lat_deg, bearing_deg)
+            SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.part, m.turn, m.hull, m.span, m.floor_m,
+                   m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
+                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg
+            FROM difference d JOIN pg_temp.made_piece m ON m.ctid = d.place
+    )
+    SELECT count(*) INTO v_changed FROM difference;
+    RETURN v_changed;
+END
+$$;
+COMMENT ON FUNCTION _compare_pieces(bigint) IS
+'Replaces those pieces of the marked objects of a scene that are not as they were made again (made_piece), and leaves '
+'the others; returns how many rows that were.';
 
 CREATE OR REPLACE FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$

@@ -81,7 +81,7 @@ COMMENT ON COLUMN change.is_covered IS 'Whether the pieces reflect the change; i
 
 COMMENT ON TABLE piece IS
 'What objects are cut into for detection: a convex polygon, a time, heights, and a motion. Derived; nobody edits it.';
-COMMENT ON COLUMN piece.piece_id IS 'Number; a new one whenever the object''s pieces are made anew.';
+COMMENT ON COLUMN piece.piece_id IS 'Number; a new one whenever the piece is another.';
 COMMENT ON COLUMN piece.scene_id IS 'Scene of the object.';
 COMMENT ON COLUMN piece.object_kind IS '0 area, 1 track.';
 COMMENT ON COLUMN piece.object_id IS 'area_id or track_id.';

@@ -163,7 +163,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             store.mark_all(conn, scene_id)
         pending = _pending(conn, scene_id, way)
         is_first = pending.objects > _FEW_OBJECTS
-        settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first)
+        settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first, is_full=full)
         if is_first:
             with store.translated():
                 conn.commit()
@@ -203,12 +203,14 @@ def _refresh_pieces(
     memory: Memory,
     *,
     is_first: bool,
+    is_full: bool = False,
 ) -> tuple[Scene, store.RunRecord]:
     """Make the pieces of the changed objects anew."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
     wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
-    store.replace_pieces(conn, scene_id, _made_pieces(conn, scene_id, pending, settings, memory), is_first=is_first)
+    made = _made_pieces(conn, scene_id, pending, settings, memory)
+    store.replace_pieces(conn, scene_id, made, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=wanted, counted={"pieces_s": took_s})
 

@@ -29,7 +29,7 @@ from conflictdb.results import Kind
 # the square root of n. Of n slices the boxes of a leg take up area in proportion to 1 / n, so that n pieces and what
 # meets their boxes cost c n + d / n, least at a root of how far the leg goes. How dense a scene is counts for little:
 # the cost is flat about its least (benchmarks/slicing.py). Smaller: more pieces. Larger: more candidates.
-WHOLE_LEG_HAVENS: Final = 8.0
+WHOLE_LEG_HAVENS: Final = 32.0
 MAX_SLICES: Final = 16
 # The chord deviation that pads a hull is at most this share of the haven's reach; else the leg is cut into shorter
 # slices, until that has added so many to a track. Only havens of hundreds of kilometres close to a pole come near it.

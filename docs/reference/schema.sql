@@ -514,8 +514,8 @@ FUNCTION _begin_attached()
 FUNCTION _begin_load()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
-FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean)
-    RETURNS integer LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -588,6 +588,9 @@ FUNCTION _close_attached_schema()
 
 FUNCTION _combined_hash(p_sum numeric)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _compare_pieces(p_scene_id bigint)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;

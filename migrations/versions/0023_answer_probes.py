@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "dce9d2d4d46307e0c3158f19bd7c149d1b7e0c3e681c4b275b4e00d782c39b73"
+routines_sha256 = "eb2a16c306a9403d1f758549167ffa8c868b99ae22b51d3dfedf3fc0da517635"
 
 REQUEST = """
 CREATE TABLE conflictdb.probe_request (

@@ -99,9 +99,11 @@ def test_hulls_hold_any_leg(
     assert_holds_the_motion(scene, track)
 
 
-@pytest.mark.parametrize(("havens", "slices"), [(0.5, 1), (7.9, 1), (8.2, 2), (31.0, 2), (33.0, 3), (1e4, MAX_SLICES)])
+@pytest.mark.parametrize(
+    ("havens", "slices"), [(0.5, 1), (31.5, 1), (32.5, 2), (127.0, 2), (129.0, 3), (1e4, MAX_SLICES)]
+)
 def test_a_leg_has_as_many_slices_as_the_root_of_its_length(havens: float, slices: int) -> None:
-    """Eight havens long are one slice; the haven here is 200 m across, with the tolerance of a metre."""
+    """Thirty-two havens long are one slice; the haven here is 200 m across, with the tolerance of a metre."""
     track = scenes.track("T", [(0.0, 0.0), (havens * 201.0 / 111_319.49, 0.0)], [0, 1e5], 100.0, 100.0, 0.0, 0.0)
     assert len(track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track]))) == slices
     wide = Scene("s", separation_m=2e6)

@@ -123,14 +123,21 @@ def _leg_heights(
 
 
 def replace_pieces(
-    conn: psycopg.Connection[Any], scene_id: int, chunks: Iterable[Pieces], *, is_first: bool = True
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    chunks: Iterable[Pieces],
+    *,
+    is_first: bool = True,
+    is_full: bool = False,
 ) -> None:
     """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered.
 
     chunks : the pieces, read one after the other
     is_first : whether the transaction is the first of a detection, and not its second too
+    is_full : whether these are all objects of the scene, changed or not: pieces that are what they were stay
     """
-    (srid,) = call(conn, "_begin_pieces", scene_id, is_first)
+    srid, is_compared = call(conn, "_begin_pieces", scene_id, is_first, is_full)
+    table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"
     count = 0
     for pieces in chunks:
         count += len(pieces)
@@ -138,7 +145,9 @@ def replace_pieces(
             rows = np.flatnonzero(pieces.kind == kind.code)
             if rows.size:
                 some = pieces if len(rows) == len(pieces) else pieces.take(rows)
-                copy_binary.send(conn, "conflictdb.piece", _piece_columns(some, scene_id, srid, kind))
+                copy_binary.send(conn, table, _piece_columns(some, scene_id, srid, kind))
+    if is_compared:
+        (count,) = call(conn, "_compare_pieces", scene_id)
     call(conn, "_end_pieces", scene_id, count)
 
 
