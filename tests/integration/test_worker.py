@@ -16,6 +16,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
+from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect
 from conflictdb.db import detect, store
@@ -406,3 +407,15 @@ def test_a_scene_that_always_waits_leaves_the_others_their_turn(dsn: str) -> Non
     with pytest.raises(KeyboardInterrupt):
         Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1).run()
     assert turns == ["always", "b", "c", "always", "always", "b"]
+
+
+def test_a_worker_notices_that_a_network_is_gone(dsn: str) -> None:
+    """Connections say so to the system; what the user says of that stays, and of everything else."""
+    given = store.worker_dsn(f"{dsn} keepalives_idle=7 application_name=mine connect_timeout=3")
+    found = conninfo_to_dict(given)
+    assert conninfo_to_dict(dsn).items() <= found.items()
+    assert found["application_name"] == store.WORKER_NAME
+    assert (found["keepalives_idle"], found["connect_timeout"], found["tcp_user_timeout"]) == ("7", "3", "60000")
+    store.connect(given).close()
+    with pytest.raises(StoreError, match="missing"):
+        store.worker_dsn("host")

@@ -6,12 +6,21 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import psycopg
-from psycopg.conninfo import make_conninfo
+from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
 from conflictdb.db.store.connection import call, translated
 
 # By this name workers are counted; routine _service knows it too.
 WORKER_NAME: Final = "conflictdb worker"
+
+# A network that is gone without a word is noticed within about a minute, and not after hours, as systems are set up.
+_LIVELY: Final = {
+    "connect_timeout": 10,
+    "keepalives_idle": 30,
+    "keepalives_interval": 10,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 60_000,
+}
 
 # Notifications arrive in milliseconds; where none does, a worker begins this much later.
 _HEARD_WITHIN_S: Final = 2.0
@@ -38,9 +47,12 @@ def service(conn: psycopg.Connection[Any]) -> Service:
 
 
 def worker_dsn(dsn: str) -> str:
-    """Return a connection string by whose connections a worker is known."""
+    """Return a connection string by whose connections a worker is known, and notices soon that a network is gone.
+
+    What the string itself says of that stays.
+    """
     with translated():
-        return make_conninfo(dsn, application_name=WORKER_NAME)
+        return make_conninfo("", **{**_LIVELY, **conninfo_to_dict(dsn), "application_name": WORKER_NAME})
 
 
 def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
