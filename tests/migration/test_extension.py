@@ -203,6 +203,26 @@ def test_beside_the_schema_that_init_made_it_is_refused(installed: str) -> None:
         schema.check(conn)
 
 
+def test_who_may_create_schemas_may_create_it_and_is_told_what_to_grant(installed: str) -> None:
+    """No superuser is needed; a schema of PostGIS that is another's is left alone, and so are the grants on it."""
+    database = new(installed, ELSEWHERE)
+    said: list[str] = []
+    with psycopg.connect(database) as conn:
+        conn.add_notice_handler(lambda diag: said.append(f"{diag.message_primary}: {diag.message_hint}"))
+        conn.execute("CREATE ROLE plain")
+        conn.execute(sql.SQL("GRANT CREATE ON DATABASE {} TO plain").format(sql.Identifier(conn.info.dbname)))
+        conn.execute('GRANT USAGE ON SCHEMA "My GIS" TO plain')
+        conn.execute("SET ROLE plain")
+        conn.execute("CREATE EXTENSION conflictdb")
+        conn.execute("RESET ROLE")
+        conn.execute(READABLE)
+    assert said == [f"the roles of conflictdb cannot use PostGIS yet: Run: {READABLE}"]
+    with connect(conninfo.make_conninfo(database, options="-c role=plain")) as db:
+        db.load(STRAIT)
+        assert db.detect("strait").conflicts == 7
+    assert rows(database, """SELECT FROM pg_init_privs WHERE objoid = '"My GIS"'::regnamespace""") == []
+
+
 def test_a_server_that_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     done = runner("", capsys)("extension", "install", "--pg-config", str(tmp_path / "pg_config"))
     assert (done.code, done.out) == (5, "")
