@@ -21,6 +21,7 @@ import numpy as np
 from sampling import Sampled, sampled
 from workloads import WORKLOADS, Workload, throw
 
+from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
@@ -87,7 +88,8 @@ def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, 
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     near = _moving(pieces, intersections(pieces, *candidates(pieces), regions=False))
     start, end = pieces.shared_span(near.a, near.b)
-    found, _ = contacts_of(scene, plane, pieces, near, np.zeros(len(near)), (end - start) / 1e6)
+    prepared = kernel.Scene(plane.kernel_plane, pieces, near.a, near.b)
+    found, _ = contacts_of(scene, plane, prepared, near, np.zeros(len(near)), (end - start) / 1e6)
     return scene, pieces, near, found
 
 
