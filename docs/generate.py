@@ -270,7 +270,16 @@ schema.
 ROLES: Final = {
     "To ask: conflictdb_reader": (
         "conflictdb_reader",
-        ["conflicts", "approaches", "scenes", "queue", "attachments", "unmapped"],
+        [
+            "conflicts",
+            "approaches",
+            "conflict_events",
+            "acknowledgements",
+            "scenes",
+            "queue",
+            "attachments",
+            "unmapped",
+        ],
     ),
     "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
     "To detect: conflictdb_worker": (
@@ -278,6 +287,7 @@ ROLES: Final = {
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
+            *("conflict_event", "acknowledgement", "history"),
         ],
     ),
 }

@@ -114,6 +114,9 @@ CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
+    DELETE FROM acknowledgement k WHERE k.scene_id = OLD.scene_id;
+    DELETE FROM history h WHERE h.scene_id = OLD.scene_id;
     DELETE FROM run r WHERE r.scene_id = OLD.scene_id;
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
     DELETE FROM change m WHERE m.scene_id = OLD.scene_id;

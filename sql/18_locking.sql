@@ -96,6 +96,7 @@ LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp
 BEGIN
     -- Not by foreign keys either, which would cost every conflict and piece more than it costs to write.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
     -- Not by a foreign key: who removes a scene would wait for its detection, and the detection then for the removal.
     DELETE FROM scene_lock l
@@ -105,8 +106,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: removes the conflicts and pieces of a removed scene, and its lock, unless it is held. A lock that stays '
-'behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these.';
+'Trigger: removes conflicts, their history and pieces of a removed scene, and its lock, unless it is held. A lock that '
+'stays behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

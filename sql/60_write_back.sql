@@ -155,10 +155,14 @@ DECLARE
     v_plane text;
     v_is_first boolean;
     v_marks bigint;
+    v_at timestamptz;
+    v_first_event bigint;
 BEGIN
     SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
         FROM scene s WHERE s.scene_id = p_scene_id;
     run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
+    -- When it began to write: the same for all parts of a run.
+    SELECT r.finished_at INTO v_at FROM run r WHERE r.run_id = _write_run.run_id;
 
     WITH found AS (
         SELECT f.* FROM unnest(p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, p_b_version, p_place, p_digest,
@@ -172,10 +176,16 @@ BEGIN
         -- object that was removed meanwhile has a mark of its own, and its pairs drop out; its number may be that of
         -- another object by now. Pairs that are only near are no conflicts: they open, change and close none.
         SELECT d.*, e.is_now AND NOT (d.stays AND e.was) AS opens, e.was AND NOT (d.stays AND e.is_now) AS closes,
-               d.stays AND e.was AND e.is_now
-               AND (d.periods, d.verdict) IS DISTINCT FROM (d.old_periods, d.old_verdict) AS changes
-        FROM (SELECT f.*, o.found_at, o.periods AS old_periods, o.verdict AS old_verdict, a.key AS a_key,
-                     b.key AS b_key, i.is_found, (f.b_kind, b.key) < (f.a_kind, a.key) AS is_turned,
+               -- Compared with what was told last: many changes below the tolerance add up.
+               CASE WHEN d.stays AND e.was AND e.is_now THEN
+                   d.verdict <> d.old_verdict OR (d.a_key, d.b_key) IS DISTINCT FROM (d.old_a_key, d.old_b_key)
+                   OR NOT _is_alike(d.periods, d.told_periods, d.time_error_s + d.old_time_error_s)
+                   ELSE false END AS changes
+        FROM (SELECT f.*, o.found_at, o.conflict_id, o.changed_at, o.time_error_s AS old_time_error_s,
+                     coalesce(o.told_periods, o.periods) AS told_periods, o.verdict AS old_verdict, a.key AS a_key,
+                     b.key AS b_key, CASE WHEN i.was_turned THEN o.b_key ELSE o.a_key END AS old_a_key,
+                     CASE WHEN i.was_turned THEN o.a_key ELSE o.b_key END AS old_b_key, i.is_found,
+                     (f.b_kind, b.key) < (f.a_kind, a.key) AS is_turned,
                      f.place IS NOT NULL AND i.is_found
                      AND a.first_version <= CASE WHEN i.was_turned THEN o.b_version ELSE o.a_version END
                      AND b.first_version <= CASE WHEN i.was_turned THEN o.a_version ELSE o.b_version END AS stays
@@ -201,12 +211,22 @@ BEGIN
                                          (o.b_kind, o.b_id) < (o.a_kind, o.a_id) AS was_turned) i) d
         CROSS JOIN LATERAL (SELECT d.is_found AND d.verdict <> 'near' AS is_now,
                                    d.place IS NOT NULL AND d.old_verdict <> 'near' AS was) e
+    ), ended AS (
+        -- As they were known last.
+        INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
+                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
+            SELECT p_scene_id, _write_run.run_id, o.conflict_id, 'closed', v_at, o.found_at, o.a_kind, o.a_key,
+                   o.b_kind, o.b_key, o.periods, o.verdict, o.time_error_s, o.closest_at, o.closest_m,
+                   o.closest_error_m
+            FROM (SELECT p.place FROM placed p WHERE p.closes OFFSET 0) p
+            CROSS JOIN LATERAL (SELECT c.* FROM conflict c WHERE c.ctid = p.place OFFSET 0) o
+            RETURNING conflict_event_id
     ), removed AS (
         DELETE FROM conflict c
             WHERE c.ctid = ANY (ARRAY(SELECT p.place FROM placed p WHERE NOT p.is_found AND p.place IS NOT NULL))
-    ), ordered AS NOT MATERIALIZED (
+    ), ordered AS MATERIALIZED (
         -- The area first, else the smaller key.
-        SELECT p.place, p.digest, p.periods, p.verdict, ST_GeomFromEWKB(p.region) AS region,
+        SELECT p.place, p.opens, p.changes, p.digest, p.periods, p.verdict, ST_GeomFromEWKB(p.region) AS region,
                ST_GeomFromEWKB(p.first_contact_point) AS first_contact_point, p.time_error_s, p.closest_at,
                p.closest_m, p.closest_error_m,
                CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
@@ -221,10 +241,22 @@ BEGIN
                    AS closest_a_point,
                ST_GeomFromEWKB(CASE WHEN p.is_turned THEN p.closest_a_point ELSE p.closest_b_point END)
                    AS closest_b_point,
-               -- Whether it is a conflict, or only near, is what was first found.
-               CASE WHEN p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') THEN p.found_at
-                    ELSE v_start END AS found_at
-        FROM placed p WHERE p.is_found
+               CASE WHEN k.keeps THEN p.conflict_id ELSE nextval('conflict_seq') END AS conflict_id,
+               CASE WHEN k.keeps THEN p.found_at ELSE v_at END AS found_at,
+               CASE WHEN p.changes THEN v_at WHEN k.keeps THEN p.changed_at END AS changed_at,
+               CASE WHEN k.keeps AND NOT p.changes THEN nullif(p.told_periods, p.periods) END AS told_periods
+        FROM placed p
+        -- Whether it is a conflict, or only near, is what was first found.
+        CROSS JOIN LATERAL (SELECT p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') AS keeps) k
+        WHERE p.is_found
+    ), begun AS (
+        INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
+                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
+            SELECT p_scene_id, _write_run.run_id, o.conflict_id, CASE WHEN o.opens THEN 'opened' ELSE 'changed' END,
+                   v_at, o.found_at, o.a_kind, o.a_key, o.b_kind, o.b_key, o.periods, o.verdict, o.time_error_s,
+                   o.closest_at, o.closest_m, o.closest_error_m
+            FROM ordered o WHERE o.opens OR o.changes
+            RETURNING conflict_event_id
     ), located AS NOT MATERIALIZED (
         -- By the order of the keys: not even the order of its vertices depends on numbers.
         SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' THEN
@@ -240,27 +272,34 @@ BEGIN
                 first_contact_point = o.first_contact_point, method = v_method, time_error_s = o.time_error_s,
                 closest_at = o.closest_at, closest_m = o.closest_m, closest_error_m = o.closest_error_m,
                 closest_a_point = o.closest_a_point, closest_b_point = o.closest_b_point, found_at = o.found_at,
-                digest = o.digest
+                digest = o.digest, conflict_id = o.conflict_id, changed_at = o.changed_at,
+                told_periods = o.told_periods
             FROM located o WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                               periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,
-                              closest_m, closest_error_m, closest_a_point, closest_b_point, digest)
+                              closest_m, closest_error_m, closest_a_point, closest_b_point, digest, conflict_id)
             SELECT p_scene_id, _write_run.run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id,
                    o.b_version, o.b_key, o.periods, o.verdict, o.known_region, o.first_contact_point, v_method,
                    o.time_error_s, o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point,
-                   o.closest_b_point, o.digest
+                   o.closest_b_point, o.digest, o.conflict_id
             FROM located o WHERE o.place IS NULL
     ), told AS (
         SELECT count(*) FILTER (WHERE p.opens) AS opened, count(*) FILTER (WHERE p.changes) AS changed,
                count(*) FILTER (WHERE p.closes) AS closed,
                count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
-                   - count(*) FILTER (WHERE p.old_verdict = 'unresolved') AS more_unresolved
+                   - count(*) FILTER (WHERE p.old_verdict = 'unresolved') AS more_unresolved,
+               least((SELECT min(e.conflict_event_id) FROM ended e), (SELECT min(e.conflict_event_id) FROM begun e))
+                   AS first_event
         FROM placed p
     )
     UPDATE run r SET opened = r.opened + t.opened, changed = r.changed + t.changed, closed = r.closed + t.closed,
                      conflicts = r.conflicts + t.opened - t.closed, unresolved = r.unresolved + t.more_unresolved
-        FROM told t WHERE r.run_id = _write_run.run_id;
+        FROM told t WHERE r.run_id = _write_run.run_id
+        RETURNING t.first_event INTO v_first_event;
+    IF v_first_event IS NOT NULL THEN
+        PERFORM _notify_events(p_scene_id, v_scene_name, run_id, v_first_event);
+    END IF;
     IF NOT p_is_last THEN
         RETURN;
     END IF;
@@ -286,6 +325,7 @@ BEGIN
         INTO opened, changed, closed, conflicts, unresolved;
     PERFORM pg_notify('conflictdb', jsonb_build_object('scene', v_scene_name, 'run', run_id, 'opened', opened,
                                                        'changed', changed, 'closed', closed)::text);
+    PERFORM _prune_sometimes(p_scene_id);
 END
 $$;
 COMMENT ON FUNCTION _write_run(
@@ -295,7 +335,8 @@ COMMENT ON FUNCTION _write_run(
 'Writes a part of what a detection found to be other than known, each pair once, the smaller kind and number first; '
 'p_place is where its row is, if it has one (_known_conflicts); without a verdict the row goes. '
 'Without p_run_id a run begins (p_run: columns of run). With the last part the run is recorded, covered marks are '
-'deleted, channel conflictdb is notified. A conflict that stays keeps the instant it was first found.';
+'deleted, channel conflictdb is notified. A conflict that stays keeps its number and the instant it opened; what '
+'opens, changes by more than its bound on time, or closes is an event (conflict_event), of which each part notifies.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

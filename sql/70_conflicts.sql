@@ -15,10 +15,16 @@ SELECT s.name AS scene,
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
            AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
-       n.scene_is_current
+       n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at, k.acknowledged_by, k.acknowledged_at,
+       k.reason AS acknowledged_for, k.until AS acknowledged_until
 -- Asked once for a scene, not for each of its conflicts.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
+-- What it does not hold for any more is none.
+LEFT JOIN acknowledgement k
+    ON k.conflict_id = c.conflict_id AND k.ended_at IS NULL AND coalesce(k.until > now(), true)
+       AND NOT _has_grown(c.periods, c.verdict, c.time_error_s, c.closest_m, c.closest_error_m, k.periods, k.verdict,
+                          k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
 WHERE c.verdict <> 'near';
 
 COMMENT ON VIEW conflicts IS
@@ -59,6 +65,16 @@ COMMENT ON COLUMN conflicts.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.scene_is_current IS
 'Whether the conflicts of the scene are complete: nothing of it waits for detection (see the view scenes).';
+COMMENT ON COLUMN conflicts.conflict_id IS
+'Number of the conflict, the same from opening to closing (see conflict_events).';
+COMMENT ON COLUMN conflicts.opened_at IS 'When it opened: found_at, as histories call it.';
+COMMENT ON COLUMN conflicts.changed_at IS
+'When its periods (by more than they are uncertain by), its verdict or a key last changed; null if they never did.';
+COMMENT ON COLUMN conflicts.acknowledged_by IS
+'Who acknowledged it as it is now, or more; null where nobody did, where that is over, and where it has grown since.';
+COMMENT ON COLUMN conflicts.acknowledged_at IS 'When that was.';
+COMMENT ON COLUMN conflicts.acknowledged_for IS 'Why.';
+COMMENT ON COLUMN conflicts.acknowledged_until IS 'Until when that holds; null: for as long as the conflict lasts.';
 
 CREATE OR REPLACE VIEW approaches AS
 SELECT s.name AS scene,

@@ -122,7 +122,8 @@ COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 worked on.';
 COMMENT ON COLUMN run.conflicts IS 'Conflicts of the scene after the run; null if it failed.';
 COMMENT ON COLUMN run.unresolved IS 'Of these, how many are unresolved.';
 COMMENT ON COLUMN run.opened IS 'Conflicts that were not there before.';
-COMMENT ON COLUMN run.changed IS 'Conflicts with other periods or another verdict than before.';
+COMMENT ON COLUMN run.changed IS
+'Conflicts with other periods, by more than they are uncertain by, another verdict or another key than before.';
 COMMENT ON COLUMN run.closed IS 'Conflicts that are no more.';
 COMMENT ON COLUMN run.pieces_s IS 'Seconds spent on pieces.';
 COMMENT ON COLUMN run.stage1_s IS 'Seconds spent in stage 1, broad phase.';
@@ -168,6 +169,59 @@ COMMENT ON COLUMN conflict.closest_b_point IS
 COMMENT ON COLUMN conflict.digest IS
 'Digest of the row and of the settings that it was found under; 0 where that is not known. Found again with the same '
 'digest, a row is not written again.';
+
+COMMENT ON COLUMN conflict.conflict_id IS
+'Number of the conflict from opening to closing; a pair that is only near has one of its own.';
+COMMENT ON COLUMN conflict.changed_at IS 'When it last changed (conflict_event); null if it never did.';
+COMMENT ON COLUMN conflict.told_periods IS
+'The periods that its last event told, where those of the row differ by less than they are uncertain by; else null.';
+
+COMMENT ON SEQUENCE conflict_seq IS 'Numbers of conflicts: never the same twice.';
+COMMENT ON TABLE conflict_event IS
+'What became of conflicts: written by detections, pruned by prune_history. Query the view conflict_events.';
+COMMENT ON COLUMN conflict_event.conflict_event_id IS 'Number of the event; in a scene they become visible in order.';
+COMMENT ON COLUMN conflict_event.scene_id IS 'Scene.';
+COMMENT ON COLUMN conflict_event.run_id IS 'Run that found it.';
+COMMENT ON COLUMN conflict_event.conflict_id IS 'Number of the conflict.';
+COMMENT ON COLUMN conflict_event.kind IS 'opened, changed or closed.';
+COMMENT ON COLUMN conflict_event.at IS 'When the run began to write, one instant for all its events.';
+COMMENT ON COLUMN conflict_event.opened_at IS 'When the conflict opened.';
+COMMENT ON COLUMN conflict_event.a_kind IS 'First object: 0 area, 1 track.';
+COMMENT ON COLUMN conflict_event.a_key IS 'First object: key.';
+COMMENT ON COLUMN conflict_event.b_kind IS 'Second object: 0 area, 1 track.';
+COMMENT ON COLUMN conflict_event.b_key IS 'Second object: key.';
+COMMENT ON COLUMN conflict_event.periods IS 'When they interfere; of a conflict that closed, as known before.';
+COMMENT ON COLUMN conflict_event.verdict IS 'Verdict; of a conflict that closed, as known before.';
+COMMENT ON COLUMN conflict_event.time_error_s IS 'Bound on the error of every end of every period, seconds.';
+COMMENT ON COLUMN conflict_event.closest_at IS 'Closest approach: when.';
+COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres.';
+COMMENT ON COLUMN conflict_event.closest_error_m IS 'Closest approach: bound on its error, metres.';
+
+COMMENT ON TABLE history IS 'How far back what was known of a scene is kept.';
+COMMENT ON COLUMN history.scene_id IS 'Scene.';
+COMMENT ON COLUMN history.first_run_id IS
+'What was known before this run had finished is not kept; null: all of it is.';
+COMMENT ON COLUMN history.pruned_at IS 'When what is too old was last removed.';
+COMMENT ON COLUMN scene.history_kept IS
+'How long history of its conflicts is kept; null: as the setting conflictdb.history_kept says, else 30 days.';
+
+COMMENT ON TABLE acknowledgement IS 'What of conflicts was acknowledged. Query the view acknowledgements.';
+COMMENT ON COLUMN acknowledgement.acknowledgement_id IS 'Number.';
+COMMENT ON COLUMN acknowledgement.scene_id IS 'Scene.';
+COMMENT ON COLUMN acknowledgement.conflict_id IS 'Number of the conflict, which may have closed.';
+COMMENT ON COLUMN acknowledgement.acknowledged_by IS 'User of the database who did.';
+COMMENT ON COLUMN acknowledgement.acknowledged_at IS 'When.';
+COMMENT ON COLUMN acknowledgement.reason IS 'Why.';
+COMMENT ON COLUMN acknowledgement.until IS 'Until when it holds; null: while the conflict lasts.';
+COMMENT ON COLUMN acknowledgement.a_key IS 'First object: key then.';
+COMMENT ON COLUMN acknowledgement.b_key IS 'Second object: key then.';
+COMMENT ON COLUMN acknowledgement.periods IS 'What was acknowledged: periods.';
+COMMENT ON COLUMN acknowledgement.verdict IS 'What was acknowledged: verdict.';
+COMMENT ON COLUMN acknowledgement.time_error_s IS 'What was acknowledged: bound on the error of periods, seconds.';
+COMMENT ON COLUMN acknowledgement.closest_m IS 'What was acknowledged: least distance, metres.';
+COMMENT ON COLUMN acknowledgement.closest_error_m IS 'What was acknowledged: bound on its error, metres.';
+COMMENT ON COLUMN acknowledgement.ended_by IS 'Who took it back, or replaced it; null if nobody did.';
+COMMENT ON COLUMN acknowledgement.ended_at IS 'When.';
 
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it until its transaction ends. Only workers can.';

@@ -77,7 +77,17 @@ GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachme
                           _take_over_attached
     TO conflictdb_editor;
 
+-- Editors acknowledge, each in their own name and at the time it is.
+GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,
+              closest_error_m),
+      UPDATE (ended_by, ended_at) ON acknowledgement TO conflictdb_editor;
+GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement TO conflictdb_editor;
+
 -- Workers keep the derived tables.
-GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, probe_request, probe_reply TO conflictdb_worker;
+GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, history, probe_request, probe_reply
+    TO conflictdb_worker;
+GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
+GRANT DELETE ON acknowledgement TO conflictdb_worker;
+GRANT USAGE ON SEQUENCE conflict_seq TO conflictdb_worker;
 -- Who may update a row may lock it: nobody else can keep a scene from being detected.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

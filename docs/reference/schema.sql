@@ -1,6 +1,8 @@
 -- The schema conflictdb as a fresh install makes it, described from the catalog. Generated: do not edit.
 -- CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew.
 
+SEQUENCE acknowledgement_acknowledgement_id_seq;
+
 SEQUENCE area_area_id_seq;
 
 SEQUENCE attached_change_attached_change_id_seq;
@@ -8,6 +10,10 @@ SEQUENCE attached_change_attached_change_id_seq;
 SEQUENCE attachment_attachment_id_seq;
 
 SEQUENCE change_change_id_seq;
+
+SEQUENCE conflict_event_conflict_event_id_seq;
+
+SEQUENCE conflict_seq;
 
 SEQUENCE piece_piece_id_seq;
 
@@ -20,6 +26,25 @@ SEQUENCE scene_scene_id_seq;
 SEQUENCE track_track_id_seq;
 
 SEQUENCE version_seq;
+
+TABLE acknowledgement (
+    acknowledgement_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    conflict_id bigint NOT NULL,
+    acknowledged_by text NOT NULL DEFAULT CURRENT_USER,
+    acknowledged_at timestamp with time zone NOT NULL DEFAULT now(),
+    reason text NOT NULL,
+    until timestamp with time zone,
+    a_key text COLLATE C NOT NULL,
+    b_key text COLLATE C NOT NULL,
+    periods tstzmultirange NOT NULL,
+    verdict text NOT NULL,
+    time_error_s double precision NOT NULL,
+    closest_m double precision,
+    closest_error_m double precision,
+    ended_by text,
+    ended_at timestamp with time zone
+);
 
 TABLE alembic_version (
     version_num character varying(32) NOT NULL
@@ -108,7 +133,36 @@ TABLE conflict (
     closest_error_m double precision,
     closest_a_point geometry(Point,4326),
     closest_b_point geometry(Point,4326),
-    digest bigint NOT NULL DEFAULT 0
+    digest bigint NOT NULL DEFAULT 0,
+    conflict_id bigint NOT NULL,
+    changed_at timestamp with time zone,
+    told_periods tstzmultirange
+);
+
+TABLE conflict_event (
+    conflict_event_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    run_id bigint NOT NULL,
+    conflict_id bigint NOT NULL,
+    kind text NOT NULL,
+    at timestamp with time zone NOT NULL,
+    opened_at timestamp with time zone NOT NULL,
+    a_kind smallint NOT NULL,
+    a_key text COLLATE C NOT NULL,
+    b_kind smallint NOT NULL,
+    b_key text COLLATE C NOT NULL,
+    periods tstzmultirange NOT NULL,
+    verdict text NOT NULL,
+    time_error_s double precision NOT NULL,
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision
+);
+
+TABLE history (
+    scene_id bigint NOT NULL,
+    first_run_id bigint,
+    pruned_at timestamp with time zone NOT NULL
 );
 
 TABLE object_key (
@@ -208,7 +262,8 @@ TABLE scene (
     separation_m double precision NOT NULL DEFAULT 0.0,
     nearest_m double precision NOT NULL DEFAULT 0.0,
     centre_lon double precision,
-    centre_lat double precision
+    centre_lat double precision,
+    history_kept interval
 );
 
 TABLE scene_lock (
@@ -232,6 +287,22 @@ TABLE track (
     floors_m double precision[],
     ceilings_m double precision[],
     first_version bigint NOT NULL DEFAULT 0
+);
+
+VIEW acknowledgements (
+    scene text COLLATE C,
+    conflict_id bigint,
+    a_key text COLLATE C,
+    b_key text COLLATE C,
+    acknowledged_by text,
+    acknowledged_at timestamp with time zone,
+    reason text,
+    until timestamp with time zone,
+    periods tstzmultirange,
+    verdict text,
+    state text,
+    ended_by text,
+    ended_at timestamp with time zone
 );
 
 VIEW approaches (
@@ -272,6 +343,27 @@ VIEW attachments (
     remark text
 );
 
+VIEW conflict_events (
+    scene text COLLATE C,
+    event bigint,
+    kind text,
+    at timestamp with time zone,
+    run_id bigint,
+    conflict_id bigint,
+    a_key text COLLATE C,
+    a_kind text,
+    b_key text COLLATE C,
+    b_kind text,
+    periods tstzmultirange,
+    verdict text,
+    time_error_s double precision,
+    closest_at timestamp with time zone,
+    closest_m double precision,
+    closest_error_m double precision,
+    opened_at timestamp with time zone,
+    closed_at timestamp with time zone
+);
+
 VIEW conflicts (
     scene text COLLATE C,
     a_key text COLLATE C,
@@ -294,7 +386,14 @@ VIEW conflicts (
     closest_error_m double precision,
     closest_a_point geometry(Point,4326),
     closest_b_point geometry(Point,4326),
-    scene_is_current boolean
+    scene_is_current boolean,
+    conflict_id bigint,
+    opened_at timestamp with time zone,
+    changed_at timestamp with time zone,
+    acknowledged_by text,
+    acknowledged_at timestamp with time zone,
+    acknowledged_for text,
+    acknowledged_until timestamp with time zone
 );
 
 VIEW queue (
@@ -340,6 +439,10 @@ VIEW unmapped (
     is_kept boolean
 );
 
+CONSTRAINT acknowledgement_end_told ON acknowledgement: CHECK (((ended_at IS NULL) = (ended_by IS NULL)));
+CONSTRAINT acknowledgement_pkey ON acknowledgement: PRIMARY KEY (acknowledgement_id);
+CONSTRAINT acknowledgement_reason_given ON acknowledgement: CHECK ((btrim(reason) <> ''::text));
+CONSTRAINT acknowledgement_scene_fkey ON acknowledgement: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
 CONSTRAINT area_ceiling_above_floor ON area: CHECK ((ceiling_m > floor_m));
 CONSTRAINT area_heights_finite ON area: CHECK (((((floor_m > '-Infinity'::double precision) AND (floor_m < 'Infinity'::double precision)) IS NOT FALSE) AND (((ceiling_m > '-Infinity'::double precision) AND (ceiling_m < 'Infinity'::double precision)) IS NOT FALSE)));
@@ -368,6 +471,10 @@ CONSTRAINT conflict_periods_unless_near ON conflict: CHECK ((isempty(periods) = 
 CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (a_kind, a_id, b_kind, b_id, scene_id);
 CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)::double precision));
 CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text, 'near'::text])));
+CONSTRAINT conflict_event_kind_known ON conflict_event: CHECK ((kind = ANY (ARRAY['opened'::text, 'changed'::text, 'closed'::text])));
+CONSTRAINT conflict_event_pkey ON conflict_event: PRIMARY KEY (scene_id, conflict_event_id);
+CONSTRAINT history_pkey ON history: PRIMARY KEY (scene_id);
+CONSTRAINT history_scene_fkey ON history: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT object_key_pkey ON object_key: PRIMARY KEY (scene_id, key);
 CONSTRAINT object_key_scene_fkey ON object_key: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -395,6 +502,7 @@ CONSTRAINT scene_centre_of_circles ON scene: CHECK (((motion = 'great_circle'::t
 CONSTRAINT scene_centre_on_earth ON scene: CHECK (((num_nulls(centre_lon, centre_lat) = ANY (ARRAY[0, 2])) AND ((((centre_lon >= ('-180'::integer)::double precision) AND (centre_lon <= (180)::double precision)) AND ((centre_lat >= ('-90'::integer)::double precision) AND (centre_lat <= (90)::double precision))) IS NOT FALSE)));
 CONSTRAINT scene_circles_on_sphere ON scene: CHECK (((motion = 'rhumb'::text) OR (earth = 'sphere'::text)));
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
+CONSTRAINT scene_history_kept_positive ON scene: CHECK ((history_kept >= '00:00:00'::interval));
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
 CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
@@ -416,6 +524,8 @@ CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
 CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 
+CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
+CREATE INDEX acknowledgement_scene_id_btree ON conflictdb.acknowledgement USING btree (scene_id);
 CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
 CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
@@ -619,6 +729,9 @@ FUNCTION _drifted_objects(p_attachment_id bigint)
 FUNCTION _drop_note(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
+FUNCTION _end_acknowledgement(p_conflict_id bigint)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
@@ -667,14 +780,23 @@ FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision, p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text, p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision, p_tolerance_m double precision)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _has_just_failed(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _history_kept(p_scene_id bigint)
+    RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -699,6 +821,9 @@ FUNCTION _keep_restored_key()
 
 FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
     RETURNS TABLE(kind smallint, id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
+    RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint, OUT place tid)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
@@ -763,6 +888,9 @@ FUNCTION _next_probe(OUT probe_id bigint, OUT scene_id bigint, OUT object_kind s
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -799,8 +927,14 @@ FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_ce
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _prune(p_scene_id bigint, p_kept interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _prune_probes(p_asked_by name)
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _prune_sometimes(p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -937,6 +1071,9 @@ FUNCTION _wgs84_m()
 FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision, p_is_changed boolean)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision)
+    RETURNS tstzmultirange LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _window(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -945,6 +1082,9 @@ FUNCTION _wrapped(p_geometry geometry)
 
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
+
+FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
@@ -955,8 +1095,14 @@ FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_ever
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL::text)
+    RETURNS SETOF conflict_events LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION conflicts_at(p_scene text, p_instant timestamp with time zone)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION conflicts_known_at(p_scene text, p_instant timestamp with time zone)
+    RETURNS TABLE(conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, run_id bigint, acknowledged_by text) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION conflicts_of(p_scene text, p_key text)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
@@ -991,6 +1137,9 @@ FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map j
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -1014,6 +1163,9 @@ FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, 
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

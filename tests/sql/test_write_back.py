@@ -85,7 +85,7 @@ def found(
         period_offset=np.cumsum([0, *(len(periods) for periods in pairs.values())]).astype(np.int64),
         verdict=np.full(n, verdict, np.int8),
         first_contact_deg=np.tile(np.array(at or (np.nan, np.nan)), (n, 1)),
-        time_error_s=np.full(n, 0.25),
+        time_error_s=np.full(n, 1e-6),  # less than any two periods below differ by
         closest_us=np.full(n, SINCE_EVER_US),
         closest_m=np.full(n, np.nan),
         closest_error_m=np.full(n, np.nan),
@@ -140,7 +140,7 @@ def test_periods_are_inclusive_exact_and_may_be_unbounded(conn: Conn, scene_id: 
     assert (first.first_contact, first.last_contact) == (None, None)
     assert second.periods == ((us[0], us[1]), (us[5], us[5]))
     assert (second.first_contact, second.last_contact) == (us[0], us[5])
-    assert (second.verdict, second.method, second.time_error_s, second.is_current) == ("grazing", "nlp", 0.25, True)
+    assert (second.verdict, second.method, second.time_error_s, second.is_current) == ("grazing", "nlp", 1e-6, True)
     assert second.first_contact_deg == (-179.0, 50.0)
 
 

@@ -1,0 +1,175 @@
+-- The life of a conflict: it opens, changes and closes, and each of these is an event. Events are written by the
+-- detection that finds them, in its transaction (60_write_back.sql). They are at once the history of what was known and
+-- an outbox that others poll: in one scene their numbers grow in the order in which they become visible.
+
+CREATE OR REPLACE FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision) RETURNS tstzmultirange
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce((SELECT range_agg(tstzrange(lower(r) - w.by, upper(r) + w.by, '[]')) FROM unnest(p_periods) r),
+                    '{}'::tstzmultirange)
+    -- A day at most: instants near the end of time have a day left.
+    FROM (SELECT make_interval(secs => least(p_by_s, 86400)) AS by) w;
+END;
+COMMENT ON FUNCTION _widened(tstzmultirange, double precision) IS
+'Periods that begin and end so many seconds earlier and later, a day at most.';
+
+CREATE OR REPLACE FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
+RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN p_some = p_others
+           OR p_some <@ _widened(p_others, p_within_s) AND p_others <@ _widened(p_some, p_within_s);
+END
+$$;
+COMMENT ON FUNCTION _is_alike(tstzmultirange, tstzmultirange, double precision) IS
+'Whether every instant of each of two multiranges is within so many seconds, a day at most, of the other.';
+
+CREATE OR REPLACE FUNCTION _has_grown(
+    p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision,
+    p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text,
+    p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision,
+    p_tolerance_m double precision
+) RETURNS boolean
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_worse CONSTANT text[] := ARRAY['grazing', 'unresolved', 'conflict'];
+BEGIN
+    RETURN array_position(c_worse, p_verdict) > array_position(c_worse, p_known_verdict)
+           OR NOT p_periods <@ _widened(p_known_periods, p_time_error_s + p_known_time_error_s)
+           OR coalesce(p_closest_m + p_closest_error_m + p_tolerance_m < p_known_closest_m - p_known_closest_error_m,
+                       false);
+END
+$$;
+COMMENT ON FUNCTION _has_grown(
+    tstzmultirange, text, double precision, double precision, double precision, tstzmultirange, text, double precision,
+    double precision, double precision, double precision) IS
+'Whether a conflict is more than it was known to be: at other times, with a worse verdict, or closer, each by more '
+'than both are uncertain by (seconds, metres), and closer by more than the tolerance too.';
+
+CREATE OR REPLACE FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- A payload has less than 8000 bytes. What is longer than this is told by its number alone.
+    c_most CONSTANT integer := 7900;
+    c_longest CONSTANT integer := 1000;
+    v_head text := jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', 'changed', 'events', '[]'::jsonb);
+    v_room integer := greatest(c_most - c_longest - octet_length(v_head), 1);
+BEGIN
+    PERFORM pg_notify('conflictdb_event', jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', n.kind,
+                                                             'events', n.events)::text)
+        FROM (SELECT t.kind, jsonb_agg(t.event ORDER BY t.number) AS events
+              FROM (SELECT e.kind, e.conflict_event_id AS number, s.event,
+                           -- Begun anew whenever the room is full; between events of an array: a comma and a space.
+                           (sum(octet_length(s.event::text) + 2)
+                               OVER (PARTITION BY e.kind ORDER BY e.conflict_event_id)) / v_room AS chunk
+                    FROM conflict_event e
+                    CROSS JOIN LATERAL (SELECT jsonb_build_array(e.conflict_event_id, e.a_key, e.b_key) AS whole) w
+                    CROSS JOIN LATERAL (SELECT CASE WHEN octet_length(w.whole::text) > c_longest - 2
+                                                    THEN jsonb_build_array(e.conflict_event_id)
+                                                    ELSE w.whole END AS event OFFSET 0) s
+                    WHERE e.scene_id = p_scene_id AND e.conflict_event_id >= p_first) t
+              GROUP BY t.kind, t.chunk
+              ORDER BY min(t.number)) n;
+END
+$$;
+COMMENT ON FUNCTION _notify_events(bigint, text, bigint, bigint) IS
+'Notifies channel conflictdb_event of the events of a run from a number on: scene, run, kind, and of each event the '
+'number and both keys (the number alone, where keys are very long), as many notifications as that takes.';
+
+CREATE OR REPLACE FUNCTION _history_kept(p_scene_id bigint) RETURNS interval
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_default CONSTANT interval := '30 days';
+    -- Instants reach as far back.
+    c_ever CONSTANT interval := '6000 years';
+    v_kept interval := (SELECT s.history_kept FROM scene s WHERE s.scene_id = p_scene_id);
+    v_setting text := nullif(current_setting('conflictdb.history_kept', true), '');
+BEGIN
+    IF v_kept IS NULL AND v_setting IS NOT NULL THEN
+        BEGIN
+            v_kept := v_setting;
+        EXCEPTION WHEN data_exception THEN
+            v_kept := '-1 s';
+        END;
+        IF v_kept < interval '0' THEN
+            -- No detection fails of it.
+            RAISE WARNING 'conflictdb.history_kept: must be an interval, such as 30 days; got %; taken as %',
+                          quote_literal(v_setting), c_default;
+            v_kept := NULL;
+        END IF;
+    END IF;
+    RETURN least(coalesce(v_kept, c_default), c_ever);
+END
+$$;
+COMMENT ON FUNCTION _history_kept(bigint) IS
+'How long history of a scene is kept: as the scene says (scene.history_kept), else the setting conflictdb.history_kept '
+'of the database or role, else 30 days.';
+
+CREATE OR REPLACE FUNCTION _prune(p_scene_id bigint, p_kept interval) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_run_id bigint := (SELECT r.run_id FROM run r
+                        WHERE r.scene_id = p_scene_id AND r.error IS NULL AND r.finished_at <= now() - p_kept
+                        ORDER BY r.run_id DESC LIMIT 1);
+    v_removed bigint := 0;
+BEGIN
+    IF v_run_id IS NOT NULL THEN
+        -- Of what was known then, the last event of each conflict stays; it tells what is known of it ever since.
+        DELETE FROM conflict_event e
+            USING (SELECT o.conflict_event_id, o.kind,
+                          lead(o.kind) OVER (PARTITION BY o.conflict_id ORDER BY o.conflict_event_id) AS next_kind
+                   FROM conflict_event o WHERE o.scene_id = p_scene_id AND o.run_id <= v_run_id) o
+            WHERE e.scene_id = p_scene_id AND e.conflict_event_id = o.conflict_event_id
+              AND (o.next_kind IS NOT NULL OR o.kind = 'closed');
+        GET DIAGNOSTICS v_removed = ROW_COUNT;
+        DELETE FROM acknowledgement k
+            WHERE k.scene_id = p_scene_id
+              AND (k.ended_at <= now() - p_kept
+                   OR NOT EXISTS (SELECT FROM conflict_event e
+                                  WHERE e.scene_id = p_scene_id AND e.conflict_id = k.conflict_id));
+        DELETE FROM run r
+            WHERE r.scene_id = p_scene_id AND r.run_id < v_run_id
+              AND r.run_id NOT IN (SELECT c.run_id FROM conflict c WHERE c.scene_id = p_scene_id)
+              AND r.run_id NOT IN (SELECT e.run_id FROM conflict_event e WHERE e.scene_id = p_scene_id);
+    END IF;
+    INSERT INTO history AS h (scene_id, first_run_id, pruned_at) VALUES (p_scene_id, v_run_id, now())
+        ON CONFLICT (scene_id) DO UPDATE
+            SET first_run_id = greatest(h.first_run_id, excluded.first_run_id), pruned_at = excluded.pruned_at;
+    RETURN v_removed;
+END
+$$;
+COMMENT ON FUNCTION _prune(bigint, interval) IS
+'Removes what is older from the history of a scene: events, acknowledgements and runs; returns how many events. Under '
+'the lock of the scene.';
+
+CREATE OR REPLACE FUNCTION _prune_sometimes(p_scene_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- It reads all events of the scene.
+    IF NOT EXISTS (SELECT FROM history h
+                   WHERE h.scene_id = p_scene_id AND h.pruned_at > now() - interval '1 hour') THEN
+        PERFORM _prune(p_scene_id, _history_kept(p_scene_id));
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _prune_sometimes(bigint) IS
+'Removes what is older than it is to be kept from the history of a scene, unless that was done within the hour.';
+
+CREATE OR REPLACE FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    IF p_kept < interval '0' THEN
+        PERFORM _refuse('ZC009', format('scene %L', p_scene), 'kept',
+                        format('must be 0 or longer; got %s', p_kept), 'history_kept_positive');
+    END IF;
+    -- As a detection takes it: one that waits for it begins anew, on what is left.
+    UPDATE scene_lock l SET taken = l.taken + 1 WHERE l.scene_id = v_scene_id;
+    RETURN _prune(v_scene_id, least(coalesce(p_kept, _history_kept(v_scene_id)), interval '6000 years'));
+END
+$$;
+COMMENT ON FUNCTION prune_history(text, interval) IS
+'Removes what is older than p_kept (null: than scene.history_kept, else the setting conflictdb.history_kept, else 30 '
+'days) from the history of a scene; returns how many events. Detections do so by themselves, once an hour. Waits for a '
+'detection of the scene that is under way.';

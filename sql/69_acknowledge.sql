@@ -1,0 +1,110 @@
+-- Acknowledging: somebody has taken note of a conflict, as it is known. It holds while the conflict is no more than
+-- what was acknowledged (_has_grown), until it closes, is no longer acknowledged, or the time is over. Whether it does
+-- is seen when it is read: nothing is written when a conflict grows.
+
+CREATE OR REPLACE FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text) RETURNS conflict
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_conflict conflict;
+BEGIN
+    SELECT c.* INTO v_conflict FROM conflict c
+        WHERE c.scene_id = v_scene_id AND c.verdict <> 'near'
+          AND (c.a_key = p_a_key AND c.b_key = p_b_key OR c.a_key = p_b_key AND c.b_key = p_a_key);
+    IF NOT FOUND THEN
+        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'conflict',
+                        format('between %s and %s is not known', quote_nullable(p_a_key), quote_nullable(p_b_key)),
+                        'conflict_known', 'The view conflicts has those that are.');
+    END IF;
+    RETURN v_conflict;
+END
+$$;
+COMMENT ON FUNCTION _known_conflict(text, text, text) IS
+'The conflict of two objects, in whatever order they are named; refuses (ZC011) where none is known.';
+
+CREATE OR REPLACE FUNCTION _end_acknowledgement(p_conflict_id bigint) RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- One after the other: each ends what the other one began.
+    PERFORM pg_advisory_xact_lock(hashtext('conflictdb acknowledgement'), hashint8(p_conflict_id));
+    UPDATE acknowledgement k SET ended_at = now(), ended_by = current_user
+        WHERE k.conflict_id = p_conflict_id AND k.ended_at IS NULL;
+    RETURN FOUND;
+END
+$$;
+COMMENT ON FUNCTION _end_acknowledgement(bigint) IS
+'Ends the acknowledgement of a conflict; returns whether it had one.';
+
+CREATE OR REPLACE FUNCTION acknowledge(
+    p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamptz DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_longest CONSTANT integer := 10000;
+    v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
+    v_who text := format('conflict of %L and %L', p_a_key, p_b_key);
+BEGIN
+    IF coalesce(btrim(p_reason), '') = '' OR octet_length(p_reason) > c_longest THEN
+        PERFORM _refuse('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
+                        'acknowledgement_reason_given');
+    END IF;
+    IF p_until <= now() THEN
+        PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
+                        'acknowledgement_until_later');
+    END IF;
+    PERFORM _end_acknowledgement(v_conflict.conflict_id);
+    INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s,
+                                 closest_m, closest_error_m)
+        VALUES (v_conflict.scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
+                v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
+                v_conflict.closest_error_m);
+    RETURN v_conflict.conflict_id;
+END
+$$;
+COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz) IS
+'Takes note of the conflict of two objects, as it is known: who (the current user), when (now), why, and until when '
+'(null: for as long as it lasts). It holds until then, while the conflict is no more than that: not at other times, '
+'nor with a worse verdict, nor closer. Replaces what was acknowledged before; returns conflict_id. Refuses (ZC011) '
+'where no conflict is known.';
+
+CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text) RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
+BEGIN
+    RETURN _end_acknowledgement(v_conflict.conflict_id);
+END
+$$;
+COMMENT ON FUNCTION unacknowledge(text, text, text) IS
+'Takes back that the conflict of two objects was acknowledged; returns whether it was. Refuses (ZC011) where no '
+'conflict is known.';
+
+CREATE OR REPLACE VIEW acknowledgements AS
+SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key, k.acknowledged_by, k.acknowledged_at, k.reason, k.until,
+       k.periods, k.verdict,
+       CASE WHEN k.ended_at IS NOT NULL THEN 'ended' WHEN c.conflict_id IS NULL THEN 'closed'
+            WHEN k.until <= now() THEN 'expired'
+            WHEN _has_grown(c.periods, c.verdict, c.time_error_s, c.closest_m, c.closest_error_m, k.periods, k.verdict,
+                            k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m) THEN 'outgrown'
+            ELSE 'holds' END AS state,
+       k.ended_by, k.ended_at
+FROM scene s JOIN acknowledgement k USING (scene_id)
+LEFT JOIN conflict c ON c.scene_id = k.scene_id AND c.a_key = k.a_key AND c.b_key = k.b_key
+                        AND c.conflict_id = k.conflict_id;
+
+COMMENT ON VIEW acknowledgements IS 'What was acknowledged, by whom, and whether it still holds.';
+COMMENT ON COLUMN acknowledgements.scene IS 'Name of the scene.';
+COMMENT ON COLUMN acknowledgements.conflict_id IS 'The conflict (see conflict_events).';
+COMMENT ON COLUMN acknowledgements.a_key IS 'Key of the first object.';
+COMMENT ON COLUMN acknowledgements.b_key IS 'Key of the second object.';
+COMMENT ON COLUMN acknowledgements.acknowledged_by IS 'The user of the database who did.';
+COMMENT ON COLUMN acknowledgements.acknowledged_at IS 'When.';
+COMMENT ON COLUMN acknowledgements.reason IS 'Why.';
+COMMENT ON COLUMN acknowledgements.until IS 'Until when it holds; null: for as long as the conflict lasts.';
+COMMENT ON COLUMN acknowledgements.periods IS 'The periods that were acknowledged.';
+COMMENT ON COLUMN acknowledgements.verdict IS 'The verdict that was acknowledged.';
+COMMENT ON COLUMN acknowledgements.state IS
+'holds; outgrown: the conflict is more than that now; expired: its time is over; closed: the conflict is no more; '
+'ended: taken back or replaced.';
+COMMENT ON COLUMN acknowledgements.ended_by IS 'Who took it back or replaced it; null if nobody did.';
+COMMENT ON COLUMN acknowledgements.ended_at IS 'When.';

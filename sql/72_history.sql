@@ -1,0 +1,97 @@
+-- What was known when, and who has taken note of what.
+
+CREATE OR REPLACE VIEW conflict_events AS
+SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.conflict_id,
+       e.a_key, CASE e.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
+       e.b_key, CASE e.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
+       e.periods, e.verdict, e.time_error_s, e.closest_at, e.closest_m, e.closest_error_m, e.opened_at,
+       CASE e.kind WHEN 'closed' THEN e.at END AS closed_at
+FROM scene s JOIN conflict_event e USING (scene_id);
+
+COMMENT ON VIEW conflict_events IS
+'What became of conflicts, one row per event: an outbox to poll, scene by scene (WHERE scene = … AND event > the last '
+'that was seen), and the history of what was known. A scene that is removed takes its events along.';
+COMMENT ON COLUMN conflict_events.scene IS 'Name of the scene.';
+COMMENT ON COLUMN conflict_events.event IS
+'Number: within a scene, events become visible in the order of their numbers. Some numbers are missing.';
+COMMENT ON COLUMN conflict_events.kind IS
+'opened; changed: other periods, by more than both are uncertain by, another verdict or another key; closed.';
+COMMENT ON COLUMN conflict_events.at IS 'When the detection wrote it; it was visible when the run had finished.';
+COMMENT ON COLUMN conflict_events.run_id IS 'The run that found it.';
+COMMENT ON COLUMN conflict_events.conflict_id IS
+'The conflict: the same number from opening to closing. A pair that meets again has a new one.';
+COMMENT ON COLUMN conflict_events.a_key IS 'Key of the first object.';
+COMMENT ON COLUMN conflict_events.a_kind IS 'area or track.';
+COMMENT ON COLUMN conflict_events.b_key IS 'Key of the second object.';
+COMMENT ON COLUMN conflict_events.b_kind IS 'area or track.';
+COMMENT ON COLUMN conflict_events.periods IS 'When they interfere, as known from then on; if closed, as known before.';
+COMMENT ON COLUMN conflict_events.verdict IS 'As in the view conflicts; if closed, as known before.';
+COMMENT ON COLUMN conflict_events.time_error_s IS 'Bound on the error of every end of every period, seconds.';
+COMMENT ON COLUMN conflict_events.closest_at IS 'Closest approach: when; null if not computed, or always so.';
+COMMENT ON COLUMN conflict_events.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
+COMMENT ON COLUMN conflict_events.closest_error_m IS
+'Closest approach: how far from closest_m the least distance may be, metres.';
+COMMENT ON COLUMN conflict_events.opened_at IS 'When the conflict opened.';
+COMMENT ON COLUMN conflict_events.closed_at IS 'When it closed; null unless it did.';
+
+CREATE OR REPLACE FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL)
+RETURNS SETOF conflict_events
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY
+        SELECT e.* FROM conflict_events e
+        WHERE e.scene = p_scene AND p_key IN (e.a_key, e.b_key)
+          AND (p_other_key IS NULL OR (e.a_key, e.b_key) IN ((p_key, p_other_key), (p_other_key, p_key)))
+        ORDER BY e.event;
+END
+$$;
+COMMENT ON FUNCTION conflict_history(text, text, text) IS
+'What became of the conflicts of an object, or of two objects, oldest first, as far back as history is kept. Also of '
+'objects that are no more.';
+
+CREATE OR REPLACE FUNCTION conflicts_known_at(p_scene text, p_instant timestamptz)
+RETURNS TABLE (
+    conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text,
+    time_error_s double precision, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision, opened_at timestamptz, run_id bigint, acknowledged_by text
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_first_run_id bigint := (SELECT h.first_run_id FROM history h WHERE h.scene_id = v_scene_id);
+    v_run_id bigint := (SELECT r.run_id FROM run r
+                        WHERE r.scene_id = v_scene_id AND r.error IS NULL AND r.finished_at <= p_instant
+                        ORDER BY r.run_id DESC LIMIT 1);
+BEGIN
+    IF p_instant IS NULL THEN
+        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', 'must not be null', 'instant_given');
+    END IF;
+    IF coalesce(v_run_id, 0) < v_first_run_id THEN
+        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', format(
+            'is before what is kept of its history, which begins at %s; got %s',
+            (SELECT r.finished_at FROM run r WHERE r.run_id = v_first_run_id), p_instant), 'history_reaches_instant',
+            'scene.history_kept, or else the setting conflictdb.history_kept, says how long history is kept.');
+    END IF;
+    RETURN QUERY
+        SELECT e.conflict_id, e.a_key, CASE e.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
+               e.b_key, CASE e.b_kind WHEN 0 THEN 'area' ELSE 'track' END, e.periods, e.verdict, e.time_error_s,
+               e.closest_at, e.closest_m, e.closest_error_m, e.opened_at, e.run_id,
+               (SELECT k.acknowledged_by FROM acknowledgement k JOIN scene s USING (scene_id)
+                WHERE k.scene_id = v_scene_id AND k.conflict_id = e.conflict_id AND k.acknowledged_at <= p_instant
+                  AND coalesce(k.ended_at > p_instant, true) AND coalesce(k.until > p_instant, true)
+                  AND NOT _has_grown(e.periods, e.verdict, e.time_error_s, e.closest_m, e.closest_error_m, k.periods,
+                                     k.verdict, k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
+                ORDER BY k.acknowledgement_id DESC LIMIT 1)
+        FROM (SELECT DISTINCT ON (x.conflict_id) x.* FROM conflict_event x
+              WHERE x.scene_id = v_scene_id AND x.run_id <= v_run_id
+              ORDER BY x.conflict_id, x.conflict_event_id DESC) e
+        WHERE e.kind <> 'closed'
+        ORDER BY lower(e.periods) NULLS FIRST, e.a_key, e.b_key;
+END
+$$;
+COMMENT ON FUNCTION conflicts_known_at(text, timestamptz) IS
+'The conflicts of a scene as they were known at an instant: what its last detection had found by then, and who had '
+'acknowledged it. periods are when they interfere: what was known at one instant of another is WHERE periods @> it. '
+'Refuses (ZC003) an instant before what is kept of the history.';

@@ -1,0 +1,321 @@
+"""A conflict has a life: it opens, changes, closes; what was known when stays known, and who has taken note of it."""
+
+import json
+from datetime import UTC, datetime
+from itertools import takewhile
+from typing import Any
+
+import psycopg
+import pytest
+from psycopg import sql
+
+from conflictdb.db import detect
+
+Conn = psycopg.Connection[Any]
+
+HOUR = "2026-03-01T{:02}:00:00Z"
+
+
+def put(conn: Conn, key: str, hours: tuple[int, int], west: float = 0.0, scene: str = "s") -> None:
+    """Put a square that is closed for some hours."""
+    conn.execute(
+        "SELECT conflictdb.put_area(%s, %s, ST_SetSRID(ST_MakeEnvelope(%s, 50, %s, 51), 4326), tstzrange(%s, %s))",
+        [scene, key, west, west + 1, HOUR.format(hours[0]), HOUR.format(hours[1])],
+    )
+    conn.commit()
+
+
+def run(conn: Conn, scene: str = "s", *, full: bool = False) -> tuple[int, int, int]:
+    done = detect.detect(conn, scene, jobs=1, full=full)
+    return done.opened, done.changed, done.closed
+
+
+def rows(conn: Conn, query: str, *arguments: object) -> list[tuple[Any, ...]]:
+    found = conn.execute(query.encode(), arguments).fetchall()
+    conn.commit()
+    return found
+
+
+def clock(conn: Conn) -> datetime:
+    ((now,),) = rows(conn, "SELECT clock_timestamp()")
+    return now  # type: ignore[no-any-return]
+
+
+LIFE = "SELECT conflict_id, kind, a_key, b_key, periods::text, closed_at IS NULL FROM conflictdb.conflict_events"
+KNOWN = "SELECT a_key, b_key, acknowledged_by IS NOT NULL FROM conflictdb.conflicts_known_at('s', %s)"
+NOW = "SELECT a_key, b_key, acknowledged_for FROM conflictdb.conflicts ORDER BY 1, 2"
+
+
+@pytest.fixture
+def scene(conn: Conn) -> Conn:
+    """Return a connection to a database whose scene s has a conflict of A and B, from 6 to 8."""
+    conn.execute("SET timezone = 'UTC'")
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    put(conn, "A", (6, 10))
+    put(conn, "B", (4, 8), 0.5)
+    put(conn, "C", (6, 10), 5.0)
+    assert run(conn) == (1, 0, 0)
+    return conn
+
+
+def test_a_conflict_opens_changes_and_closes_under_one_number_and_again_under_another(scene: Conn) -> None:
+    ((first, opened_at, changed_at),) = rows(
+        scene, "SELECT conflict_id, opened_at, changed_at FROM conflictdb.conflicts"
+    )
+    assert changed_at is None
+    put(scene, "B", (4, 9), 0.5)
+    assert run(scene) == (0, 1, 0)
+    ((number, still, changed_at),) = rows(scene, "SELECT conflict_id, opened_at, changed_at FROM conflictdb.conflicts")
+    assert (number, still) == (first, opened_at)
+    assert changed_at > opened_at
+    put(scene, "B", (4, 9), 5.5)
+    assert run(scene) == (1, 0, 1)
+    put(scene, "B", (4, 9), 0.5)
+    assert run(scene) == (1, 0, 1)
+    assert run(scene, full=True) == (0, 0, 0)
+    life = rows(scene, f"{LIFE} WHERE a_key = 'A' ORDER BY event")
+    assert [(number == first, *rest) for number, *rest in life] == [
+        (True, "opened", "A", "B", '{["2026-03-01 06:00:00+00","2026-03-01 08:00:00+00"]}', True),
+        (True, "changed", "A", "B", '{["2026-03-01 06:00:00+00","2026-03-01 09:00:00+00"]}', True),
+        (True, "closed", "A", "B", '{["2026-03-01 06:00:00+00","2026-03-01 09:00:00+00"]}', False),
+        (False, "opened", "A", "B", '{["2026-03-01 06:00:00+00","2026-03-01 09:00:00+00"]}', True),
+    ]
+    history = "SELECT kind FROM conflictdb.conflict_history('s', %s, %s)"
+    assert rows(scene, history, "B", "A") == [("opened",), ("changed",), ("closed",), ("opened",)]
+    assert rows(scene, history, "C", None) == [("opened",), ("closed",)]
+
+
+def test_what_moves_by_less_than_it_is_uncertain_by_is_no_change_until_it_adds_up(scene: Conn) -> None:
+    scene.execute("UPDATE conflictdb.conflict SET time_error_s = 10")
+    for second, changed in ((15, 0), (19, 0), (25, 1)):
+        scene.execute("UPDATE conflictdb.conflict SET time_error_s = 20")
+        scene.execute(
+            "UPDATE conflictdb.area SET active_span = tstzrange(lower(active_span), %s) WHERE key = 'B'",
+            [f"2026-03-01T08:00:{second}Z"],
+        )
+        scene.commit()
+        assert run(scene) == (0, changed, 0)
+        ((last,),) = rows(scene, "SELECT last_contact FROM conflictdb.conflicts")
+        assert last == datetime(2026, 3, 1, 8, 0, second, tzinfo=UTC)
+    assert len(rows(scene, "SELECT FROM conflictdb.conflict_events")) == 2
+
+
+def test_a_key_that_changes_is_a_change_and_an_object_that_goes_closes(scene: Conn) -> None:
+    scene.execute("UPDATE conflictdb.area SET key = 'Z' WHERE key = 'A'")
+    scene.commit()
+    assert run(scene) == (0, 1, 0)
+    scene.execute("SELECT conflictdb.remove_object('s', 'B')")
+    scene.commit()
+    assert run(scene) == (0, 0, 1)
+    assert rows(scene, "SELECT kind, a_key, b_key FROM conflictdb.conflict_events ORDER BY event") == [
+        ("opened", "A", "B"), ("changed", "B", "Z"), ("closed", "B", "Z"),
+    ]  # fmt: skip
+    scene.execute("DELETE FROM conflictdb.scene")
+    scene.commit()
+    for table in ("conflict_event", "history", "acknowledgement"):
+        assert rows(scene, f"SELECT FROM conflictdb.{table}") == []
+
+
+def test_what_was_known_at_an_instant_is_told_later(scene: Conn) -> None:
+    early = clock(scene)
+    put(scene, "C", (6, 10), 0.2)
+    before_detection = clock(scene)
+    run(scene)
+    late = clock(scene)
+    scene.execute("SELECT conflictdb.remove_object('s', 'B')")
+    scene.commit()
+    run(scene)
+    both = [("A", "B", False), ("A", "C", False), ("B", "C", False)]
+    assert rows(scene, KNOWN, early) == rows(scene, KNOWN, before_detection) == both[:1]
+    assert sorted(rows(scene, KNOWN, late)) == both
+    assert rows(scene, KNOWN, clock(scene)) == both[1:2]
+    assert rows(scene, KNOWN, "2020-01-01") == []
+    with pytest.raises(psycopg.Error, match="instant: must not be null"):
+        rows(scene, KNOWN, None)
+
+
+def test_history_that_was_pruned_is_refused_and_the_rest_is_told(scene: Conn) -> None:
+    early = clock(scene)
+    put(scene, "B", (4, 9), 0.5)
+    run(scene)
+    put(scene, "C", (6, 10), 0.2)
+    run(scene)
+    scene.execute("SELECT conflictdb.remove_object('s', 'C')")
+    scene.commit()
+    run(scene)
+    late = clock(scene)
+    # Of A and B one event, of C and of runs but the last nothing.
+    assert rows(scene, "SELECT conflictdb.prune_history('s', '0')") == [(5,)]
+    assert rows(scene, "SELECT kind, a_key, b_key FROM conflictdb.conflict_events") == [("changed", "A", "B")]
+    assert rows(scene, KNOWN, late) == [("A", "B", False)]
+    assert len(rows(scene, "SELECT FROM conflictdb.run")) == 2
+    with pytest.raises(psycopg.Error, match="is before what is kept of its history, which begins at") as refused:
+        rows(scene, KNOWN, early)
+    assert refused.value.sqlstate == "ZC003"
+    scene.rollback()
+    with pytest.raises(psycopg.Error, match="kept: must be 0 or longer; got -00:00:01"):
+        rows(scene, "SELECT conflictdb.prune_history('s', '-1 s')")
+    scene.rollback()
+    assert run(scene, full=True) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("of_scene", "setting", "kept"),
+    [
+        (None, None, False),
+        ("1 day", None, True),
+        ("0", None, False),
+        (None, "0", False),
+        (None, "1 year", True),
+        ("1 day", "0", True),
+        (None, "300000 years", True),
+    ],
+)
+def test_detections_prune_by_the_policy_of_the_scene_else_of_the_server(
+    scene: Conn, of_scene: str | None, setting: str | None, kept: bool
+) -> None:
+    put(scene, "B", (4, 9), 0.5)
+    run(scene)
+    if kept is False and (of_scene, setting) == (None, None):
+        scene.execute("UPDATE conflictdb.run SET finished_at = finished_at - interval '31 days'")
+    scene.execute("UPDATE conflictdb.scene SET history_kept = %s", [of_scene])
+    scene.execute("UPDATE conflictdb.history SET pruned_at = pruned_at - interval '2 hours'")
+    scene.execute("SELECT set_config('conflictdb.history_kept', %s, false)", [setting or ""])
+    scene.commit()
+    run(scene)
+    assert len(rows(scene, "SELECT FROM conflictdb.conflict_events")) == (2 if kept else 1)
+
+
+def test_a_setting_that_is_no_interval_is_told_and_no_detection_fails_of_it(scene: Conn) -> None:
+    told: list[str] = []
+    scene.add_notice_handler(lambda notice: told.append(str(notice.message_primary)))
+    scene.execute("SELECT set_config('conflictdb.history_kept', 'a while', false)")
+    scene.execute("UPDATE conflictdb.history SET pruned_at = '2020-01-01'")
+    scene.commit()
+    run(scene, full=True)
+    assert told == ["conflictdb.history_kept: must be an interval, such as 30 days; got 'a while'; taken as 30 days"]
+
+
+def test_an_acknowledgement_holds_while_the_conflict_is_no_more_than_that(scene: Conn) -> None:
+    acknowledged = "SELECT conflictdb.acknowledge('s', 'B', 'A', 'agreed by radio')"
+    ((number,),) = rows(scene, acknowledged)
+    assert rows(scene, "SELECT conflict_id FROM conflictdb.conflicts") == [(number,)]
+    then = clock(scene)
+    state = "SELECT state FROM conflictdb.acknowledgements ORDER BY acknowledged_at"
+    for until, held, as_told in (
+        (7, "agreed by radio", "holds"), (9, None, "outgrown"), (8, "agreed by radio", "holds"),
+    ):  # fmt: skip
+        put(scene, "B", (4, until), 0.5)
+        assert run(scene) == (0, 1, 0)
+        assert rows(scene, NOW) == [("A", "B", held)]
+        assert rows(scene, state) == [(as_told,)]
+    assert rows(scene, KNOWN, then) == [("A", "B", True)]
+    rows(scene, acknowledged)
+    assert rows(scene, state) == [("ended",), ("holds",)]
+    assert rows(scene, "SELECT conflictdb.unacknowledge('s', 'A', 'B')") == [(True,)]
+    assert rows(scene, "SELECT conflictdb.unacknowledge('s', 'A', 'B')") == [(False,)]
+    assert rows(scene, NOW) == [("A", "B", None)]
+    rows(scene, acknowledged)
+    scene.execute("UPDATE conflictdb.acknowledgement SET until = now() - interval '1 s' WHERE ended_at IS NULL")
+    assert rows(scene, NOW) == [("A", "B", None)]
+    assert rows(scene, state) == [("ended",), ("ended",), ("expired",)]
+    rows(scene, acknowledged)
+    put(scene, "B", (4, 8), 5.0)
+    run(scene)
+    put(scene, "B", (4, 8), 0.5)
+    run(scene)
+    assert rows(scene, NOW) == [("A", "B", None)]
+    assert rows(scene, state)[-1] == ("closed",)
+
+
+@pytest.mark.parametrize(
+    ("worse", "is_more"),
+    [
+        ("verdict = 'conflict'", True),
+        ("verdict = 'unresolved'", True),
+        ("verdict = 'grazing'", False),
+        ("closest_m = 95", False),
+        ("closest_m = 94", True),
+        (", ".join(f"closest_{what} = NULL" for what in ("at", "m", "error_m", "a_point", "b_point")), False),
+    ],
+)
+def test_a_worse_verdict_and_a_closer_approach_are_more_than_was_acknowledged(
+    scene: Conn, worse: str, is_more: bool
+) -> None:
+    scene.execute(
+        """UPDATE conflictdb.conflict SET verdict = 'grazing', closest_m = 100, closest_error_m = 2,
+           closest_a_point = 'SRID=4326;POINT(0 0)', closest_b_point = 'SRID=4326;POINT(0 0)'"""
+    )
+    scene.execute("SELECT conflictdb.acknowledge('s', 'A', 'B', 'agreed')")
+    scene.execute(f"UPDATE conflictdb.conflict SET {worse}".encode())
+    assert rows(scene, NOW) == [("A", "B", None if is_more else "agreed")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "state", "says"),
+    [
+        (("t", "A", "B", "x", None), "ZC010", "scene 't': name: is not in this database"),
+        (("s", "A", "C", "x", None), "ZC011", "scene 's': conflict: between 'A' and 'C' is not known"),
+        (("s", "A", None, "x", None), "ZC011", "scene 's': conflict: between 'A' and NULL is not known"),
+        (("s", "A", "B", " ", None), "ZC009", "'A' and 'B': reason: must be a text of 1 to 10000 bytes"),
+        (("s", "A", "B", None, None), "ZC009", "reason: must be a text"),
+        (("s", "A", "B", "x" * 10001, None), "ZC009", "reason: must be a text"),
+        (("s", "A", "B", "x", "2020-01-01Z"), "ZC003", "until: must be later than now; got 2020-01-01"),
+    ],
+)
+def test_what_cannot_be_acknowledged_is_refused(
+    scene: Conn, arguments: tuple[object, ...], state: str, says: str
+) -> None:
+    with pytest.raises(psycopg.Error, match=says) as refused:
+        rows(scene, "SELECT conflictdb.acknowledge(%s, %s, %s, %s, %s)", *arguments)
+    assert refused.value.sqlstate == state
+
+
+def test_editors_acknowledge_in_their_own_name_only_and_readers_read(scene: Conn) -> None:
+    user = f"editor {scene.info.dbname}"
+    scene.execute(sql.SQL("CREATE ROLE {} IN ROLE conflictdb_editor").format(sql.Identifier(user)))
+    scene.commit()
+    forged = "INSERT INTO conflictdb.acknowledgement (acknowledged_by) VALUES ('x')"
+    try:
+        scene.execute(sql.SQL("SET ROLE {}").format(sql.Identifier(user)))
+        scene.execute("SET DateStyle = 'German'")
+        rows(scene, "SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen', now() + interval '1 h')")
+        for refused in (forged, "UPDATE conflictdb.acknowledgement SET reason = ''", "DELETE FROM conflictdb.history"):
+            with pytest.raises(psycopg.errors.InsufficientPrivilege), scene.transaction():
+                scene.execute(refused.encode())
+        scene.execute("SET ROLE conflictdb_reader")
+        with pytest.raises(psycopg.errors.InsufficientPrivilege), scene.transaction():
+            scene.execute("SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
+        assert rows(scene, "SELECT acknowledged_by FROM conflictdb.conflicts_known_at('s', now())") == [(user,)]
+        assert rows(scene, "SELECT acknowledged_by, state FROM conflictdb.acknowledgements") == [(user, "holds")]
+        assert rows(scene, "SELECT kind FROM conflictdb.conflict_history('s', 'A')") == [("opened",)]
+        scene.execute("SET ROLE conflictdb_worker")
+        rows(scene, "SELECT conflictdb.prune_history('s')")
+    finally:
+        scene.rollback()
+        scene.execute("RESET ROLE")
+        scene.execute(sql.SQL("DROP ROLE {}").format(sql.Identifier(user)))
+        scene.commit()
+
+
+@pytest.mark.parametrize("name", ["s", 'a "quoted" \\ scene', "\x01" * 1000])
+def test_listeners_are_told_the_keys_in_parts_that_fit(conn: Conn, dsn: str, name: str) -> None:
+    """Also of hostile names, and where keys are so long that only the number of the event fits."""
+    conn.execute("SELECT conflictdb.create_scene(%s)", [name])
+    keys = [f"{n:03} «{'x' * (n % 50)}»" for n in range(60)] + ["\x01" * 1000, "é" * 500]
+    for key in keys:
+        put(conn, key, (6, 10), scene=name)
+    with psycopg.connect(dsn, autocommit=True) as listener:
+        listener.execute("LISTEN conflictdb_event; LISTEN conflictdb")
+        opened, _, _ = run(conn, name)
+        # What the run did as a whole is told last.
+        heard = list(takewhile(lambda one: one.channel == "conflictdb_event", listener.notifies(timeout=10)))
+    assert opened == 62 * 61 / 2
+    assert max(len(one.payload.encode()) for one in heard) < 8000
+    told = [json.loads(one.payload) for one in heard]
+    assert {(one["scene"], one["kind"]) for one in told} == {(name, "opened")}
+    events = {event[0]: tuple(event[1:]) for one in told for event in one["events"]}
+    known = rows(conn, "SELECT event, a_key, b_key FROM conflictdb.conflict_events")
+    assert len(known) == len(events) == opened
+    assert all(events[event] in ((a_key, b_key), ()) for event, a_key, b_key in known)
+    assert sum(event == () for event in events.values()) == 121
