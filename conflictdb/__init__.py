@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Stream, Verdict
+    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, Results, SceneState, Stream, Verdict
 
 __all__ = [
     "Advice",
@@ -62,6 +62,7 @@ __all__ = [
     "NotCurrent",
     "ReadOnlyDatabase",
     "Remark",
+    "Results",
     "Run",
     "Scene",
     "SceneState",
@@ -96,7 +97,7 @@ _HOME: Final = {
         "conflictdb.model",
     ),
     **dict.fromkeys(
-        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "SceneState", "Stream", "Verdict"),
+        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "Results", "SceneState", "Stream", "Verdict"),
         "conflictdb.results",
     ),
 }

@@ -1,7 +1,8 @@
 """`solve`: the stages on objects in memory; no database, the same answer."""
 
-from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import tzinfo
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.errors import InvalidInput
+from conflictdb.io import from_frames
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -18,24 +20,45 @@ from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.pipeline.run import run_scene
 from conflictdb.pipeline.telling import told
-from conflictdb.results import Conflict, Kind
+from conflictdb.results import Conflict, Kind, Results
 from conflictdb.stage1_broad_phase import candidates
+
+if TYPE_CHECKING:
+    import geopandas
 
 Object = TypeVar("Object", Area, Track)
 
 
-def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = None) -> list[Conflict]:
+def solve(
+    tracks: "Iterable[Track] | geopandas.GeoDataFrame",
+    areas: "Iterable[Area] | geopandas.GeoDataFrame",
+    scene: Scene | None = None,
+    *,
+    haven: Mapping[str, Any] | None = None,
+    time_zone: str | tzinfo | None = None,
+) -> Results[Conflict]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
     With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
     `Conflict.approach` is how close a pair comes. The rows are in the order of their keys, areas first.
     The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
     that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
+
+    Parameters
+    ----------
+    tracks, areas : iterables of Track and Area, or GeoDataFrames
+        The columns of a GeoDataFrame have the names and units that scene files have; instants are datetimes with a
+        zone. Without a column `id` the index is the key. It must know its reference system; what is not longitude and
+        latitude on WGS84 is transformed.
+    haven : mapping, optional
+        How large a track of a frame is whose row does not say: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
+    time_zone : str or tzinfo, optional
+        The zone of those instants of frames that have none; by default they are refused.
     """
-    tracks, areas = _each("tracks", tracks, Track), _each("areas", areas, Area)
     if not isinstance(scene, Scene | None):
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
+    tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
     seen: set[str] = set()
     for key in [area.key for area in areas] + [track.key for track in tracks]:
         if key in seen:
@@ -56,7 +79,25 @@ def solve(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None = 
     found = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
     keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
     keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
-    return told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found]))
+    return Results(told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found])), Conflict)
+
+
+def _objects(
+    tracks: Any, areas: Any, scene: Scene, haven: Mapping[str, Any] | None, time_zone: str | tzinfo | None
+) -> tuple[list[Track], list[Area]]:
+    """Return the objects that are given as such, or in frames; raises InvalidInput."""
+    in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
+    sizes, zone = from_frames.checked_haven(haven), from_frames.Zone(time_zone)
+    if haven is not None and not in_frames[0]:
+        raise InvalidInput("solve", "haven", "is for tracks of frames: a Track has an outline_m of its own")
+    if time_zone is not None and not any(in_frames):
+        raise InvalidInput(
+            "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
+        )
+    return (
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else _each("tracks", tracks, Track),
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else _each("areas", areas, Area),
+    )
 
 
 class _InMemory:

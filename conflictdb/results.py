@@ -8,10 +8,14 @@ from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, cast
 
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import Method
+
+if TYPE_CHECKING:
+    import geopandas
+    import pandas as pd
 
 Period: TypeAlias = tuple[datetime | None, datetime | None]
 Position: TypeAlias = tuple[float, float]
@@ -238,17 +242,50 @@ class Explanation:
         return self.text
 
 
-class Listing(list[_Row]):
-    """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
+class Results(list[_Row]):
+    """A list of conflicts or closest approaches, which can be a data frame.
 
-    state : of the scene, read before the list: when it says that nothing was missing, nothing is
     kind : of its rows, Conflict or Approach, also where there are none
     """
 
-    def __init__(self, state: SceneState, rows: Iterable[_Row], kind: type[_Row]) -> None:
+    def __init__(self, rows: Iterable[_Row], kind: type[_Row]) -> None:
         super().__init__(rows)
-        self.state = state
         self.kind = kind
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return a DataFrame of pandas with the columns of the view `conflicts`, or `approaches`.
+
+        Instants are to the microsecond in UTC, NaT where a period is unbounded; `periods` are as in a `Conflict`.
+        Geometries are of shapely, in longitude and latitude. `geometry` is where it is: a conflict's region, where that
+        was read, else its first contact; of a closest approach, the line between the nearest points.
+
+        Raises ConflictDBError, naming the extra to install, where there is no pandas.
+        """
+        from conflictdb import frames  # not above: it brings numpy and shapely
+
+        if issubclass(self.kind, Approach):
+            return frames.approach_frame(cast("list[Approach]", self))
+        return frames.conflict_frame(cast("list[Conflict]", self))
+
+    def to_geodataframe(self) -> "geopandas.GeoDataFrame":
+        """Return `to_dataframe` as a GeoDataFrame of geopandas, in EPSG:4326.
+
+        Raises ConflictDBError, naming the extra to install, where there is no geopandas.
+        """
+        from conflictdb import frames
+
+        return frames.with_geometry(self.to_dataframe())
+
+
+class Listing(Results[_Row]):
+    """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
+
+    state : of the scene, read before the list: when it says that nothing was missing, nothing is
+    """
+
+    def __init__(self, state: SceneState, rows: Iterable[_Row], kind: type[_Row]) -> None:
+        super().__init__(rows, kind)
+        self.state = state
 
     @property
     def is_current(self) -> bool:

@@ -126,7 +126,7 @@ datetimes; further [units](units-and-frames.md) are in the names.
 """
 IN_MEMORY: Final = (
     *("read", "Contents", "Remark", "Skipped", "Scene", "Area", "Track", "rectangle_outline_m"),
-    *("solve", "Conflict", "Approach", "write"),
+    *("solve", "Results", "Conflict", "Approach", "write"),
 )
 
 

@@ -9,10 +9,8 @@ Other reference systems are transformed vertex by vertex to longitude and latitu
 scene's plane.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,8 +19,7 @@ import shapely
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
 from conflictdb.io.contents import Contents, Remark, Skipped, left_out
-from conflictdb.io.fields import Fields, number_as_key
-from conflictdb.io.fields import key as checked_key
+from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fixes import Fixes, track_of
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.names import RENAME_COLUMN
@@ -31,10 +28,6 @@ from conflictdb.io.reference import of_name
 from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
 
-ALIASES: Final = {"begin": "start"}  # of KML
-_POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
-_LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
-_POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
 # Columns of which one makes the lines of a layer tracks.
 _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 # Of what is left out by geometry so many are named.
@@ -118,66 +111,21 @@ def _features(
         where = f"feature {number} of {who}"
         values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
         kind = None if shape is None else shapely.get_type_id(shape)
-        is_track = kind in _LINES and has_times
-        if kind in _POINTS | _LINES and not is_track:
+        is_track = kind in LINES and has_times
+        if kind in POINTS | LINES and not is_track:
             others[shape.geom_type].append(str(number))
             continue
         with refusals:
-            yield where, _object(where, f"{prefix}{number}", values, shape, setting, is_track=is_track)
+            if is_track:
+                yield where, line_track(where, f"{prefix}{number}", values, shape, setting)
+            else:
+                yield where, polygon_area(where, f"{prefix}{number}", values, shape, setting)
     for kind_name, numbers in others.items():
         named = ", ".join(numbers[:_MOST_NAMED]) + (", …" if len(numbers) > _MOST_NAMED else "")
         what = "without times: no tracks" if "Line" in kind_name else "no areas or tracks"
         contents.skipped.append(
             Skipped(source, who, f"{len(numbers)} features are {kind_name}s, {what} ({named})", (), is_whole=False)
         )
-
-
-def _object(
-    where: str, number: str, values: dict[str, Any], shape: Any, setting: objects.Setting, *, is_track: bool
-) -> Area | Track | objects.TrackAtSpeed:
-    """Return the object of a feature; `number` is its key if it has none."""
-    values = _known_names(values, objects.TRACK_MEMBERS if is_track else objects.AREA_MEMBERS)
-    key = number_as_key(values.pop("id", None))
-    key = checked_key(where, "id", number if key is None or key == "" else key)
-    if is_track:
-        fields = Fields(f"track {key!r}", values)
-        return objects.track(key, _line(fields, shape), fields, setting)
-    fields = Fields(f"area {key!r}", values)
-    with fields.refusals:
-        if shape is None or shape.is_empty:
-            raise InvalidInput(where, "geometry", "must be a non-empty Polygon or MultiPolygon; there is none")
-        if shapely.get_type_id(shape) not in _POLYGONS:
-            raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
-    members = objects.area_members(fields, setting)
-    fields.raise_found()
-    footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
-    if setting.to_degrees is not None:
-        footprint = shapely.transform(footprint, setting.to_degrees)
-    return Area(key, footprint, **members)
-
-
-def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
-    """Return columns under the names that scene files know; lists, which few formats have, are read from JSON."""
-    known = {}
-    for name, value in values.items():
-        lower = ALIASES.get(name.lower(), name.lower())
-        if lower not in members | {"id"} or lower in known:
-            known[name] = value
-            continue
-        if isinstance(value, str) and value.lstrip().startswith("["):
-            with suppress(ValueError):  # then it is refused as what it is: a text
-                value = json.loads(value)
-        known[lower] = value
-    return known
-
-
-def _line(fields: Fields, shape: Any) -> dict[str, Any]:
-    """Return the geometry of a track as GeoJSON has it."""
-    parts = shapely.get_parts(shape)
-    with fields.refusals:
-        if len(parts) != 1:
-            raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
-    return {"type": "LineString", "coordinates": shapely.get_coordinates(shape).tolist()}
 
 
 def _read_gpx(

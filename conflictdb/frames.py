@@ -1,0 +1,175 @@
+"""Conflicts and closest approaches as data frames of pandas and geopandas, with the columns of the views in SQL.
+
+Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is imported before the first frame is asked for.
+"""
+
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import shapely
+
+from conflictdb.errors import ConflictDBError
+from conflictdb.inputs import EPOCH, MICROSECOND
+
+if TYPE_CHECKING:
+    import geopandas
+    import pandas as pd
+
+    from conflictdb.results import Approach, Conflict
+
+    Position = tuple[float, float]
+
+# Longitude and latitude on WGS84, as all geometries of conflictdb are.
+CRS: Final = "EPSG:4326"
+_NO_INSTANT: Final = np.datetime64("NaT", "us")
+
+
+def conflict_frame(rows: "Sequence[Conflict]") -> "pd.DataFrame":
+    """Return conflicts as a frame, one row each; raises ConflictDBError without pandas.
+
+    `geometry` is a conflict's region, where that was read, else its first contact, else the line between the nearest
+    points.
+    """
+    return _frame(
+        rows,
+        _PAIR
+        | {
+            "periods": (_objects, lambda one: one.periods),
+            "first_contact": (_instants, lambda one: one.first_contact),
+            "last_contact": (_instants, lambda one: one.last_contact),
+            "verdict": (_texts, lambda one: one.verdict),
+            "geometry": (_objects, _place),
+            "first_contact_point": (_objects, lambda one: _point(one.first_contact_deg)),
+        }
+        | _FOUND
+        | _CLOSEST
+        | {
+            "closest_a_point": (_objects, lambda one: _point(one.closest_a_deg)),
+            "closest_b_point": (_objects, lambda one: _point(one.closest_b_deg)),
+            "scene_is_current": (_truths, lambda one: one.scene_is_current),
+        },
+    )
+
+
+def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
+    """Return closest approaches as a frame, one row each; raises ConflictDBError without pandas.
+
+    `geometry` is the line between the nearest points.
+    """
+    return _frame(
+        rows,
+        _PAIR
+        | _CLOSEST
+        | {
+            "geometry": (_objects, lambda one: _between(one.a_deg, one.b_deg)),
+            "a_point": (_objects, lambda one: _point(one.a_deg)),
+            "b_point": (_objects, lambda one: _point(one.b_deg)),
+            "verdict": (_texts, lambda one: one.verdict),
+        }
+        | _FOUND
+        | {"scene_is_current": (_truths, lambda one: one.scene_is_current)},
+    )
+
+
+def with_geometry(frame: "pd.DataFrame") -> "geopandas.GeoDataFrame":
+    """Return a frame of this module as one of geopandas, in EPSG:4326; raises ConflictDBError without geopandas."""
+    geopandas = _library("geopandas")
+    points = {name: geopandas.GeoSeries(frame[name], crs=CRS) for name in frame.columns if str(name).endswith("_point")}
+    return geopandas.GeoDataFrame(frame.assign(**points), geometry="geometry", crs=CRS)
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise ConflictDBError(f"a data frame needs {name}: pip install 'conflictdb[pandas]'") from None
+
+
+_Column = tuple[Callable[[list[Any]], Any], Callable[[Any], Any]]
+
+
+def _frame(rows: Sequence[Any], columns: dict[str, _Column]) -> "pd.DataFrame":
+    """Return rows as a frame; of each column is given how it is kept, and how its value follows from a row."""
+    pandas = _library("pandas")
+    return pandas.DataFrame({name: made([value(one) for one in rows]) for name, (made, value) in columns.items()})
+
+
+def _texts(values: list[str]) -> Any:
+    import pandas as pd
+
+    return pd.Series([str(value) for value in values], dtype="str")
+
+
+def _numbers(values: list[float | None]) -> Any:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _whole(values: list[int | None]) -> Any:
+    import pandas as pd
+
+    return pd.array(values, dtype="Int64")
+
+
+def _truths(values: list[bool | None]) -> Any:
+    import pandas as pd
+
+    return pd.array(values, dtype="boolean")
+
+
+def _instants(values: list[datetime | None]) -> Any:
+    """Return instants to the microsecond, in UTC; NaT for None."""
+    import pandas as pd
+
+    since = [_NO_INSTANT if one is None else np.datetime64((one - EPOCH) // MICROSECOND, "us") for one in values]
+    return pd.DatetimeIndex(np.array(since, dtype="datetime64[us]")).tz_localize("UTC")
+
+
+def _objects(values: list[Any]) -> Any:
+    kept = np.empty(len(values), dtype=np.object_)
+    kept[:] = values
+    return kept
+
+
+def _place(one: "Conflict") -> Any:
+    """Return where a conflict is, as its feature in GeoJSON has it."""
+    if one.region is not None:
+        return shapely.from_geojson(one.region)
+    if one.first_contact_deg is None and one.closest_a_deg and one.closest_b_deg:
+        return _between(one.closest_a_deg, one.closest_b_deg)
+    return _point(one.first_contact_deg)
+
+
+def _point(position_deg: "Position | None") -> Any:
+    return None if position_deg is None else shapely.Point(position_deg)
+
+
+def _between(a_deg: "Position", b_deg: "Position") -> Any:
+    """Return the line between two points; where it would cross the antimeridian, the points."""
+    if a_deg == b_deg:
+        return shapely.Point(a_deg)
+    kind = shapely.LineString if abs(a_deg[0] - b_deg[0]) <= 180.0 else shapely.MultiPoint
+    return kind([a_deg, b_deg])
+
+
+_PAIR: Final[dict[str, _Column]] = {
+    "scene": (_texts, lambda one: one.scene),
+    "a_key": (_texts, lambda one: one.a_key),
+    "a_kind": (_texts, lambda one: one.a_kind),
+    "b_key": (_texts, lambda one: one.b_key),
+    "b_kind": (_texts, lambda one: one.b_kind),
+}
+_FOUND: Final[dict[str, _Column]] = {
+    "method": (_texts, lambda one: one.method),
+    "time_error_s": (_numbers, lambda one: one.time_error_s),
+    "is_current": (_truths, lambda one: one.is_current),
+    "run_id": (_whole, lambda one: one.run_id),
+    "found_at": (_instants, lambda one: one.found_at),
+}
+_CLOSEST: Final[dict[str, _Column]] = {
+    "closest_at": (_instants, lambda one: one.closest_at),
+    "closest_m": (_numbers, lambda one: one.closest_m),
+    "closest_error_m": (_numbers, lambda one: one.closest_error_m),
+}

@@ -1,0 +1,72 @@
+"""Areas and tracks from features: a geometry of shapely, and columns under the names that scene files know."""
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, Final
+
+import shapely
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io import objects
+from conflictdb.io.fields import Fields, number_as_key
+from conflictdb.io.fields import key as checked_key
+from conflictdb.model import Area, Track
+
+ALIASES: Final = {"begin": "start"}  # of KML
+POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
+LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
+POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
+
+
+def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: objects.Setting) -> Area:
+    """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all that is wrong."""
+    key, values = _keyed(where, number, values, objects.AREA_MEMBERS)
+    fields = Fields(f"area {key!r}", values)
+    with fields.refusals:
+        if shape is None or shape.is_empty:
+            raise InvalidInput(where, "geometry", "must be a non-empty Polygon or MultiPolygon; there is none")
+        if shapely.get_type_id(shape) not in POLYGONS:
+            raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
+    members = objects.area_members(fields, setting)
+    fields.raise_found()
+    footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
+    if setting.to_degrees is not None:
+        footprint = shapely.transform(footprint, setting.to_degrees)
+    return Area(key, footprint, **members)
+
+
+def line_track(
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: objects.Setting
+) -> Track | objects.TrackAtSpeed:
+    """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all that is wrong."""
+    key, values = _keyed(where, number, values, objects.TRACK_MEMBERS)
+    fields = Fields(f"track {key!r}", values)
+    parts = shapely.get_parts(shape)
+    with fields.refusals:
+        if len(parts) != 1:
+            raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
+    geometry = {"type": "LineString", "coordinates": shapely.get_coordinates(shape).tolist()}
+    return objects.track(key, geometry, fields, setting)
+
+
+def _keyed(where: str, number: str, values: Mapping[str, Any], members: frozenset[str]) -> tuple[str, dict[str, Any]]:
+    """Return the key of a feature, and its columns under the names that scene files know."""
+    values = _known_names(values, members)
+    key = number_as_key(values.pop("id", None))
+    return checked_key(where, "id", number if key is None or key == "" else key), values
+
+
+def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
+    """Return columns under the names that scene files know; lists, which few formats have, are read from JSON."""
+    known = {}
+    for name, value in values.items():
+        lower = ALIASES.get(name.lower(), name.lower())
+        if lower not in members | {"id"} or lower in known:
+            known[name] = value
+            continue
+        if isinstance(value, str) and value.lstrip().startswith("["):
+            with suppress(ValueError):  # then it is refused as what it is: a text
+                value = json.loads(value)
+        known[lower] = value
+    return known

@@ -1,0 +1,217 @@
+"""Data frames: what `solve` takes from geopandas, and what is found as frames."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import geopandas
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+
+from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solve
+from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS
+from conflictdb.model import Area, Track
+from conflictdb.results import Approach, Conflict
+
+STRAIT = Path(__file__).resolve().parents[2] / "conflictdb/scenes/strait.geojson"
+HAVEN = {"fore_m": 60, "aft_m": 40, "port_m": 10, "starboard_m": 10}
+
+
+def utc(instant_us: int | None) -> Any:
+    return pd.NaT if instant_us is None else pd.Timestamp(instant_us, unit="us", tz="UTC")
+
+
+def frame_of_areas(areas: list[Area]) -> geopandas.GeoDataFrame:
+    return geopandas.GeoDataFrame(
+        {
+            "start": [utc(area.start_us) for area in areas],
+            "end": [utc(area.end_us) for area in areas],
+            "floor_m": [area.floor_m for area in areas],
+            "ceiling_m": [area.ceiling_m for area in areas],
+        },
+        index=[area.key for area in areas],
+        geometry=[area.footprint for area in areas],
+        crs=4326,
+    )
+
+
+def frame_of_tracks(tracks: list[Track]) -> geopandas.GeoDataFrame:
+    return geopandas.GeoDataFrame(
+        {
+            "id": [track.key for track in tracks],
+            "times": [[utc(int(t)) for t in track.times_us] for track in tracks],
+            "outline_m": [track.outline_m for track in tracks],
+            "grow_mps": [track.grow_mps for track in tracks],
+            "floor_m": [track.floor_m for track in tracks],
+            "ceiling_m": [track.ceiling_m for track in tracks],
+        },
+        geometry=[shapely.LineString(track.positions_deg) for track in tracks],
+        crs=4326,
+    )
+
+
+def one_track(**columns: Any) -> geopandas.GeoDataFrame:
+    """Return a track of an hour, an absent column for each that is None."""
+    times = pd.to_datetime(["2026-06-01 08:00", "2026-06-01 09:00"]).tz_localize("UTC")
+    values = {"id": ["T"], "times": [list(times)], **{name: [value] for name, value in HAVEN.items()}, **columns}
+    given = {name: value for name, value in values.items() if value is not None}
+    return geopandas.GeoDataFrame(given, geometry=[shapely.LineString([(9.0, 57.8), (9.2, 57.8)])], crs=4326)
+
+
+def one_area(**columns: Any) -> geopandas.GeoDataFrame:
+    return geopandas.GeoDataFrame({"id": ["A"], **columns}, geometry=[shapely.box(9.1, 57.7, 9.3, 57.9)], crs=4326)
+
+
+def test_frames_of_objects_are_solved_as_the_objects() -> None:
+    """The areas and tracks of the shipped scene, and a column that says nothing here, give the same rows."""
+    scene, areas, tracks, _ = read(STRAIT)
+    assert scene is not None
+    found = solve(frame_of_tracks(tracks).assign(owner="mine"), frame_of_areas(areas), scene)
+    assert found == solve(tracks, areas, scene)
+    assert len(found) > 5
+
+
+def test_projected_frames_are_transformed() -> None:
+    """Metres of UTM become degrees: the same pairs, and the same times to what the transformation rounds."""
+    (in_degrees,) = solve(one_track(), one_area())
+    (in_metres,) = solve(one_track().to_crs(32632), one_area().to_crs(32632))
+    assert in_degrees.first_contact is not None
+    assert in_metres.first_contact is not None
+    assert abs(in_degrees.first_contact - in_metres.first_contact).total_seconds() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("tracks", "areas", "said"),
+    [
+        (one_track().set_crs(None, allow_override=True), [], "solve: tracks: has no reference system"),
+        ([], one_area().set_crs(None, allow_override=True), "solve: areas: has no reference system"),
+        (one_track().set_crs('LOCAL_CS["mine"]', allow_override=True), [], "solve: tracks.crs: is not known to PROJ"),
+        (pd.DataFrame({"id": ["T"]}), [], "solve: tracks: must be a GeoDataFrame"),
+        (geopandas.GeoDataFrame({"id": ["T"]}), [], "solve: tracks: has no geometry column"),
+        (one_track(fore_m=None), [], "track 'T': fore_m: is missing"),
+        (one_track(grow_mp=[0.1]), [], "track 'T': grow_mp: is not known; did you mean grow_mps?"),
+        (one_track(times=None), [], "track 'T': times: is missing"),
+        (one_track(times=[[pd.Timestamp("2026-06-01 08:00")] * 2]), [], "tracks.iloc[0]: times[0]: has no time zone"),
+        ([], one_area(start=[pd.Timestamp("2026-06-01")]), "areas.iloc[0]: start: has no time zone"),
+        ([], one_area(floor_ft=[3.0]), "area 'A': floor_ft: is not known; did you mean floor_m?"),
+        ([], one_area(end=[7]), "area 'A': end: must be a date and time"),
+        (one_area(), one_track(), "tracks.iloc[0]: geometry: must be a LineString; got a Polygon"),
+        ([], pd.concat([one_area(), one_area()]), "object 'A': key: occurs more than once"),
+    ],
+)
+def test_frame_that_cannot_be_meant_is_refused(tracks: Any, areas: Any, said: str) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        solve(tracks, areas)
+    assert said in str(refused.value)
+
+
+def test_places_that_a_system_does_not_reach_are_refused() -> None:
+    """Where PROJ has no answer it says infinity, which is no place."""
+    beyond = one_area().set_crs(32632, allow_override=True)
+    beyond.geometry = [shapely.box(1e9, 1e9, 1e9 + 1, 1e9 + 1)]
+    with pytest.raises(InvalidInput, match="area 'A': geometry"):
+        solve([], beyond)
+
+
+def test_haven_is_of_tracks_that_have_none() -> None:
+    """What a row says of its size counts; a size that is no size is refused."""
+    bare = one_track(**dict.fromkeys(HAVEN))
+    wide = {**HAVEN, "fore_m": 1000}
+    area = one_area()
+    assert solve(bare, area, haven=HAVEN) == solve(one_track(), area) == solve(one_track(), area, haven=wide)
+    assert solve(bare, area, haven=wide) != solve(one_track(), area)
+    with pytest.raises(InvalidInput, match=r"solve: haven\['length_m'\]: is not known"):
+        solve(bare, area, haven={"length_m": 7})
+    with pytest.raises(InvalidInput, match="solve: haven: is for tracks of frames"):
+        solve([], area, haven=HAVEN)
+
+
+def test_instants_without_zone_take_the_one_that_is_given() -> None:
+    """Wall clocks of a zone, but for the hours that are there twice, or not at all."""
+    area = one_area(start=[pd.Timestamp("2026-06-01 08:40")])
+    (found,) = solve(one_track(), area, time_zone="UTC")
+    assert found.first_contact == pd.Timestamp("2026-06-01 08:40", tz="UTC")
+    early = one_area(start=[pd.Timestamp("2026-06-01 10:40")])
+    assert solve(one_track(), early, time_zone=ZoneInfo("Europe/Oslo")) == [found]
+    for wall_clock in ("2026-10-25 02:30", "2026-03-29 02:30"):
+        with pytest.raises(InvalidInput, match="start: is there twice, or not at all, in Europe/Oslo"):
+            solve([], one_area(start=[pd.Timestamp(wall_clock)]), time_zone="Europe/Oslo")
+    for zone in ("Nowhere/None", 1):
+        with pytest.raises(InvalidInput, match="solve: time_zone: must be the name of a zone"):
+            solve([], early, time_zone=zone)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="solve: time_zone: is for frames"):
+        solve([], [], time_zone="UTC")
+
+
+def test_speeds_make_times() -> None:
+    """A start and a speed, as in scene files; faster than anything moves is refused."""
+    at_speed = one_track(times=None, start=[pd.Timestamp("2026-06-01 08:00", tz="UTC")], speed_kn=[20.0])
+    (found,) = solve(at_speed, one_area())
+    assert found.verdict == "conflict"
+    with pytest.raises(InvalidInput, match="track 'T': speed_kn: is 5,000 kn"):
+        solve(at_speed.assign(speed_kn=5000.0), [])
+
+
+def test_found_is_a_frame_with_the_columns_of_the_view() -> None:
+    """Names and types, also of nothing; what is absent is NaT or missing, and unbounded times are."""
+    scene, areas, tracks, _ = read(STRAIT)
+    assert scene is not None
+    found = solve(tracks, areas, Scene(scene.name, nearest_m=20_000))
+    frame = found.to_geodataframe()
+    assert set(frame.columns) == {*COLUMNS, "geometry"} - {"region"}
+    assert frame.crs == geopandas.GeoSeries(crs=4326).crs == frame["closest_a_point"].crs
+    assert frame["a_key"].tolist() == [one.a_key for one in found]
+    assert frame["periods"].tolist() == [one.periods for one in found]
+    for name in ("first_contact", "last_contact", "closest_at"):
+        told = [None if one is pd.NaT else one for one in frame[name]]
+        assert told == [getattr(one, name) for one in found], name
+    assert None in [one.first_contact for one in found]
+    assert frame["closest_m"].tolist() == [one.closest_m for one in found]
+    assert frame.geometry.notna().all()
+    nothing = Results([], Conflict).to_geodataframe()
+    assert nothing.dtypes.to_dict() == frame.dtypes.to_dict()
+    near = Results([one.approach for one in found if one.approach], Approach)
+    assert set(near.to_geodataframe().columns) == {*APPROACH_COLUMNS, "geometry"}
+    assert Results([], Approach).to_geodataframe().dtypes.to_dict() == near.to_geodataframe().dtypes.to_dict()
+
+
+def test_place_of_a_conflict_is_its_region_where_that_was_read() -> None:
+    (found,) = solve(one_track(), one_area())
+    assert found.first_contact_deg is not None
+    region = '{"type": "LineString", "coordinates": [[1, 2], [3, 4]]}'
+    whole = Conflict(**{name: getattr(found, name) for name in found.__slots__} | {"region": region})
+    frame = Results([found, whole], Conflict).to_dataframe()
+    assert frame["geometry"].tolist() == [shapely.Point(found.first_contact_deg), shapely.LineString([(1, 2), (3, 4)])]
+
+
+@pytest.mark.parametrize("missing", ["pandas", "geopandas"])
+def test_missing_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    """Without geopandas a frame of pandas is there all the same."""
+    monkeypatch.setitem(sys.modules, missing, None)
+    nothing = Results([], Conflict)
+    with pytest.raises(ConflictDBError, match=rf"needs {missing}: pip install 'conflictdb\[pandas\]'"):
+        nothing.to_geodataframe()
+    if missing == "geopandas":
+        assert len(nothing.to_dataframe()) == 0
+
+
+def test_solving_objects_imports_no_frames() -> None:
+    """Who has none does not wait for them."""
+    script = (
+        "import sys\nfrom conflictdb import solve\nassert solve([], []) == []\n"
+        "print(sorted({'pandas', 'geopandas', 'movingpandas', 'geoalchemy2', 'pyproj'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_numbers_of_numpy_are_ids() -> None:
+    """A column of numbers, and an index of them, are the texts of the numbers."""
+    by_index = one_area().drop(columns="id").set_index(np.array([7]))
+    for areas in (one_area(id=[7]), one_area(id=[7.0]), by_index):
+        (found,) = solve(one_track(), areas)
+        assert found.a_key == "7"
