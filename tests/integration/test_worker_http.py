@@ -68,14 +68,14 @@ def test_metrics_count_detections_and_failures(dsn: str, monkeypatch: pytest.Mon
     worker = Worker(lambda: store.connect(dsn), lambda scene, *_: reports.append(scene), jobs=1)
     metrics = Metrics(worker.state)
     worker.report = metrics.counted(worker.report)
-    whole = store.is_pending
+    whole = store.pending
 
-    def sometimes(conn: psycopg.Connection[object], scene_id: int) -> bool:
+    def sometimes(conn: psycopg.Connection[object], scene_id: int) -> store.Pending:
         if scene_id == store.scene_id(conn, bad):
             raise ValueError("no luck")
         return whole(conn, scene_id)
 
-    monkeypatch.setattr(store, "is_pending", sometimes)
+    monkeypatch.setattr(store, "pending", sometimes)
     assert not worker.once()
     assert sorted(reports) == sorted(["good", bad])
     with served((HERE, 0), worker.state, metrics, 60.0) as port:
