@@ -39,7 +39,18 @@ if TYPE_CHECKING:
     from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, Results, SceneState, Stream, Verdict
+    from conflictdb.results import (
+        Approach,
+        Conflict,
+        ConflictEvent,
+        Explanation,
+        Kind,
+        Listing,
+        Results,
+        SceneState,
+        Stream,
+        Verdict,
+    )
 
 __all__ = [
     "Advice",
@@ -47,6 +58,7 @@ __all__ = [
     "Area",
     "Conflict",
     "ConflictDBError",
+    "ConflictEvent",
     "Contents",
     "Database",
     "EarthModel",
@@ -97,7 +109,18 @@ _HOME: Final = {
         "conflictdb.model",
     ),
     **dict.fromkeys(
-        ("Approach", "Conflict", "Explanation", "Kind", "Listing", "Results", "SceneState", "Stream", "Verdict"),
+        (
+            "Approach",
+            "Conflict",
+            "ConflictEvent",
+            "Explanation",
+            "Kind",
+            "Listing",
+            "Results",
+            "SceneState",
+            "Stream",
+            "Verdict",
+        ),
         "conflictdb.results",
     ),
 }

@@ -26,7 +26,7 @@ from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
-from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, SceneState, Stream
+from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -413,6 +413,57 @@ class Database:
             state = store.scene_state(self.connection, scene)
         _warn_if_incomplete(state, 4)
         return state
+
+    def conflicts_known_at(self, scene: str, at: inputs.Instant) -> list[Conflict]:
+        """Return the conflicts of a scene as they were known at an instant: what had been detected by then.
+
+        Where they are, and their nearest points, is not kept. Raises InvalidInput also if the history of the scene does
+        not reach back so far.
+        """
+        instant = inputs.moment("conflicts_known_at", "at", at)
+        with self._transaction():
+            return store.conflicts_known_at(self.connection, scene, instant)
+
+    def conflict_events(
+        self,
+        scene: str,
+        key: str | None = None,
+        other_key: str | None = None,
+        *,
+        after: int = 0,
+        most: int | None = None,
+    ) -> list[ConflictEvent]:
+        """Return what became of the conflicts of a scene, of an object or of two objects, oldest first.
+
+        Parameters
+        ----------
+        after : int
+            Only events with a greater number: of the last one that was seen, nothing is missed.
+        most : int, optional
+            How many at most.
+        """
+        with self._transaction():
+            return store.conflict_events(self.connection, scene, key, other_key, after, most)
+
+    def acknowledge(self, scene: str, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None) -> int:
+        """Take note of the conflict of two objects, as it is known, and return its number.
+
+        It holds while the conflict is no more than that: at no other times, with no worse verdict, no closer; and until
+        an instant, if one is given.
+
+        Raises InvalidInput if no such conflict is known, a reason is not given, or `until` is past.
+        """
+        instant = None if until is None else inputs.moment("acknowledge", "until", until)
+        with self._transaction():
+            return store.acknowledge(self.connection, scene, a_key, b_key, reason, instant)
+
+    def unacknowledge(self, scene: str, a_key: str, b_key: str) -> bool:
+        """Take back that the conflict of two objects was acknowledged, and return whether it was.
+
+        Raises InvalidInput if no such conflict is known.
+        """
+        with self._transaction():
+            return store.unacknowledge(self.connection, scene, a_key, b_key)
 
     def explain(self, scene: str, a_key: str, b_key: str) -> Explanation:
         """Return why two objects of a scene are in conflict, or are not, as of the last detection.

@@ -208,6 +208,40 @@ class Approach:
 
 
 @dataclass(frozen=True, slots=True)
+class ConflictEvent:
+    """What became of a conflict: a row of the view `conflict_events`.
+
+    event : number; in a scene, events become visible in the order of their numbers
+    kind : opened, changed or closed
+    at : when a detection wrote it
+    run_id : that detection
+    conflict_id : the conflict, the same number from opening to closing
+    verdict, periods, time_error_s, closest_at, closest_m, closest_error_m : as of a `Conflict`, as known from then on;
+        of one that closed, as known before
+    opened_at, closed_at : when the conflict opened, and closed; None unless it did
+    """
+
+    scene: str
+    event: int
+    kind: str
+    at: datetime
+    run_id: int
+    conflict_id: int
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    periods: tuple[Period, ...]
+    time_error_s: float
+    closest_at: datetime | None
+    closest_m: float | None
+    closest_error_m: float | None
+    opened_at: datetime
+    closed_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
 class SceneState:
     """Whether what a database knows of a scene is complete: a row of the view `scenes`.
 

@@ -26,6 +26,46 @@ $$;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
 'The conflicts of a scene (at an instant, if given), earliest first; periods in binary.';
 
+CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
+RETURNS TABLE (
+    a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text,
+    time_error_s double precision, run_id bigint, found_at timestamptz, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision
+)
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict, r.method, c.time_error_s,
+           c.run_id, c.opened_at, c.closest_at, c.closest_m, c.closest_error_m
+    FROM conflicts_known_at(p_scene, p_instant) c JOIN run r ON r.run_id = c.run_id
+    ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
+END;
+COMMENT ON FUNCTION _conflicts_known_at(text, timestamptz) IS
+'What conflicts_known_at returns, earliest first; periods in binary.';
+
+CREATE OR REPLACE FUNCTION _conflict_events(
+    p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint
+) RETURNS TABLE (
+    event bigint, kind text, at timestamptz, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text,
+    b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision, opened_at timestamptz, closed_at timestamptz
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY
+        SELECT e.event, e.kind, e.at, e.run_id, e.conflict_id, e.a_key, e.a_kind, e.b_key, e.b_kind,
+               multirange_send(e.periods), e.verdict, e.time_error_s, e.closest_at, e.closest_m, e.closest_error_m,
+               e.opened_at, e.closed_at
+        FROM conflict_events e
+        WHERE e.scene = p_scene AND e.event > p_after
+          AND (p_key IS NULL OR p_key IN (e.a_key, e.b_key))
+          AND (p_other_key IS NULL OR p_other_key IN (e.a_key, e.b_key))
+        ORDER BY e.event LIMIT p_most;
+END
+$$;
+COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint) IS
+'So many events of a scene at most after a number (of an object, or of two), in their order; periods in binary.';
+
 CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean)
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,

@@ -67,7 +67,12 @@ def detect(args: argparse.Namespace) -> int:
 
 
 def conflicts(args: argparse.Namespace) -> int:
-    """Print the conflicts that are known."""
+    """Print the conflicts that are known, or were."""
+    if args.known_at is not None:
+        check(args, [(args.at is not None or args.wait is not None, "--known-at goes without --at and --wait")])
+        with database(args) as db:
+            print_conflicts(db.conflicts_known_at(args.scene, args.known_at), [], args.format)
+        return DONE
     with database(args) as db:
         _wait(db, args)
         found = db.stream_conflicts(args.scene, args.at, with_region=_wants_region(args))

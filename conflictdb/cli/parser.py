@@ -72,7 +72,7 @@ def build() -> Parser:
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
     for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
-    for add in (_attach, _schema, _server, _psql, _demo):
+    for add in (_history, _acknowledge, _attach, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -152,6 +152,9 @@ def _conflicts(commands: Any) -> None:
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
+    parser.add_argument(
+        "--known-at", type=instant, metavar="T", help="as they were known at this instant, as far as history is kept"
+    )
     _add_wait(parser)
     _add_output(parser)
 
@@ -181,6 +184,36 @@ def _explain(commands: Any) -> None:
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
     _add_wait(parser)
     parser.add_argument("--format", choices=("text", "json"), default="text", help="default: text")
+
+
+def _history(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "history",
+        "history:history",
+        "print when conflicts opened, changed and closed",
+        "Of a scene, of an object or of two objects, oldest first, as far back as history is kept. Does not detect.",
+    )
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of one object, or of two")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
+    parser.add_argument("--after", type=whole, default=0, metavar="N", help="only events with a greater number")
+    parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
+
+
+def _acknowledge(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "acknowledge",
+        "history:acknowledge",
+        "take note of the conflict of two objects",
+        "It holds while the conflict is no more than it is now: at no other times, with no worse verdict, no closer.",
+    )
+    parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of the two objects")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--reason", metavar="TEXT", help="why")
+    what.add_argument("--undo", action="store_true", help="take it back")
+    parser.add_argument("--until", type=instant, metavar="T", help="until then (ISO 8601 with offset; default: no end)")
 
 
 def _advise(commands: Any) -> None:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1585171b58d0c809616cd72d9c1936950c84232c82ddea8f65cb057b9c1459d9"
+routines_sha256 = "2b62fd1a84169efe8fa38b76533e6977912ed8aceedffe349eb32f928368e0fa"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

@@ -220,6 +220,29 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
     assert '"nearest_m": 2000.0' in run("export", "--scene", "apart", "-").out
 
 
+def test_history_is_printed_and_conflicts_acknowledged(run: Run) -> None:
+    run("detect", STRAIT)
+    told = run("history", "--scene", "strait", "FERRY", "DIVING")
+    assert re.fullmatch(r"EVENT .*\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00:00 .*\n", told.out)
+    events = json.loads(run("history", "--scene", "strait", "--format", "json").out)
+    assert len(events) == len(EXPECTED)
+    assert events[0]["periods"][0][0].startswith("2026-06-01T")
+    last = str(events[-1]["event"])
+    assert run("history", "--scene", "strait", "--after", last).out == "no events\n"
+    pair = ("--scene", "strait", "FERRY", "DIVING")
+    assert run("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == "acknowledged\n"
+    assert run("acknowledge", *pair, "--undo").out == "taken back\n"
+    assert run("acknowledge", *pair, "--undo").out == "was not acknowledged\n"
+    assert run("acknowledge", *pair, "--reason", "agreed", "--until", "2000-01-01T00:00Z").code != 0
+    for wrong in (("acknowledge", *pair), ("acknowledge", *pair, "--undo", "--until", "2100-01-01T00:00Z")):
+        assert run(*wrong).code == 2
+    assert run("history", *pair, "CABLE").code == 2
+    known = ("conflicts", "--scene", "strait", "--known-at")
+    assert len(json.loads(run(*known, "2100-01-01T00:00Z", "--format", "json").out)) == len(EXPECTED)
+    assert run(*known, "2000-01-01T00:00Z").out == "no conflicts\n"
+    assert run(*known, "2000-01-01T00:00Z", "--at", "2000-01-01T00:00Z").code == 2
+
+
 def test_explain_says_why(run: Run) -> None:
     run("detect", STRAIT)
     told = run("explain", "--scene", "strait", "FERRY", "DIVING")

@@ -49,6 +49,35 @@ def test_a_second_detection_without_changes_changes_nothing(dsn: str) -> None:
         assert db.conflicts("strait") == before
 
 
+def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        db.detect("strait")
+        then = db.conflicts("strait")
+        known_at = datetime.now(UTC)
+        with db.connection.transaction():
+            db.connection.execute("SELECT conflictdb.remove_object('strait', 'DIVING')")
+        run = db.detect("strait")
+        known = db.conflicts_known_at("strait", known_at)
+        told = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
+        for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at"):
+            assert [getattr(one, name) for one in known] == [getattr(one, name) for one in then]
+        assert db.conflicts_known_at("strait", known_at - timedelta(days=1)) == []
+        opened, closed = db.conflict_events("strait", "FERRY", "DIVING")
+        assert (opened.kind, closed.kind, closed.run_id) == ("opened", "closed", run.run_id)
+        assert (opened.conflict_id, opened.periods) == (closed.conflict_id, closed.periods)
+        assert opened.closed_at is None
+        assert opened.at == closed.opened_at < known_at < closed.at == closed.closed_at
+        assert len(db.conflict_events("strait")) == len(then) + run.closed
+        assert len(db.conflict_events("strait", after=opened.event, most=3)) == 3
+        number = db.acknowledge("strait", "FERRY", "FIRING", "agreed", datetime.now(UTC) + timedelta(hours=1))
+        assert number == db.conflict_events("strait", "FIRING", "FERRY")[0].conflict_id
+        assert db.unacknowledge("strait", "FIRING", "FERRY")
+        assert not db.unacknowledge("strait", "FIRING", "FERRY")
+        with pytest.raises(InvalidInput, match="between 'FERRY' and 'DIVING' is not known"):
+            db.acknowledge("strait", "FERRY", "DIVING", "agreed")
+
+
 def test_a_connection_of_the_caller_stays_open(dsn: str) -> None:
     with psycopg.connect(dsn, row_factory=dict_row, options="-c timezone=Asia/Tokyo") as connection:
         with conflictdb.connect(connection) as db:

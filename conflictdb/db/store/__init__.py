@@ -1,5 +1,6 @@
 """The only module that runs SQL: every statement is one call of a routine of sql/, or a COPY to or from one."""
 
+from conflictdb.db.store.acknowledging import acknowledge, unacknowledge
 from conflictdb.db.store.attached import (
     AttachedWork,
     Attachment,
@@ -63,7 +64,9 @@ from conflictdb.db.store.probes import (
 from conflictdb.db.store.reading import (
     RunStatus,
     approaches,
+    conflict_events,
     conflicts,
+    conflicts_known_at,
     each_approach,
     each_conflict,
     explanation,
@@ -95,6 +98,7 @@ __all__ = [
     "Staged",
     "TakenOver",
     "Unmapped",
+    "acknowledge",
     "answer_probe",
     "approaches",
     "attach",
@@ -107,7 +111,9 @@ __all__ = [
     "candidates",
     "changed_areas",
     "changed_tracks",
+    "conflict_events",
     "conflicts",
+    "conflicts_known_at",
     "connect",
     "detach",
     "dirty_objects",
@@ -149,6 +155,7 @@ __all__ = [
     "take_over_attached",
     "transaction",
     "translated",
+    "unacknowledge",
     "unmapped",
     "wait_for_change",
     "wait_until_current",

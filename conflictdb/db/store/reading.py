@@ -11,7 +11,17 @@ import psycopg
 
 from conflictdb.db.store.connection import call, call_by_name, call_each, transaction
 from conflictdb.methods import Method
-from conflictdb.results import Approach, Conflict, Explanation, Kind, Listing, Period, SceneState, Verdict
+from conflictdb.results import (
+    Approach,
+    Conflict,
+    ConflictEvent,
+    Explanation,
+    Kind,
+    Listing,
+    Period,
+    SceneState,
+    Verdict,
+)
 
 # By name: an enum called with one takes ten times as long, which tells in long lists.
 _KINDS: Final = {kind.value: kind for kind in Kind}
@@ -152,6 +162,25 @@ def each_approach(
             )
 
 
+def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
+    """Return the conflicts of a scene as they were known at an instant, earliest first.
+
+    Raises InvalidInput if the scene is not known, or its history does not reach back so far.
+    """
+    with transaction(conn):
+        rows = call_by_name(conn, "_conflicts_known_at", scene, at)
+    return [Conflict(scene=scene, **_typed(row, "found_at") | {"method": _METHODS[row["method"]]}) for row in rows]
+
+
+def conflict_events(
+    conn: psycopg.Connection[Any], scene: str, key: str | None, other_key: str | None, after: int, most: int | None
+) -> list[ConflictEvent]:
+    """Return so many events of a scene at most after a number, of an object or of two; InvalidInput if not known."""
+    with transaction(conn):
+        rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
+    return [ConflictEvent(scene=scene, **_typed(row, "at", "opened_at", "closed_at")) for row in rows]
+
+
 def explanation(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
     """Return why two objects are in conflict, or are not; InvalidInput if the scene or one of them is not known."""
     with transaction(conn):
@@ -165,6 +194,18 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
         rows = call_by_name(conn, "_runs", scene, limit)
     instants = ("started_at", "finished_at")
     return [RunStatus(**{**row, **{name: row[name].astimezone(UTC) for name in instants}}) for row in rows]
+
+
+def _typed(row: dict[str, Any], *instants: str) -> dict[str, Any]:
+    """Return a row by the names of its columns, with kinds, verdict, periods and instants as they are here."""
+    return {
+        **row,
+        **{name: _utc(row[name]) for name in (*instants, "closest_at")},
+        "a_kind": _KINDS[row["a_kind"]],
+        "b_kind": _KINDS[row["b_kind"]],
+        "verdict": _VERDICTS[row["verdict"]],
+        "periods": _periods(row["periods"]),
+    }
 
 
 def _utc(instant: datetime | None) -> datetime | None:

@@ -1,0 +1,79 @@
+"""`history` and `acknowledge`."""
+
+import argparse
+import json
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import data, out, table
+from conflictdb.cli.parser import check
+from conflictdb.cli.report import moment_text
+from conflictdb.cli.session import database
+from conflictdb.io.instants import format_moment
+from conflictdb.results import ConflictEvent
+
+
+def history(args: argparse.Namespace) -> int:
+    """Print what became of conflicts."""
+    check(args, [(len(args.keys) > 2, "give the keys of two objects at most")])
+    with database(args) as db:
+        found = db.conflict_events(args.scene, *args.keys, after=args.after)
+    if args.format == "json":
+        data([json.dumps([_facts(event) for event in found], indent=2), "\n"], is_json=True)
+    else:
+        out(_table(found) if found else "no events")
+    return DONE
+
+
+def acknowledge(args: argparse.Namespace) -> int:
+    """Take note of a conflict, or take that back."""
+    check(args, [(args.undo and args.until is not None, "--until goes with --reason")])
+    a_key, b_key = args.keys
+    with database(args) as db:
+        if args.undo:
+            out("taken back" if db.unacknowledge(args.scene, a_key, b_key) else "was not acknowledged")
+        else:
+            db.acknowledge(args.scene, a_key, b_key, args.reason, args.until)
+            out("acknowledged")
+    return DONE
+
+
+def _table(events: list[ConflictEvent]) -> str:
+    header = ["EVENT", "AT (UTC)", "WHAT", "A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)"]
+    rows = [
+        [
+            event.event,
+            moment_text(event.at, up=False),
+            event.kind,
+            event.a_key,
+            event.b_key,
+            event.verdict,
+            moment_text(event.periods[0][0], up=False),
+            moment_text(event.periods[-1][1], up=True),
+        ]
+        for event in events
+    ]
+    return table(header, rows, right=["EVENT"])
+
+
+def _facts(event: ConflictEvent) -> dict[str, object]:
+    """Return the columns of the view `conflict_events`."""
+    return {
+        "scene": event.scene,
+        "event": event.event,
+        "kind": event.kind,
+        "at": format_moment(event.at),
+        "run_id": event.run_id,
+        "conflict_id": event.conflict_id,
+        "a_key": event.a_key,
+        "a_kind": event.a_kind,
+        "b_key": event.b_key,
+        "b_kind": event.b_kind,
+        "periods": [[format_moment(start), format_moment(end)] for start, end in event.periods],
+        "verdict": event.verdict,
+        "time_error_s": event.time_error_s,
+        "closest_at": format_moment(event.closest_at),
+        "closest_m": event.closest_m,
+        "closest_error_m": event.closest_error_m,
+        "opened_at": format_moment(event.opened_at),
+        "closed_at": format_moment(event.closed_at),
+    }

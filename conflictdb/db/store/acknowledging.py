@@ -1,0 +1,22 @@
+"""Taking note of a conflict, and taking that back."""
+
+from datetime import datetime
+from typing import Any
+
+import psycopg
+
+from conflictdb.db.store.connection import call, transaction
+
+
+def acknowledge(
+    conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str, reason: str, until: datetime | None
+) -> int:
+    """Acknowledge the conflict of two objects as it is known, and return its number; InvalidInput if there is none."""
+    with transaction(conn):
+        return int(call(conn, "acknowledge", scene, a_key, b_key, reason, until)[0])
+
+
+def unacknowledge(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> bool:
+    """Take back that the conflict of two objects was acknowledged, and return whether it was."""
+    with transaction(conn):
+        return bool(call(conn, "unacknowledge", scene, a_key, b_key)[0])
