@@ -58,9 +58,14 @@ class _Failing:
 
 @dataclass(slots=True)
 class _Busy:
-    """Since when somebody else has a scene that has changes (as of `time.monotonic`), and whether that was said."""
+    """A scene with changes that somebody else has: since when, when to look again, and whether that was said.
+
+    Instants are as of `time.monotonic`. Each further change wakes all workers: if those that can do nothing tried again
+    at once, they would take the processor from the one at work.
+    """
 
     since_s: float
+    again_at_s: float = 0.0
     is_said: bool = False
 
 
@@ -208,6 +213,8 @@ class Worker:
         for scene, waited_s in waiting.items():
             if scene in self._failing and time.monotonic() < self._failing[scene].again_at_s:
                 continue
+            if scene in self._busy and time.monotonic() < self._busy[scene].again_at_s:
+                continue
             self.state.scene = scene
             changed_at_s = looked_at_s - waited_s
             try:
@@ -236,6 +243,7 @@ class Worker:
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
         """Take note that somebody else has a scene; return whether that may still be."""
         busy = self._busy.setdefault(scene, _Busy(time.monotonic()))
+        busy.again_at_s = time.monotonic() + _BUSY_PAUSE_S
         waited_s = time.monotonic() - busy.since_s
         if self.lock_timeout_s is not None and waited_s >= self.lock_timeout_s:
             self._failed(scene, error, changed_at_s)

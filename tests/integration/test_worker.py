@@ -313,6 +313,39 @@ def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest
     assert said[0].startswith("first: another detection of scene 'first' is at work: process ")
 
 
+def test_a_scene_that_another_detects_is_not_asked_for_at_each_change(
+    dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever tried again at each notification would take the processor from the one at work."""
+    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 600.0)
+    load(dsn, "first")
+    whole, asked = detect.detect_pending, []
+
+    def noted(conn: Any, scene: str, **options: Any) -> detect.Run | None:
+        asked.append(scene)
+        return whole(conn, scene, **options)
+
+    monkeypatch.setattr("conflictdb.db.detect.detect_pending", noted)
+    reports: list[tuple[str, object]] = []
+    with store.connect(dsn) as other, store.connect(dsn) as conn:
+        store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)
+        one = worker(dsn, reports)
+        assert all(one._round(conn, WAIT_S) for _ in range(3))
+        assert (asked, reports) == (["first"], [])
+        load(dsn, "second")
+        assert one._round(conn, WAIT_S)
+    assert asked == ["first", "second"]
+
+
+def test_changes_that_came_during_a_detection_wake_a_worker_once(dsn: str) -> None:
+    with store.connect(dsn) as conn:
+        assert store.listen(conn, lambda: store.connect(dsn))
+        conn.execute("SELECT pg_notify('conflictdb_request', i::text) FROM generate_series(1, 20) i")
+        conn.commit()
+        assert store.wait_for_change(conn, WAIT_S)
+        assert not store.wait_for_change(conn, 0.0)
+
+
 def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 0.05)
     load(dsn, "kept")

@@ -88,7 +88,8 @@ def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Conne
 def wait_for_change(conn: psycopg.Connection[Any], timeout_s: float) -> bool:
     """Wait until something changed, or a detection was requested; return whether it did before the time was over.
 
-    Whatever came while nobody waited counts too. Raises StoreError if the connection is lost.
+    Whatever came while nobody waited counts too, all of it at once. Raises StoreError if the connection is lost.
     """
     with translated():
-        return any(True for _ in conn.notifies(timeout=timeout_s, stop_after=1))
+        # To the end: what is left of it would be answered one by one, each by a look at what waits.
+        return bool(list(conn.notifies(timeout=timeout_s, stop_after=1)))
