@@ -6,13 +6,14 @@ import growth
 import peers
 import psycopg
 import pytest
+import soak
 import study
 import unit_costs
-from made_scenes import Kind
-from measured import STAGES, fresh_database
+from made_scenes import Kind, sea
+from measured import STAGES, fresh_database, load
 
 import conflictdb
-from conflictdb import Method
+from conflictdb import Method, Scene
 
 
 def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
@@ -74,3 +75,21 @@ def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
     listed = next(row for row in rows if row["unit"] == "row listed")
     assert listed["us"] > listed["limit_us"]
     assert unit_costs.table(rows).count("| box 200 |") == len(rows)
+
+
+def test_a_scene_that_is_edited_all_the_time_is_kept_current(server_dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two editors and two workers at once: all becomes current, nobody fails, a detection in full finds the same."""
+    monkeypatch.setattr(soak, "WARM_UP_S", 0.5)
+    with fresh_database(server_dsn) as dsn, conflictdb.connect(dsn) as db:
+        load(db, Scene(soak.SCENE), sea(60, 1))
+        found = db.detect(soak.SCENE)
+        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=3.0)
+        assert soaked.errors == []
+        assert len(soaked.waited_s) > 10
+        assert soaked.runs > 0
+        assert [one.pending for one in db.scenes() if one.scene.name == soak.SCENE] == [0]
+        assert soak.drift(db) == 0
+        assert found.conflicts > 0
+        with psycopg.connect(dsn, autocommit=True) as conn:
+            conn.execute("DELETE FROM conflictdb.conflict c WHERE c.verdict <> 'near'")
+        assert soak.drift(db) > 0
