@@ -18,9 +18,14 @@
  */
 #include "proofs.h"
 
+#include "approach.h"
+
 /* A distance that is more than this above what is asked need not be known, metres: cheaper bounds will do. With less,
  * more intervals are split; with more, more distances are measured along geodesics. */
 static const double NEAR_M = 100.0;
+/* Intervals of a pair that are looked at before distances are bounded as for closest approaches, which costs three looks
+ * more: pairs that glide past each other at just the distance wanted. With fewer, others cost more, too. */
+enum { CHEAP_LOOKS = 16 };
 
 /* Parts of an interval, as shares of it, outside of which the pair is proven apart: none where u > v. */
 typedef struct {
@@ -46,17 +51,30 @@ static void narrow_along(Window *window, Vector axis, const Encounter *pair, dou
     else if (g1 > 0.0) window->v = least(g0 / (g0 - g1), window->v);
 }
 
+/* Whether a pair that is apart in the middle of a time is proven by its distances to be so throughout. */
+static bool stays_beyond(Encounter *pair, double start, double end, double wanted_m) {
+    double first = approach_distance(pair, start), last = approach_distance(pair, end);
+    return approach_during(pair, start, end, first, last, wanted_m + KERNEL_TOUCH_M).bound > wanted_m + KERNEL_TOUCH_M;
+}
+
 static Window window_of(Encounter *pair, double start, double end, double margin_m) {
     double middle = 0.5 * (start + end), h = end - start, wanted_m = pair->separation_m + margin_m;
     Window window = {0.0, 1.0, 0.0};
     pair->work->windows++;
     Vector first = encounter_plane_distance(pair, start).axis, last = encounter_plane_distance(pair, end).axis;
-    Extent extent = encounter_extent(pair, start, end);
+    Extent extent = encounter_extent(pair, start, end), a = extent_none(), b = extent_none();
     window.clearance_m = encounter_clearance_m(pair, middle, most(margin_m, -pair->separation_m) + NEAR_M);
+    const Polygon *of_a[] = {&pair->a0, &pair->a_now, &pair->a1}, *of_b[] = {&pair->b0, &pair->b_now, &pair->b1};
+    for (int k = 0; k < 3; k++) extent_add(&a, of_a[k], pair->a.origin), extent_add(&b, of_b[k], pair->a.origin);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
     double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
-    /* A depth in plane metres is least where the scale is. */
-    double wanted = wanted_m >= 0.0 ? plane_span_m(pair->plane, wanted_m, largest) : wanted_m * smallest;
+    /* A depth in plane metres is least where the scale is. What is wanted takes up most where it is largest, of the places
+     * that are within reach of each other. */
+    double wanted = wanted_m * smallest;
+    if (wanted_m >= 0.0) {
+        Extent near = extent_within_reach(pair->plane, &a, &b, plane_span_m(pair->plane, wanted_m, largest));
+        wanted = plane_span_m(pair->plane, wanted_m, plane_largest_scale(pair->plane, &near));
+    }
     Bounds bounds = encounter_bounds(pair, start, end);
     double away = bounds.acceleration * h * h / 8.0 + wanted + KERNEL_TOUCH_M * largest;
     Vector from, to, now = polygon_distance(&pair->a_now, &pair->b_now, &from, &to).axis;
@@ -94,7 +112,10 @@ void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m
         double start = intervals->items[next].start, end = intervals->items[next].end, h = end - start;
         Window window = window_of(pair, start, end, margin_m);
         if (window.u > window.v) continue;
-        if (window.clearance_m <= margin_m) {
+        bool is_near = window.clearance_m <= margin_m;
+        double wanted_m = pair->separation_m + margin_m;
+        if (!is_near && wanted_m > 0.0 && next >= CHEAP_LOOKS && stays_beyond(pair, start, end, wanted_m)) continue;
+        if (is_near) {
             keep(intervals, &kept, start, end, window.clearance_m <= KERNEL_TOUCH_M ? IN_CONTACT : NEARBY);
             continue;
         }

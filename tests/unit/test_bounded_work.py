@@ -12,6 +12,7 @@ from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.model import EarthModel
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
@@ -101,6 +102,26 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
         taken.append(work / pairs)
     assert close >= 1
     assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.1
+
+
+@pytest.mark.parametrize("tolerance_m", [99.0, 100.0, 101.0])
+def test_what_glides_past_just_beyond_the_tolerance_is_soon_clear(tolerance_m: float) -> None:
+    """Along a side, where both reach so far north that the plane's scale says little: that took 14,000 windows."""
+    box = shapely.MultiPolygon([shapely.box(10.0, 75.0, 12.0, 76.0)])
+    earth_m = 6_371_008.8 * np.radians(1.0)
+    half_m = 10_000.0
+    middle = 75.0 - (half_m + 102.0) / earth_m
+    times = T0_US + 60 * MINUTE_US * np.arange(2)
+    outline = rectangle_outline_m(half_m, half_m, half_m, half_m)
+    passes = Track("T", np.array([(9.0, middle), (13.0, middle)]), times, outline)
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=tolerance_m)
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of([Area("A", box)]), TrackBatch.of([passes]))
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
+    assert len(pairs)
+    conflicts, funnel = run_stages(scene, plane, pieces, pairs, lambda numbers: np.array([box])[numbers])
+    assert not len(conflicts)
+    assert funnel.effort.exact.windows < 600
 
 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
