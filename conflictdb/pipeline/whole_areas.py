@@ -53,15 +53,20 @@ def deep_in_whole_areas(
     if not len(numbers):
         return is_deep
     cores = _cores(scene, plane, planar(plane, footprints(numbers)))
+    # Either member may be the area, and is looked at at several instants, if there is anything deep in it.
+    areas = np.flatnonzero(pieces.kind[every] == Kind.AREA.code)
+    core = np.searchsorted(numbers, pieces.object_id[every[areas]])
+    has_core = ~shapely.is_empty(cores)[core]
+    areas, core = areas[has_core], core[has_core]
+    if not areas.size:
+        return is_deep
     zero, _ = pieces.shared_span(*members)
     moves = np.isfinite(contacts.end_s[rows])
     first, last = (np.where(moves, ends[rows], 0.0) for ends in (contacts.start_s, contacts.end_s))
-    # Either member may be the area, and is looked at at several instants.
-    areas = np.flatnonzero(pieces.kind[every] == Kind.AREA.code)
     asked, share = np.tile(areas, len(_SHARES)), np.repeat(_SHARES, len(areas))
     row, other = asked % len(rows), PieceRows(np.concatenate(members[::-1])[asked])
     at = (1.0 - share) * first[row] + share * last[row]
-    mine = cores[np.searchsorted(numbers, pieces.object_id[every[asked]])]
+    mine = cores[np.tile(core, len(_SHARES))]
     is_deep[owner[row[_meet(mine, plane, _polygons(prepared, other, at, zero[row]))]]] = True
     return is_deep
 
@@ -70,7 +75,10 @@ def _cores(scene: Scene, plane: Plane, wholes: NDArray[np.object_]) -> NDArray[n
     """Return (n,) what of areas in the plane is deeper than the tolerance."""
     corners = np.nan_to_num(shapely.bounds(wholes)).reshape(-1, 2, 2).transpose(2, 1, 0)
     margin = max(scene.tolerance_m, TOUCH_M) * plane.largest_scale(corners)
-    cores = shapely.buffer(wholes, -margin, join_style="mitre")
+    cores = np.full(len(wholes), shapely.Polygon(), np.object_)
+    # What is deep is the middle of a disc within the area.
+    wide = np.flatnonzero(shapely.area(wholes) >= np.pi * margin**2)
+    cores[wide] = shapely.buffer(wholes[wide], -margin[wide], join_style="mitre")
     shapely.prepare(cores)
     return np.asarray(cores)
 
