@@ -16,6 +16,9 @@ from conflictdb.pieces.covers import COVER
 _SRID = 4326
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
+# About so many corners are added to a region at most. Of a track around the earth there were 12 million, more than
+# PostgreSQL can print. With fewer, sides of so large a region bend by some metres.
+_MOST_CORNERS = 20_000
 _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
 
 
@@ -85,7 +88,8 @@ def _in_degrees(
     in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), _SRID)
     # Long sides of thin parts may cross in degrees, where they bend: with more corners they run as in the plane.
     crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
-    straight = shapely.transform(shapely.segmentize(in_plane[crossed], _STRAIGHT_M), degrees)
+    side_m = np.maximum(_STRAIGHT_M, shapely.length(in_plane[crossed]) / _MOST_CORNERS)
+    straight = shapely.transform(shapely.segmentize(in_plane[crossed], side_m), degrees)
     # Parts of a union that all but touch may cross when they are rounded.
     crosses = ~shapely.is_valid(straight)
     straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)

@@ -14,6 +14,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.model import SINCE_EVER_US, Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline import regions
 from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind
 from conflictdb.stage1_broad_phase import candidates
@@ -148,3 +149,12 @@ def test_thin_and_long_regions_lose_nothing_where_sides_bend_in_degrees(lat: flo
     assert region.is_valid
     along = start + np.linspace(0.1, 0.9, 50)[:, None] * (end - start) - 0.5 * across
     assert shapely.dwithin(region_in_plane(scene, region, 0, 0.0), shapely.points(along), 1e-3).all()
+
+
+def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
+    """A metre wide, and crossed in degrees: with a corner every 100 m, some of them are too much to be printed."""
+    corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
+    ring = np.array(corners) - (1.5e7, 0.0)
+    (region,) = regions._in_degrees(plane_of(Scene("s")), ring, np.array([0, len(ring)]), np.array([0]), 1)
+    assert shapely.is_valid(region)
+    assert 10_000 < shapely.get_num_coordinates(region) < 30_000

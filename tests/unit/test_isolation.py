@@ -134,7 +134,7 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
             for start, end in periods_us(one):
                 assert start is not None
                 assert end is not None
-                assert T0_US <= start < end <= T0_US + HOUR_US
+                assert T0_US <= start <= end <= T0_US + HOUR_US
 
 
 def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
