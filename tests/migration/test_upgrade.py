@@ -103,6 +103,31 @@ def test_stepwise_upgrade_is_the_fresh_install(empty_dsn: str, other_dsn: str, n
         assert conn.execute("SELECT conflictdb.scene_note('0001')").fetchone() == ("none: 100% :x",)
 
 
+def test_history_begins_with_what_is_known_at_the_upgrade(empty_dsn: str) -> None:
+    """A conflict that was there opened when it was found; what else was known before nobody can tell."""
+    alembic_do(empty_dsn, alembic.command.upgrade, "0023")
+    with psycopg.connect(empty_dsn) as conn:
+        conn.execute("INSERT INTO conflictdb.scene (name) VALUES ('s')")
+        conn.execute(
+            """INSERT INTO conflictdb.run (scene_id, started_at, finished_at, method, settings, objects, conflicts)
+               SELECT 1, t, t, 'exact', '{}', 2, 1 FROM unnest('{2026-01-01, 2026-01-02}'::timestamptz[]) t"""
+        )
+        conn.execute(
+            """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id,
+                                                b_version, b_key, periods, verdict, method, time_error_s, found_at)
+               VALUES (1, 1, 0, 1, 1, 'A', 0, 2, 2, 'B', '{(,)}', 'conflict', 'exact', 0, '2025-12-31')"""
+        )
+    schema.upgrade(empty_dsn)
+    known = "SELECT a_key, b_key, opened_at = '2025-12-31' FROM conflictdb.conflicts_known_at('s', %s)"
+    with psycopg.connect(empty_dsn) as conn:
+        assert conn.execute(known, ["2026-01-02"]).fetchall() == [("A", "B", True)]
+        assert conn.execute("SELECT changed_at, opened_at = found_at FROM conflictdb.conflicts").fetchall() == [
+            (None, True)
+        ]
+        with pytest.raises(psycopg.Error, match="is before what is kept of its history, which begins at 2026-01-02"):
+            conn.execute(known, ["2026-01-01"])
+
+
 def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("SELECT conflictdb.create_scene('s')")
