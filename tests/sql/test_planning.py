@@ -246,10 +246,10 @@ def with_many(conn: Conn) -> Conn:
     conn.execute(
         """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version,
                                             b_key, periods, verdict, region, method, time_error_s, found_at, closest_m,
-                                            closest_error_m, closest_a_point, closest_b_point)
+                                            closest_error_m, closest_a_point, closest_b_point, conflict_id)
            SELECT s.scene_id, 1, 0, n + s.scene_id * %(many)s, 1, 'A' || n, 1, n + s.scene_id * %(many)s, 1, 'T' || n,
                   tstzmultirange(tstzrange(t.at, t.at + interval '1 hour', '[]')), 'conflict', ST_Expand(p.at, 0.1),
-                  'exact', 0, now(), 0, 0, p.at, p.at
+                  'exact', 0, now(), 0, 0, p.at, p.at, nextval('conflictdb.conflict_seq')
            FROM conflictdb.scene s CROSS JOIN generate_series(1, %(many)s) n
            CROSS JOIN LATERAL (SELECT ST_SetSRID(ST_MakePoint(n / 200 - 50, n %% 200 * 0.5 - 50), 4326) AS at) p
            CROSS JOIN LATERAL (SELECT timestamptz '2026-03-01Z' + n %% 977 * interval '1 minute' AS at) t""",

@@ -92,7 +92,8 @@ def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict"),
         *("region", "first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
         *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
-        "scene_is_current",
+        *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
+        *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
     ]
 
 
