@@ -29,7 +29,8 @@ from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
 
 if TYPE_CHECKING:
-    from sqlalchemy import Engine
+    from sqlalchemy import Connection, Engine
+    from sqlalchemy.orm import Session
 
     from conflictdb.advice.advise import Advice
     from conflictdb.db.detect import Progress, Run
@@ -78,7 +79,7 @@ class Status:
 
 
 def connect(
-    target: "str | psycopg.Connection[Any] | Engine | None" = None,
+    target: "str | psycopg.Connection[Any] | Engine | Connection | Session | None" = None,
     *,
     create: bool | None = None,
     say: Callable[[str], None] = _log.info,
@@ -87,9 +88,11 @@ def connect(
 
     Parameters
     ----------
-    target : str, psycopg connection, SQLAlchemy engine (driver psycopg), or None
-        Connection string or URI of PostgreSQL with PostGIS; a connection or engine of the caller's, which stays open
-        when the database is closed; None is the embedded database, which is started when needed.
+    target : str, psycopg connection, SQLAlchemy engine, connection or session (driver psycopg), or None
+        Connection string or URI of PostgreSQL with PostGIS; a connection, engine or session of the caller's, which
+        stays open when the database is closed; None is the embedded database, which is started when needed. What is
+        done within a transaction of the caller's is a part of it, and of a session's always; a detection needs a
+        connection without one.
     create : bool, optional
         Create or upgrade the schema if need be. By default that is done in the embedded database only.
     say : callable
@@ -138,23 +141,60 @@ def _opened(dsn: str, release: Callable[[], None], create: bool, say: Callable[[
     return Database(connection, [connection.close, release])
 
 
-def _borrowed(target: "psycopg.Connection[Any] | Engine") -> "Database":
-    release: Callable[[], None] = _nothing
-    connection = target
-    if not isinstance(connection, psycopg.Connection):
-        driver = getattr(getattr(target, "dialect", None), "driver", None)
-        if driver != "psycopg":
-            what = f"an engine with driver {driver!r}" if driver else f"a {type(target).__name__}"
-            rule = "must be a DSN, a psycopg 3 connection, or an SQLAlchemy engine of postgresql+psycopg"
-            raise InvalidInput("connect", "target", f"{rule}; got {what}")
-        pooled = connection.raw_connection()
-        release, connection = pooled.close, cast("psycopg.Connection[Any]", pooled.driver_connection)
+def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
+    if isinstance(target, psycopg.Connection):
+        _check(target)
+        return Database(target)
+    from sqlalchemy import Connection, Engine
+    from sqlalchemy.orm import Session
+
+    bind = target.get_bind() if isinstance(target, Session) else target
+    driver = bind.dialect.driver if isinstance(bind, Connection | Engine) else None
+    if driver != "psycopg":
+        what = f"one with driver {driver!r}" if driver else f"a {type(target).__name__}"
+        rule = "must be a DSN, a psycopg 3 connection, or an SQLAlchemy engine, connection or session"
+        raise InvalidInput("connect", "target", f"{rule} of postgresql+psycopg; got {what}")
+    release: list[Callable[[], None]] = []
+    if isinstance(target, Engine):
+        pooled = target.raw_connection()
+        lent = _Lent(lambda: cast("psycopg.Connection[Any]", pooled.driver_connection))
+        release = [pooled.close]
+    elif isinstance(target, Session):
+        lent = _Lent(lambda: _of_session(target))
+    else:
+        lent = _Lent(lambda: _of_connection(target))
+    database = Database(lent, release)
     try:
-        _check(connection)
+        _check(database.connection)
     except BaseException:
-        release()
+        database.close()
         raise
-    return Database(connection, [release])
+    return database
+
+
+@dataclass(frozen=True, slots=True)
+class _Lent:
+    """A connection that is asked for whenever it is needed: what lends it may have another, or begin a transaction."""
+
+    connection: "Callable[[], psycopg.Connection[Any]]"
+
+
+def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":
+    """Return the connection behind one of SQLAlchemy, in a transaction if that says that it is in one.
+
+    SQLAlchemy leaves it to the first statement to begin it; then this one would be a transaction of its own.
+    """
+    connection = cast("psycopg.Connection[Any]", lender.connection.driver_connection)
+    if lender.in_transaction():
+        store.join(connection)
+    return connection
+
+
+def _of_session(lender: "Session") -> "psycopg.Connection[Any]":
+    """Return the connection of a session in its transaction, what is pending written, as before any query of it."""
+    if lender.autoflush:
+        lender.flush()
+    return _of_connection(lender.connection())
 
 
 def _check(connection: "psycopg.Connection[Any]") -> None:
@@ -172,9 +212,16 @@ class Database:
     Not for several threads at once: open one each.
     """
 
-    def __init__(self, connection: "psycopg.Connection[Any]", release: Sequence[Callable[[], None]] = ()) -> None:
-        self.connection = connection
+    def __init__(
+        self, connection: "psycopg.Connection[Any] | _Lent", release: Sequence[Callable[[], None]] = ()
+    ) -> None:
+        self._connection = connection
         self._release = list(release)
+
+    @property
+    def connection(self) -> "psycopg.Connection[Any]":
+        """The psycopg connection that all is done on."""
+        return self._connection.connection() if isinstance(self._connection, _Lent) else self._connection
 
     def close(self) -> None:
         """Close the connection, and stop the embedded database if nobody else uses it. May be called again."""

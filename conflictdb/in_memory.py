@@ -25,12 +25,13 @@ from conflictdb.stage1_broad_phase import candidates
 
 if TYPE_CHECKING:
     import geopandas
+    from movingpandas import TrajectoryCollection
 
 Object = TypeVar("Object", Area, Track)
 
 
 def solve(
-    tracks: "Iterable[Track] | geopandas.GeoDataFrame",
+    tracks: "Iterable[Track] | geopandas.GeoDataFrame | TrajectoryCollection",
     areas: "Iterable[Area] | geopandas.GeoDataFrame",
     scene: Scene | None = None,
     *,
@@ -46,10 +47,10 @@ def solve(
 
     Parameters
     ----------
-    tracks, areas : iterables of Track and Area, or GeoDataFrames
+    tracks, areas : iterables of Track and Area, or GeoDataFrames; tracks also a TrajectoryCollection of MovingPandas
         The columns of a GeoDataFrame have the names and units that scene files have; instants are datetimes with a
         zone. Without a column `id` the index is the key. It must know its reference system; what is not longitude and
-        latitude on WGS84 is transformed.
+        latitude on WGS84 is transformed. The key of a trajectory is its id.
     haven : mapping, optional
         How large a track of a frame is whose row does not say: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
     time_zone : str or tzinfo, optional

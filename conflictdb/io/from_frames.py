@@ -28,13 +28,14 @@ from conflictdb.model import Area, Scene, Track
 
 if TYPE_CHECKING:
     import geopandas
+    from movingpandas import TrajectoryCollection
 
 HAVEN: Final = frozenset(
     {"outline_m", "outlines_m", "grow_mps"} | {f"{side}_{unit}" for side in objects.SIDES for unit in ("m", "nmi")}
 )
 _INSTANTS: Final = frozenset({"start", "end", "time", *objects.TIMES})
 # Of a frame of fixes, what belongs to each of them and not to the track.
-_OF_FIXES: Final = frozenset({"id", "time", *objects.TIMES, *objects.SPEED})
+_OF_FIXES: Final = frozenset({"id", "time", "end", *objects.TIMES, *objects.SPEED})
 NO_HAVEN: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
@@ -42,6 +43,7 @@ class Zone:
     """The zone of instants that have none; without one they are refused."""
 
     def __init__(self, given: str | tzinfo | None) -> None:
+        given = getattr(given, "zone", None) or given  # those of pytz give the offsets of a century ago
         self._zone = given if isinstance(given, tzinfo) else None
         if isinstance(given, str):
             try:
@@ -96,11 +98,50 @@ def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[
     return areas
 
 
-def tracks_of(frame: "geopandas.GeoDataFrame", scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
-    """Return the tracks of a frame, a LineString in each row; raises InvalidInput with all that is wrong.
+def tracks_of(
+    given: "geopandas.GeoDataFrame | TrajectoryCollection", scene: Scene, haven: Mapping[str, Any], zone: Zone
+) -> list[Track]:
+    """Return the tracks of a frame, a LineString in each row, or of trajectories; raises InvalidInput.
 
     haven : members that say how large a track is whose row does not
     """
+    return _of_lines(given, scene, haven, zone) if not is_trajectories(given) else _of_fixes(given, scene, haven, zone)
+
+
+def _of_fixes(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
+    """Return the tracks of trajectories, each a frame of fixes; their sizes and heights are those of the first fix.
+
+    MovingPandas takes the zone off the instants, and keeps it aside.
+    """
+    refusals = Refusals()
+    found: list[Track | objects.TrackAtSpeed] = []
+    for trajectory in getattr(given, "trajectories", [given]):
+        key = _as_key(trajectory.id)
+        who = f"trajectory {key!r}"
+        with refusals:
+            frame = trajectory.to_point_gdf()
+            setting = objects.Setting(scene, (), _to_degrees(who, frame), RENAME_COLUMN)
+            first = next(_rows(who, frame))[2]
+            own = {name: value for name, value in first.items() if str(name).lower() not in _OF_FIXES}
+            members = {"times": _instants(who, "times", _when(who, trajectory, frame), zone), **_plain(who, own, zone)}
+            line = shapely.LineString(shapely.get_coordinates(np.asarray(frame.geometry.array, dtype=np.object_)))
+            found.append(line_track(who, key, _with_haven(members, haven), line, setting))
+    return _timed(found, scene, refusals)
+
+
+def _when(who: str, trajectory: Any, frame: Any) -> Any:
+    """Return the instants of a trajectory's fixes, in the zone that they had; raises InvalidInput."""
+    zone = getattr(trajectory, "df_orig_tz", None)
+    if zone is None:
+        return frame.index
+    when = frame.index.tz_localize(zone, ambiguous="NaT", nonexistent="NaT")
+    if when.isna().any():
+        rule = f"are there twice, or not at all, in {zone}, where clocks are set"
+        raise InvalidInput(who, "times", f"{rule}: make the trajectory of instants in UTC")
+    return when
+
+
+def _of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
     setting = _setting("tracks", frame, scene)
     refusals = Refusals()
     found: list[Track | objects.TrackAtSpeed] = []
@@ -151,10 +192,10 @@ def _to_degrees(who: str, frame: Any) -> ToDegrees:
     try:
         crs = frame.crs
     except AttributeError:
-        raise InvalidInput("solve", who, "has no geometry column: say which with set_geometry") from None
+        raise InvalidInput(who, "", "has no geometry column: say which with set_geometry") from None
     if crs is None:
-        raise InvalidInput("solve", who, "has no reference system: say which with set_crs, such as set_crs(4326)")
-    return of_name("solve", crs.to_string(), f"{who}.crs")
+        raise InvalidInput(who, "", "has no reference system: say which with set_crs, such as set_crs(4326)")
+    return of_name(who, crs.to_string(), "crs")
 
 
 def _rows(who: str, frame: Any) -> Iterator[tuple[str, str, dict[Hashable, Any], Any]]:

@@ -8,12 +8,14 @@ import psycopg
 import shapely
 import sqlalchemy
 from numpy.typing import NDArray
+from sqlalchemy.orm import Session
 
 import conflictdb
+from conflictdb import models
 
 
 def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqlalchemy.Engine, at: datetime) -> None:
-    for target in ("postgresql:///mission", connection, engine, None):
+    for target in ("postgresql:///mission", connection, engine, engine.connect(), Session(engine), None):
         with conflictdb.connect(target) as db:
             assert_type(db, conflictdb.Database)
     with conflictdb.connect() as db:
@@ -44,6 +46,12 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
         db.export(scene, "out.geojson")
 
 
+def by_models(session: Session) -> None:
+    for conflict in session.scalars(sqlalchemy.select(models.Conflict)):
+        assert_type(conflict.a_key, str)
+        assert_type(conflict.first_contact, datetime | None)
+
+
 def in_memory() -> None:
     area = conflictdb.Area("A", shapely.MultiPolygon([shapely.box(4.0, 57.0, 5.0, 58.0)]), floor_m=-10.0)
     track = conflictdb.Track(
@@ -60,7 +68,7 @@ def in_memory() -> None:
     assert_type(track.times_us, NDArray[np.int64])
     assert_type(conflictdb.__version__, str)
     scene = conflictdb.Scene("s", earth=conflictdb.EarthModel.SPHERE, method=conflictdb.Method.NLP)
-    assert_type(conflictdb.solve([track], [area], scene), list[conflictdb.Conflict])
+    assert_type(conflictdb.solve([track], [area], scene), conflictdb.Results[conflictdb.Conflict])
 
 
 def from_files() -> list[conflictdb.Skipped]:

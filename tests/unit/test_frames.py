@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import warnings
+from datetime import timedelta, tzinfo
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -87,11 +89,11 @@ def test_projected_frames_are_transformed() -> None:
 @pytest.mark.parametrize(
     ("tracks", "areas", "said"),
     [
-        (one_track().set_crs(None, allow_override=True), [], "solve: tracks: has no reference system"),
-        ([], one_area().set_crs(None, allow_override=True), "solve: areas: has no reference system"),
-        (one_track().set_crs('LOCAL_CS["mine"]', allow_override=True), [], "solve: tracks.crs: is not known to PROJ"),
+        (one_track().set_crs(None, allow_override=True), [], "tracks: has no reference system"),
+        ([], one_area().set_crs(None, allow_override=True), "areas: has no reference system"),
+        (one_track().set_crs('LOCAL_CS["mine"]', allow_override=True), [], "tracks: crs: is not known to PROJ"),
         (pd.DataFrame({"id": ["T"]}), [], "solve: tracks: must be a GeoDataFrame"),
-        (geopandas.GeoDataFrame({"id": ["T"]}), [], "solve: tracks: has no geometry column"),
+        (geopandas.GeoDataFrame({"id": ["T"]}), [], "tracks: has no geometry column"),
         (one_track(fore_m=None), [], "track 'T': fore_m: is missing"),
         (one_track(grow_mp=[0.1]), [], "track 'T': grow_mp: is not known; did you mean grow_mps?"),
         (one_track(times=None), [], "track 'T': times: is missing"),
@@ -140,6 +142,10 @@ def test_instants_without_zone_take_the_one_that_is_given() -> None:
     for wall_clock in ("2026-10-25 02:30", "2026-03-29 02:30"):
         with pytest.raises(InvalidInput, match="start: is there twice, or not at all, in Europe/Oslo"):
             solve([], one_area(start=[pd.Timestamp(wall_clock)]), time_zone="Europe/Oslo")
+    old = type(
+        "Oslo", (tzinfo,), {"zone": "Europe/Oslo", "utcoffset": lambda *_: timedelta(minutes=43)}
+    )()  # as pytz is
+    assert solve(one_track(), early, time_zone=old) == [found]
     for zone in ("Nowhere/None", 1):
         with pytest.raises(InvalidInput, match="solve: time_zone: must be the name of a zone"):
             solve([], early, time_zone=zone)  # type: ignore[arg-type]
@@ -215,3 +221,68 @@ def test_numbers_of_numpy_are_ids() -> None:
     for areas in (one_area(id=[7]), one_area(id=[7.0]), by_index):
         (found,) = solve(one_track(), areas)
         assert found.a_key == "7"
+
+
+# What MovingPandas does within itself.
+ITS_OWN = pytest.mark.filterwarnings("ignore:The inplace keyword")
+
+
+@pytest.fixture(scope="module")
+def movingpandas() -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it tells of libraries that it could use
+        return pytest.importorskip("movingpandas")
+
+
+def fixes(zone: str | None = None) -> geopandas.GeoDataFrame:
+    """Return two ships, one ahead of the other, a fix each ten minutes; wall clocks of a zone."""
+    times = pd.date_range("2026-06-01 08:00", periods=7, freq="10min", tz=zone)
+    rows = [
+        (key, t, lat, lon + k / 60)
+        for key, lon, lat in (("E", 9.0, 57.8), ("W", 9.05, 57.8))
+        for k, t in enumerate(times)
+    ]
+    keys, when, lats, lons = zip(*rows, strict=True)
+    points = geopandas.points_from_xy(lons, lats)
+    return geopandas.GeoDataFrame({"ship": keys, "t": when, **HAVEN}, geometry=points, crs=4326).set_index("t")
+
+
+@ITS_OWN
+def test_trajectories_are_tracks(movingpandas: Any) -> None:
+    """By their ids, at the fixes, in any system; one trajectory too. They meet the area that the fixes lead through."""
+    area = one_area()
+    collection = movingpandas.TrajectoryCollection(fixes(), "ship")
+    found = solve(collection, area, time_zone="UTC")
+    assert [(one.a_key, one.b_key) for one in found] == [("A", "W"), ("A", "E")][::-1]
+    track = one_track(id=["E"]).assign(geometry=[shapely.LineString([(9.0 + k / 60, 57.8) for k in range(7)])])
+    times = list(pd.date_range("2026-06-01 08:00", periods=7, freq="10min", tz="UTC"))
+    track["times"] = pd.Series([times], index=track.index)
+    assert solve(collection.trajectories[0], area, time_zone="UTC") == solve(track, area) == found[:1]
+    projected = movingpandas.TrajectoryCollection(fixes().to_crs(32632), "ship")
+    assert len(solve(projected, area, time_zone="UTC")) == 2
+
+
+@ITS_OWN
+def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None:
+    """A zone that MovingPandas took off is put back; without one, and none given, they are refused."""
+    area = one_area()
+    collection = movingpandas.TrajectoryCollection(fixes(), "ship")
+    with pytest.raises(InvalidInput, match=r"trajectory 'E': times\[0\]: has no time zone"):
+        solve(collection, area)
+    with pytest.warns(UserWarning, match="Time zone information dropped"):
+        zoned = movingpandas.TrajectoryCollection(fixes("Europe/Oslo"), "ship")
+    assert solve(zoned, area) == solve(collection, area, time_zone="Europe/Oslo")
+    clocks_set = fixes("UTC")
+    clocks_set.index = pd.date_range("2026-10-25 00:40", periods=14, freq="10min", tz="UTC").tz_convert("Europe/Oslo")
+    with pytest.warns(UserWarning, match="Time zone information dropped"):
+        twice = movingpandas.TrajectoryCollection(clocks_set, "ship")
+    with pytest.raises(InvalidInput, match="trajectory 'E': times: are there twice"):
+        solve(twice, area)
+    bare = movingpandas.TrajectoryCollection(fixes().drop(columns=list(HAVEN)), "ship")
+    with pytest.raises(InvalidInput, match="track 'E': fore_m: is missing"):
+        solve(bare, area, time_zone="UTC")
+    assert solve(bare, area, haven=HAVEN, time_zone="UTC") == solve(collection, area, time_zone="UTC")
+    with pytest.warns(UserWarning, match="CRS"):
+        nowhere = movingpandas.TrajectoryCollection(fixes().set_crs(None, allow_override=True), "ship", crs=None)
+    with pytest.raises(InvalidInput, match="trajectory 'E': has no reference system"):
+        solve(nowhere, area, time_zone="UTC")

@@ -22,6 +22,7 @@ from conflictdb.db.store.attached import (
 from conflictdb.db.store.connection import (
     begin_snapshot,
     connect,
+    join,
     require_detecting,
     require_idle,
     require_writable,
@@ -123,6 +124,7 @@ __all__ = [
     "explanation",
     "footprints",
     "is_scene",
+    "join",
     "kept_rows",
     "keys_of",
     "list_scenes",

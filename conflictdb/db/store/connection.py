@@ -159,6 +159,13 @@ def require_idle(conn: psycopg.Connection[Any], what: str) -> None:
         raise StoreError(f"{what} needs a connection without an open transaction: commit or roll back first")
 
 
+def join(conn: psycopg.Connection[Any]) -> None:
+    """Begin the transaction that the caller takes for begun; in autocommit there is none."""
+    if not conn.autocommit and conn.info.transaction_status == TransactionStatus.IDLE:
+        with translated():
+            conn.execute("SELECT", prepare=False)  # any statement begins it
+
+
 def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
     """Begin a transaction that sees one state of the database throughout; commit or roll back ends it."""
     require_idle(conn, "a snapshot")

@@ -1,0 +1,285 @@
+"""The tables of inputs and the views of answers as models of SQLAlchemy 2, geometries by GeoAlchemy2.
+
+Needs the extra `sqlalchemy`: ``pip install 'conflictdb[sqlalchemy]'``. The columns are as docs/reference/sql.md says:
+tests keep names, types and nullability equal to the database. Rows of `Scene`, `Area` and `Track` can be added, changed
+and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``.
+"""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any, Final
+
+from sqlalchemy import ARRAY, BigInteger, DateTime, Double, FetchedValue, ForeignKey, Identity, Integer, MetaData, Text
+from sqlalchemy.dialects.postgresql import INTERVAL, JSONB, TSTZMULTIRANGE, TSTZRANGE, Range
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+try:
+    from geoalchemy2 import Geometry, WKBElement
+except ImportError as error:
+    raise ImportError("conflictdb.models needs geoalchemy2: pip install 'conflictdb[sqlalchemy]'") from error
+
+_DEGREES: Final = 4326  # longitude and latitude on WGS84
+_METRES: Final = -1  # to starboard and forward of a reference point: no place on the earth
+
+
+def _geometry(kind: str, srid: int = _DEGREES) -> Geometry:
+    """Return the type of a column; indexes are the business of the schema."""
+    return Geometry(kind, srid=srid, dimension=3 if kind.endswith("M") else 2, spatial_index=False)
+
+
+class Base(DeclarativeBase):
+    """Of all models; `conflictdb init` makes the tables, not ``metadata.create_all``."""
+
+    metadata = MetaData(schema="conflictdb")
+    type_annotation_map = {  # noqa: RUF012  as SQLAlchemy wants it
+        int: BigInteger,
+        str: Text,
+        float: Double,
+        datetime: DateTime(timezone=True),
+        timedelta: INTERVAL,
+        dict[str, Any]: JSONB,
+        list[str]: ARRAY(Text),
+        list[float | None]: ARRAY(Double),
+        Range[datetime]: TSTZRANGE,
+        Sequence[Range[datetime]]: TSTZMULTIRANGE,
+    }
+
+
+class Scene(Base):
+    """Settings that objects share: a row of the table `scene`."""
+
+    __tablename__ = "scene"
+
+    scene_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
+    name: Mapped[str]
+    motion: Mapped[str] = mapped_column(server_default=FetchedValue())
+    earth: Mapped[str] = mapped_column(server_default=FetchedValue())
+    method: Mapped[str] = mapped_column(server_default=FetchedValue())
+    tolerance_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    nearest_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    centre_lon: Mapped[float | None]
+    centre_lat: Mapped[float | None]
+    history_kept: Mapped[timedelta | None]
+
+
+class Area(Base):
+    """A polygon that is closed for a time: a row of the table `area`."""
+
+    __tablename__ = "area"
+
+    area_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
+    scene_id: Mapped[int] = mapped_column(ForeignKey(Scene.scene_id))
+    key: Mapped[str]
+    name: Mapped[str | None]
+    footprint: Mapped[WKBElement] = mapped_column(_geometry("MULTIPOLYGON"))
+    active_span: Mapped[Range[datetime]] = mapped_column(server_default=FetchedValue())
+    floor_m: Mapped[float | None]
+    ceiling_m: Mapped[float | None]
+    properties: Mapped[dict[str, Any]] = mapped_column(server_default=FetchedValue())
+    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
+    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+
+
+class Track(Base):
+    """A polygon carried along waypoints: a row of the table `track`."""
+
+    __tablename__ = "track"
+
+    track_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
+    scene_id: Mapped[int] = mapped_column(ForeignKey(Scene.scene_id))
+    key: Mapped[str]
+    name: Mapped[str | None]
+    path: Mapped[WKBElement] = mapped_column(_geometry("LINESTRINGM"))
+    outline: Mapped[WKBElement] = mapped_column(_geometry("POLYGON", srid=_METRES))
+    floor_m: Mapped[float | None]
+    ceiling_m: Mapped[float | None]
+    properties: Mapped[dict[str, Any]] = mapped_column(server_default=FetchedValue())
+    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
+    grow_mps: Mapped[float] = mapped_column(server_default=FetchedValue())
+    outlines: Mapped[WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))
+    floors_m: Mapped[list[float | None] | None]
+    ceilings_m: Mapped[list[float | None] | None]
+    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+
+
+class Conflict(Base):
+    """A pair that interferes: a row of the view `conflicts`."""
+
+    __tablename__ = "conflicts"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    a_key: Mapped[str] = mapped_column(primary_key=True)
+    a_kind: Mapped[str]
+    b_key: Mapped[str] = mapped_column(primary_key=True)
+    b_kind: Mapped[str]
+    periods: Mapped[Sequence[Range[datetime]]]
+    first_contact: Mapped[datetime | None]
+    last_contact: Mapped[datetime | None]
+    verdict: Mapped[str]
+    region: Mapped[WKBElement | None] = mapped_column(_geometry("GEOMETRY"), deferred=True)  # it takes long
+    first_contact_point: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
+    method: Mapped[str]
+    time_error_s: Mapped[float]
+    is_current: Mapped[bool]
+    run_id: Mapped[int]
+    found_at: Mapped[datetime]
+    closest_at: Mapped[datetime | None]
+    closest_m: Mapped[float | None]
+    closest_error_m: Mapped[float | None]
+    closest_a_point: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
+    closest_b_point: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
+    scene_is_current: Mapped[bool]
+    conflict_id: Mapped[int]
+    opened_at: Mapped[datetime]
+    changed_at: Mapped[datetime | None]
+    acknowledged_by: Mapped[str | None]
+    acknowledged_at: Mapped[datetime | None]
+    acknowledged_for: Mapped[str | None]
+    acknowledged_until: Mapped[datetime | None]
+
+
+class Approach(Base):
+    """How close a pair comes: a row of the view `approaches`."""
+
+    __tablename__ = "approaches"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    a_key: Mapped[str] = mapped_column(primary_key=True)
+    a_kind: Mapped[str]
+    b_key: Mapped[str] = mapped_column(primary_key=True)
+    b_kind: Mapped[str]
+    closest_at: Mapped[datetime | None]
+    closest_m: Mapped[float]
+    closest_error_m: Mapped[float]
+    a_point: Mapped[WKBElement] = mapped_column(_geometry("POINT"))
+    b_point: Mapped[WKBElement] = mapped_column(_geometry("POINT"))
+    verdict: Mapped[str]
+    is_current: Mapped[bool]
+    run_id: Mapped[int]
+    found_at: Mapped[datetime]
+    scene_is_current: Mapped[bool]
+    method: Mapped[str]
+    time_error_s: Mapped[float]
+
+
+class SceneState(Base):
+    """A scene, and whether what is known of it is complete: a row of the view `scenes`."""
+
+    __tablename__ = "scenes"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    motion: Mapped[str]
+    earth: Mapped[str]
+    centre_lon: Mapped[float | None]
+    centre_lat: Mapped[float | None]
+    method: Mapped[str]
+    tolerance_m: Mapped[float]
+    separation_m: Mapped[float]
+    nearest_m: Mapped[float]
+    objects: Mapped[int]
+    pending: Mapped[int]
+    last_run_id: Mapped[int | None]
+    last_run_at: Mapped[datetime | None]
+    last_error: Mapped[str | None]
+    is_current: Mapped[bool]
+    unmapped: Mapped[int]
+
+
+class ConflictEvent(Base):
+    """What became of a conflict: a row of the view `conflict_events`."""
+
+    __tablename__ = "conflict_events"
+
+    scene: Mapped[str]
+    event: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    at: Mapped[datetime]
+    run_id: Mapped[int]
+    conflict_id: Mapped[int]
+    a_key: Mapped[str]
+    a_kind: Mapped[str]
+    b_key: Mapped[str]
+    b_kind: Mapped[str]
+    periods: Mapped[Sequence[Range[datetime]]]
+    verdict: Mapped[str]
+    time_error_s: Mapped[float]
+    closest_at: Mapped[datetime | None]
+    closest_m: Mapped[float | None]
+    closest_error_m: Mapped[float | None]
+    opened_at: Mapped[datetime]
+    closed_at: Mapped[datetime | None]
+
+
+class Acknowledgement(Base):
+    """What was acknowledged: a row of the view `acknowledgements`."""
+
+    __tablename__ = "acknowledgements"
+
+    scene: Mapped[str]
+    conflict_id: Mapped[int] = mapped_column(primary_key=True)
+    a_key: Mapped[str]
+    b_key: Mapped[str]
+    acknowledged_by: Mapped[str]
+    acknowledged_at: Mapped[datetime] = mapped_column(primary_key=True)
+    reason: Mapped[str]
+    until: Mapped[datetime | None]
+    periods: Mapped[Sequence[Range[datetime]]]
+    verdict: Mapped[str]
+    state: Mapped[str]
+    ended_by: Mapped[str | None]
+    ended_at: Mapped[datetime | None]
+
+
+class Queued(Base):
+    """A scene that waits for detection: a row of the view `queue`."""
+
+    __tablename__ = "queue"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    waiting_since: Mapped[datetime | None]
+    changes: Mapped[int]
+    attached_changes: Mapped[int]
+    worker_pid: Mapped[int | None] = mapped_column(Integer)
+    worker: Mapped[str | None]
+    worker_role: Mapped[str | None]
+    worked_on_since: Mapped[datetime | None]
+    last_error: Mapped[str | None]
+
+
+class Attachment(Base):
+    """A table that is attached: a row of the view `attachments`."""
+
+    __tablename__ = "attachments"
+
+    scene: Mapped[str]
+    attachment_id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    table: Mapped[str]
+    map: Mapped[dict[str, Any]]
+    role: Mapped[str | None] = mapped_column(Text)
+    has_triggers: Mapped[bool]
+    every: Mapped[timedelta]
+    objects: Mapped[int]
+    unmapped: Mapped[int]
+    is_waiting: Mapped[bool]
+    compared_at: Mapped[datetime | None]
+    failed_at: Mapped[datetime | None]
+    error: Mapped[str | None]
+    remark: Mapped[str | None]
+
+
+class Unmapped(Base):
+    """A row of an attached table that is no object: a row of the view `unmapped`."""
+
+    __tablename__ = "unmapped"
+
+    scene: Mapped[str]
+    attachment_id: Mapped[int] = mapped_column(primary_key=True)
+    table: Mapped[str]
+    identity_columns: Mapped[list[str]]
+    identity: Mapped[str] = mapped_column(primary_key=True)
+    key: Mapped[str | None]
+    reason: Mapped[str]
+    since: Mapped[datetime]
+    is_kept: Mapped[bool]
