@@ -272,6 +272,9 @@ ROLES: Final = {
         "conflictdb_reader",
         [
             "conflicts",
+            "map_areas",
+            "map_tracks",
+            "map_conflicts",
             "approaches",
             "conflict_events",
             "acknowledgements",

@@ -396,6 +396,46 @@ VIEW conflicts (
     acknowledged_until timestamp with time zone
 );
 
+VIEW map_areas (
+    area_id bigint,
+    scene text COLLATE C,
+    key text COLLATE C,
+    name text,
+    floor_m double precision,
+    ceiling_m double precision,
+    starts_at timestamp with time zone,
+    ends_at timestamp with time zone,
+    footprint geometry(MultiPolygon,4326)
+);
+
+VIEW map_conflicts (
+    period_id bigint,
+    conflict_id bigint,
+    scene text COLLATE C,
+    a_key text COLLATE C,
+    a_kind text,
+    b_key text COLLATE C,
+    b_kind text,
+    verdict text,
+    starts_at timestamp with time zone,
+    ends_at timestamp with time zone,
+    time_error_s double precision,
+    region geometry(MultiPolygon,4326),
+    first_contact_point geometry(Point,4326)
+);
+
+VIEW map_tracks (
+    track_id bigint,
+    scene text COLLATE C,
+    key text COLLATE C,
+    name text,
+    floor_m double precision,
+    ceiling_m double precision,
+    starts_at timestamp with time zone,
+    ends_at timestamp with time zone,
+    path geometry(MultiLineString,4326)
+);
+
 VIEW queue (
     scene text COLLATE C,
     waiting_since timestamp with time zone,
@@ -729,6 +769,12 @@ FUNCTION _create_note(p_attachment_id bigint)
 FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _drawn(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _drawn_path(p_path geometry, p_plane text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1050,6 +1096,30 @@ FUNCTION _take_over_attached(p_attachment_id bigint, p_turn bigint, p_change_ids
 FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _tile_bounds(p_z integer, p_x integer, p_y integer)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _tile_height(p_params json, p_name text)
+    RETURNS double precision LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _tile_objects(p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange)
+    RETURNS SETOF bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _tile_params(p_z integer, p_x integer, p_y integer, p_params json, OUT scene_id bigint, OUT scene text, OUT motion text, OUT earth text, OUT plane text, OUT span tstzrange, OUT instant timestamp with time zone, OUT verdicts text[], OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _tile_time(p_params json, p_name text)
+    RETURNS timestamp with time zone LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
+    RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1166,6 +1236,18 @@ FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzran
 
 FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION tile_conflicts(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION tile_havens(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2b62fd1a84169efe8fa38b76533e6977912ed8aceedffe349eb32f928368e0fa"
+routines_sha256 = "fcbd5d02efc68fa98a2bbfd15460eab9f9e8c351bda9fedb3edae108fe7fe575"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

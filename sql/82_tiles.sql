@@ -1,0 +1,442 @@
+-- Vector tiles (Mapbox Vector Tile 2.1) in Web Mercator (EPSG:3857): as pg_tileserv and martin ask for.
+--
+-- Which objects a tile may hold is asked of the index of pieces, whose hulls hold what an object sweeps, copied across
+-- the seam; what waits for detection has none, or old ones: it is looked at one by one. Shapes are of the tables.
+
+CREATE OR REPLACE FUNCTION _tile_time(p_params json, p_name text) RETURNS timestamptz
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_text text := p_params ->> p_name;
+BEGIN
+    -- Whatever DateStyle and TimeZone the session has.
+    IF v_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?(Z|[+-]\d\d(:?\d\d)?)$' THEN
+        PERFORM _refuse('ZC003', 'query_params', p_name,
+                        format('must be an instant like 2026-06-01T10:00:00Z; got %L', v_text), 'tile_instant',
+                        'In an address, write Z, or + as %2B.');
+    END IF;
+    RETURN v_text::timestamptz;
+END
+$$;
+COMMENT ON FUNCTION _tile_time(json, text) IS
+'An instant of the parameters of a tile, null if absent; refuses (ZC003) what is not ISO 8601 with an offset.';
+
+CREATE OR REPLACE FUNCTION _tile_height(p_params json, p_name text) RETURNS double precision
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_text text := p_params ->> p_name;
+BEGIN
+    IF v_text !~ '^[+-]?\d{1,15}(\.\d{1,15})?(e[+-]?\d{1,2})?$' THEN
+        PERFORM _refuse('ZC004', 'query_params', p_name, format('must be a number of metres; got %L', v_text),
+                        'tile_height');
+    END IF;
+    RETURN v_text::double precision;
+END
+$$;
+COMMENT ON FUNCTION _tile_height(json, text) IS
+'A height (metres) of the parameters of a tile, null if absent; refuses (ZC004) what is no number.';
+
+CREATE OR REPLACE FUNCTION _tile_params(
+    p_z integer, p_x integer, p_y integer, p_params json,
+    OUT scene_id bigint, OUT scene text, OUT motion text, OUT earth text, OUT plane text, OUT span tstzrange,
+    OUT instant timestamptz, OUT verdicts text[], OUT floor_m double precision, OUT ceiling_m double precision
+)
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_who CONSTANT text := 'query_params';
+    c_zoom_max CONSTANT integer := 30;
+    v_name text;
+    v_from timestamptz;
+    v_to timestamptz;
+BEGIN
+    IF (p_z BETWEEN 0 AND c_zoom_max) IS NOT TRUE THEN
+        PERFORM _refuse('ZC005', 'tile', 'z', format('must be from 0 to %s; got %s', c_zoom_max,
+                                                     coalesce(p_z::text, 'null')), 'tile_known');
+    END IF;
+    IF (p_x BETWEEN 0 AND (1 << p_z) - 1 AND p_y BETWEEN 0 AND (1 << p_z) - 1) IS NOT TRUE THEN
+        PERFORM _refuse('ZC005', 'tile', 'x, y',
+                        format('must be from 0 to %s at zoom %s; got %s, %s', (1 << p_z) - 1, p_z,
+                               coalesce(p_x::text, 'null'), coalesce(p_y::text, 'null')), 'tile_known');
+    END IF;
+    IF json_typeof(p_params) IS DISTINCT FROM 'object' THEN
+        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given, in a JSON object', 'tile_scene_given');
+    END IF;
+    SELECT k INTO v_name FROM json_object_keys(p_params) k
+        WHERE k <> ALL (ARRAY['scene', 'at', 'from', 'to', 'verdict', 'floor_m', 'ceiling_m']) LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', c_who, v_name,
+                        'is not known; known: scene, at, from, to, verdict, floor_m, ceiling_m', 'tile_param_known');
+    END IF;
+    scene := p_params ->> 'scene';
+    IF scene IS NULL THEN
+        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
+    END IF;
+    scene_id := _scene_id(scene);
+    SELECT s.motion, s.earth, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO motion, earth, plane
+        FROM scene s WHERE s.scene_id = _tile_params.scene_id;
+    instant := _tile_time(p_params, 'at');
+    v_from := _tile_time(p_params, 'from');
+    v_to := _tile_time(p_params, 'to');
+    IF instant IS NOT NULL AND num_nonnulls(v_from, v_to) > 0 OR v_to < v_from THEN
+        PERFORM _refuse('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
+    END IF;
+    span := tstzrange(coalesce(instant, v_from), coalesce(instant, v_to), '[]');
+    verdicts := string_to_array(p_params ->> 'verdict', ',');
+    SELECT v INTO v_name FROM unnest(verdicts) v WHERE v <> ALL (ARRAY['conflict', 'grazing', 'unresolved']) LIMIT 1;
+    IF FOUND OR verdicts = '{}' THEN
+        PERFORM _refuse('ZC009', c_who, 'verdict',
+                        format('must be of conflict, grazing, unresolved, with commas between; got %L',
+                               p_params ->> 'verdict'), 'tile_verdict_known');
+    END IF;
+    floor_m := _tile_height(p_params, 'floor_m');
+    ceiling_m := _tile_height(p_params, 'ceiling_m');
+    PERFORM _check_heights(c_who, floor_m, ceiling_m);
+END
+$$;
+COMMENT ON FUNCTION _tile_params(integer, integer, integer, json) IS
+'What the parameters of a tile say; refuses a tile that is not there (ZC005), and parameters that are missing, unknown '
+'or make no sense (ZC003, ZC004, ZC009, ZC010).';
+
+CREATE OR REPLACE FUNCTION _tile_bounds(p_z integer, p_x integer, p_y integer) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- 64 of its 4096 units around it, as ST_AsMVTGeom has below.
+    SELECT ST_Expand(b.bounds, (ST_XMax(b.bounds) - ST_XMin(b.bounds)) * 64 / 4096)
+    FROM (SELECT ST_TileEnvelope(p_z, p_x, p_y) AS bounds OFFSET 0) b;
+END;
+COMMENT ON FUNCTION _tile_bounds(integer, integer, integer) IS
+'What a tile shows, with what it repeats of its neighbours (metres, EPSG:3857): may reach across the seam.';
+
+CREATE OR REPLACE FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_MakeEnvelope(
+        degrees(ST_XMin(b.bounds) / _wgs84_m()::double precision),
+        degrees(atan(sinh(ST_YMin(b.bounds) / _wgs84_m()::double precision))),
+        degrees(ST_XMax(b.bounds) / _wgs84_m()::double precision),
+        degrees(atan(sinh(ST_YMax(b.bounds) / _wgs84_m()::double precision))), 4326)
+    FROM (SELECT _tile_bounds(p_z, p_x, p_y) AS bounds OFFSET 0) b;
+END;
+COMMENT ON FUNCTION _tile_degrees(integer, integer, integer) IS
+'The same in longitude and latitude (degrees, not wrapped).';
+
+CREATE OR REPLACE FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text) RETURNS SETOF geometry
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE ROWS 3 SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Farther from the centre a gnomonic plane stretches without limit, and its horizon is at 90.
+    c_far_deg CONSTANT double precision := 80;
+    v_box geometry := _tile_degrees(p_z, p_x, p_y);
+    v_edge geometry;
+    v_south double precision;
+    v_north double precision;
+    v_turn_m double precision := 2 * pi() * _radius_m(p_plane);
+BEGIN
+    IF p_plane IN ('wgs84', 'sphere') THEN
+        v_south := ST_Y(_to_plane(ST_SetSRID(ST_MakePoint(0, ST_YMin(v_box)), 4326), p_plane));
+        v_north := ST_Y(_to_plane(ST_SetSRID(ST_MakePoint(0, ST_YMax(v_box)), 4326), p_plane));
+        RETURN QUERY
+            SELECT ST_MakeEnvelope((ST_XMin(v_box) / 360 + turn) * v_turn_m - 1, v_south - 1,
+                                   (ST_XMax(v_box) / 360 + turn) * v_turn_m + 1, v_north + 1, _plane_srid(p_plane))
+            FROM generate_series(-1, 1) turn;
+        RETURN;
+    END IF;
+    -- A box without a pole is bounded by the image of its edge.
+    v_edge := ST_Segmentize(ST_ExteriorRing(v_box), greatest(ST_XMax(v_box) - ST_XMin(v_box), 1e-9) / 64);
+    IF p_z > 1 AND _from_centre_deg(v_edge, substring(p_plane FROM 'lon_0=([-0-9.]+)')::double precision,
+                                    substring(p_plane FROM 'lat_0=([-0-9.]+)')::double precision) < c_far_deg THEN
+        v_edge := ST_Envelope(_to_plane(v_edge, p_plane));
+        -- Between the points of the edge it bends by less than this share of its size.
+        RETURN NEXT ST_Expand(v_edge, 1 + 0.05 * greatest(ST_XMax(v_edge) - ST_XMin(v_edge),
+                                                          ST_YMax(v_edge) - ST_YMin(v_edge)));
+    ELSE
+        RETURN NEXT ST_MakeEnvelope(-1e9, -1e9, 1e9, 1e9);
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _tile_windows(integer, integer, integer, text) IS
+'Boxes in the plane of a scene (metres) that hold what a tile shows; all of the plane where the tile is not in it.';
+
+CREATE OR REPLACE FUNCTION _tile_objects(
+    p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange
+) RETURNS SETOF bigint
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- By the index for each window (OFFSET), rather than all pieces beside all windows.
+    SELECT n.object_id FROM _tile_windows(p_z, p_x, p_y, p_plane) w (box)
+    CROSS JOIN LATERAL (SELECT p.object_id FROM piece p
+                        WHERE p.scene_id = p_scene_id AND p.hull && w.box AND p.span && p_span
+                          AND p.object_kind = p_kind OFFSET 0) n
+    UNION
+    SELECT m.object_id FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = p_kind;
+END;
+COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, integer, tstzrange) IS
+'Objects of a kind that a tile may show: all that are there during a span, and some more.';
+
+CREATE OR REPLACE FUNCTION _drawn(p_geometry geometry, p_plane text) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Straight in the plane of the scene; between points 100 km apart a map of another one is within a metre of it.
+    SELECT CASE WHEN p_plane IN ('wgs84', 'sphere')
+                THEN _from_plane(ST_Segmentize(_to_plane(p_geometry, p_plane), 100000), p_plane)
+                ELSE _from_plane(_to_plane(p_geometry, p_plane), p_plane) END;
+END;
+COMMENT ON FUNCTION _drawn(geometry, text) IS
+'A geometry (longitude and latitude, straight in the plane of a scene) with points on its long edges, so that it looks '
+'right on any map: degrees, not wrapped.';
+
+CREATE OR REPLACE FUNCTION _drawn_path(p_path geometry, p_plane text) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Legs go the shorter way around; the last point of one is the first of the next, also where its turn differs.
+    SELECT ST_Multi(CASE WHEN p_plane NOT IN ('wgs84', 'sphere') OR ST_XMax(p_path) - ST_XMin(p_path) <= 180
+        THEN _drawn(ST_Force2D(p_path), p_plane)
+        ELSE (SELECT ST_CollectionHomogenize(ST_Collect(_wrapped(_drawn(ST_MakeLine(
+                         l.first, ST_Translate(l.last, -360 * (abs(l.turn) > 180)::integer * round(l.turn / 360), 0)),
+                         p_plane))))
+              FROM (SELECT ST_Force2D(d.geom) AS first, ST_Force2D(lead(d.geom) OVER o) AS last,
+                           ST_X(lead(d.geom) OVER o) - ST_X(d.geom) AS turn
+                    FROM ST_DumpPoints(p_path) d WINDOW o AS (ORDER BY d.path[1])) l
+              WHERE l.last IS NOT NULL) END);
+END;
+COMMENT ON FUNCTION _drawn_path(geometry, text) IS
+'A path as _drawn has it, cut at the seam where it crosses that.';
+
+CREATE OR REPLACE FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer) RETURNS geometry
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_size CONSTANT double precision := _wgs84_m() / _sphere_m();
+    v_tile geometry := ST_TileEnvelope(p_z, p_x, p_y);
+    v_unit_m double precision := (ST_XMax(v_tile) - ST_XMin(v_tile)) / 4096;
+    v_clipped geometry := p_geometry;
+    v_shape geometry;
+BEGIN
+    -- Web Mercator ends at 85.06 degrees.
+    IF ST_YMin(p_geometry) < -85.5 OR ST_YMax(p_geometry) > 85.5 THEN
+        v_clipped := ST_ClipByBox2D(p_geometry, ST_MakeEnvelope(-720, -85.5, 720, 85.5, 4326));
+    END IF;
+    IF ST_IsEmpty(v_clipped) THEN
+        RETURN NULL;
+    END IF;
+    -- The plane of the sphere, at another size.
+    v_shape := ST_SetSRID(ST_Scale(_to_plane(v_clipped, 'sphere'), c_size, c_size), 3857);
+    v_shape := (SELECT CASE count(*) WHEN 1 THEN ST_GeometryN(ST_Collect(t.shape), 1)
+                                     ELSE ST_CollectionHomogenize(ST_Collect(t.shape)) END
+                FROM (SELECT ST_Translate(v_shape, turn * 2 * pi() * _wgs84_m()::double precision, 0) AS shape
+                      FROM generate_series(-1, 1) turn) t
+                WHERE t.shape && _tile_bounds(p_z, p_x, p_y));
+    IF v_shape IS NULL THEN
+        RETURN NULL;
+    END IF;
+    v_shape := ST_Simplify(v_shape, v_unit_m / 2, true);
+    -- What is thinner than a unit is a line, what is smaller a point: nothing vanishes.
+    RETURN coalesce(
+        ST_AsMVTGeom(v_shape, v_tile, 4096, 64, true),
+        -- A ring that runs back on itself would vanish too; its halves do not.
+        CASE WHEN ST_Dimension(v_shape) = 2 THEN ST_AsMVTGeom(
+            (SELECT ST_Collect(ST_LineSubstring(ST_ExteriorRing(d.geom), half, half + 0.5))
+             FROM ST_Dump(v_shape) d CROSS JOIN (VALUES (0.0), (0.5)) t (half) WHERE ST_Dimension(d.geom) = 2),
+            v_tile, 4096, 64, true) END,
+        CASE WHEN greatest(ST_XMax(v_shape) - ST_XMin(v_shape), ST_YMax(v_shape) - ST_YMin(v_shape)) < 2 * v_unit_m
+             THEN ST_AsMVTGeom(ST_Centroid(ST_Envelope(v_shape)), v_tile, 4096, 64, true) END);
+END
+$$;
+COMMENT ON FUNCTION _tile_shape(geometry, integer, integer, integer) IS
+'What a tile shows of a geometry (longitude and latitude, degrees), in units of the tile (4096, and 64 around), '
+'simplified by half a unit at most; null if nothing.';
+
+CREATE OR REPLACE FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v record := _tile_params(z, x, y, query_params);
+BEGIN
+    RETURN (
+        SELECT ST_AsMVT(f, 'areas', 4096, 'shape', 'area_id')
+        FROM (SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
+                     nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision AS start_s,
+                     nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision AS end_s,
+                     _tile_shape(_drawn(a.footprint, v.plane), z, x, y) AS shape
+              -- By the key of each object (OFFSET): nobody knows beforehand how few they are.
+              FROM _tile_objects(v.scene_id, 0::smallint, v.plane, z, x, y, v.span) o (area_id)
+              CROSS JOIN LATERAL (SELECT n.* FROM area n WHERE n.area_id = o.area_id OFFSET 0) a
+              WHERE a.scene_id = v.scene_id AND a.active_span && v.span
+                AND coalesce(a.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
+                AND coalesce(v.floor_m, '-infinity') < coalesce(a.ceiling_m, 'infinity')
+              OFFSET 0) f
+        WHERE f.shape IS NOT NULL);
+END
+$$;
+COMMENT ON FUNCTION tile_areas(integer, integer, integer, json) IS
+'Vector tile of the areas of a scene, for pg_tileserv and martin: layer areas (key, name, floor_m, ceiling_m, start_s '
+'and end_s in Unix seconds, absent if unbounded). query_params: scene, and if wanted at, or from and to (ISO 8601 with '
+'offset), floor_m, ceiling_m.';
+
+CREATE OR REPLACE FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v record := _tile_params(z, x, y, query_params);
+BEGIN
+    RETURN (
+        SELECT ST_AsMVT(f, 'tracks', 4096, 'shape', 'track_id')
+        FROM (SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, ST_M(ST_StartPoint(t.path)) AS start_s,
+                     ST_M(ST_EndPoint(t.path)) AS end_s,
+                     _tile_shape(_drawn_path(t.path, v.plane), z, x, y) AS shape
+              FROM _tile_objects(v.scene_id, 1::smallint, v.plane, z, x, y, '(,)') o (track_id)
+              CROSS JOIN LATERAL (SELECT n.* FROM track n WHERE n.track_id = o.track_id OFFSET 0) t
+              WHERE t.scene_id = v.scene_id
+                AND tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path))), to_timestamp(ST_M(ST_EndPoint(t.path))))
+                    && v.span
+                AND coalesce(t.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
+                AND coalesce(v.floor_m, '-infinity') < coalesce(t.ceiling_m, 'infinity')
+              OFFSET 0) f
+        WHERE f.shape IS NOT NULL);
+END
+$$;
+COMMENT ON FUNCTION tile_tracks(integer, integer, integer, json) IS
+'Vector tile of the paths of a scene''s tracks: layer tracks, fields and query_params as tile_areas. A track under way '
+'during the time asked about shows its whole path; its heights are those of all its legs.';
+
+CREATE OR REPLACE FUNCTION tile_havens(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v record := _tile_params(z, x, y, query_params);
+BEGIN
+    IF v.instant IS NULL THEN
+        PERFORM _refuse('ZC003', 'query_params', 'at', 'must be given: havens move', 'tile_instant');
+    END IF;
+    RETURN (
+        SELECT ST_AsMVT(f, 'havens', 4096, 'shape', 'track_id')
+        FROM (SELECT t.track_id, t.key, t.name, h.floor_m, h.ceiling_m,
+                     _tile_shape(haven_at(v.scene, t.key, v.instant), z, x, y) AS shape
+              FROM _tile_objects(v.scene_id, 1::smallint, v.plane, z, x, y, v.span) o (track_id)
+              CROSS JOIN LATERAL (SELECT n.* FROM track n WHERE n.track_id = o.track_id OFFSET 0) t
+              CROSS JOIN LATERAL heights_at(v.scene, t.key, v.instant) h
+              WHERE t.scene_id = v.scene_id
+                AND coalesce(h.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
+                AND coalesce(v.floor_m, '-infinity') < coalesce(h.ceiling_m, 'infinity')
+              OFFSET 0) f
+        WHERE f.shape IS NOT NULL);
+END
+$$;
+COMMENT ON FUNCTION tile_havens(integer, integer, integer, json) IS
+'Vector tile of where the havens of a scene''s tracks are at an instant: layer havens (key, name, floor_m and '
+'ceiling_m then). query_params as tile_areas; at must be given.';
+
+CREATE OR REPLACE FUNCTION tile_conflicts(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v record := _tile_params(z, x, y, query_params);
+    v_tile bytea;
+BEGIN
+    WITH place AS MATERIALIZED (
+        -- Regions lie within +-180 degrees. First contact points lie in them, but for the tolerance.
+        SELECT ST_Expand(ST_Translate(_tile_degrees(z, x, y), 360 * turn, 0), 1e-4) AS box
+        FROM generate_series(-1, 1) turn
+    ), shown AS MATERIALIZED (
+        SELECT DISTINCT ON (c.conflict_id) c.*
+        FROM place p
+        -- By the index for each place, as in _tile_objects.
+        CROSS JOIN LATERAL (SELECT f.* FROM conflicts f
+                            WHERE f.scene = v.scene AND f.region && p.box AND f.periods && v.span OFFSET 0) c
+        WHERE (v.verdicts IS NULL OR c.verdict = ANY (v.verdicts))
+          AND (num_nonnulls(v.floor_m, v.ceiling_m) = 0 OR (
+              SELECT coalesce(greatest(max(h.floor_m), v.floor_m), '-infinity')
+                     < coalesce(least(min(h.ceiling_m), v.ceiling_m), 'infinity')
+              FROM (SELECT a.floor_m, a.ceiling_m FROM area a
+                    WHERE a.scene_id = v.scene_id AND a.key IN (c.a_key, c.b_key)
+                    UNION ALL
+                    SELECT t.floor_m, t.ceiling_m FROM track t
+                    WHERE t.scene_id = v.scene_id AND t.key IN (c.a_key, c.b_key)) h))
+    ), field AS MATERIALIZED (
+        SELECT s.conflict_id, s.a_key, s.a_kind, s.b_key, s.b_kind, s.verdict, s.is_current,
+               extract(epoch FROM s.first_contact)::double precision AS start_s,
+               extract(epoch FROM s.last_contact)::double precision AS end_s,
+               _tile_shape(s.region, z, x, y) AS region, _tile_shape(s.first_contact_point, z, x, y) AS point
+        FROM shown s
+    )
+    SELECT coalesce((
+               SELECT ST_AsMVT(f, 'conflicts', 4096, 'region', 'conflict_id')
+               FROM (SELECT d.conflict_id, d.a_key, d.a_kind, d.b_key, d.b_kind, d.verdict, d.is_current, d.start_s,
+                            d.end_s, d.region
+                     FROM field d WHERE d.region IS NOT NULL) f), '')
+           || coalesce((
+               SELECT ST_AsMVT(f, 'first_contacts', 4096, 'point', 'conflict_id')
+               FROM (SELECT d.conflict_id, d.a_key, d.a_kind, d.b_key, d.b_kind, d.verdict, d.is_current, d.start_s,
+                            d.end_s, d.point
+                     FROM field d WHERE d.point IS NOT NULL) f), '')
+        INTO v_tile;
+    RETURN v_tile;
+END
+$$;
+COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
+'Vector tile of the conflicts of a scene: layers conflicts (regions) and first_contacts (points), each with the number '
+'of the conflict as its id, a_key, a_kind, b_key, b_kind, verdict, is_current, start_s and end_s (of all periods, Unix '
+'seconds, absent if unbounded). query_params as tile_areas, and verdict: of conflict, grazing, unresolved, with commas '
+'between. Of heights, those that both objects have in common count.';
+
+CREATE OR REPLACE VIEW map_areas AS
+SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
+       CASE WHEN isfinite(lower(a.active_span)) THEN lower(a.active_span) END AS starts_at,
+       CASE WHEN isfinite(upper(a.active_span)) THEN upper(a.active_span) END AS ends_at,
+       ST_Multi(ST_CollectionExtract(_wrapped(_drawn(
+           a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat))), 3))::geometry(MultiPolygon, 4326)
+           AS footprint
+FROM area a JOIN scene s USING (scene_id);
+
+COMMENT ON VIEW map_areas IS 'Areas as a layer of a map program such as QGIS.';
+COMMENT ON COLUMN map_areas.area_id IS 'Unique; the key of the layer.';
+COMMENT ON COLUMN map_areas.scene IS 'Name of the scene.';
+COMMENT ON COLUMN map_areas.key IS 'Key of the area.';
+COMMENT ON COLUMN map_areas.name IS 'Its name.';
+COMMENT ON COLUMN map_areas.floor_m IS 'Lower limit, metres; null is unbounded.';
+COMMENT ON COLUMN map_areas.ceiling_m IS 'Upper limit, metres; null is unbounded.';
+COMMENT ON COLUMN map_areas.starts_at IS 'From when it is there; null: since ever.';
+COMMENT ON COLUMN map_areas.ends_at IS 'Until when it is there; null: for ever.';
+COMMENT ON COLUMN map_areas.footprint IS
+'Longitude and latitude in degrees, cut at the seam, with points on long edges so that they bend as they should.';
+
+CREATE OR REPLACE VIEW map_tracks AS
+SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
+       to_timestamp(ST_M(ST_StartPoint(t.path))) AS starts_at, to_timestamp(ST_M(ST_EndPoint(t.path))) AS ends_at,
+       ST_Multi(_wrapped(_drawn_path(
+           t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat))))::geometry(MultiLineString, 4326) AS path
+FROM track t JOIN scene s USING (scene_id);
+
+COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of a map program such as QGIS.';
+COMMENT ON COLUMN map_tracks.track_id IS 'Unique; the key of the layer.';
+COMMENT ON COLUMN map_tracks.scene IS 'Name of the scene.';
+COMMENT ON COLUMN map_tracks.key IS 'Key of the track.';
+COMMENT ON COLUMN map_tracks.name IS 'Its name.';
+COMMENT ON COLUMN map_tracks.floor_m IS 'Lower limit of all its legs, metres; null is unbounded.';
+COMMENT ON COLUMN map_tracks.ceiling_m IS 'Upper limit of all its legs, metres; null is unbounded.';
+COMMENT ON COLUMN map_tracks.starts_at IS 'When it sets out.';
+COMMENT ON COLUMN map_tracks.ends_at IS 'When it arrives.';
+COMMENT ON COLUMN map_tracks.path IS
+'Longitude and latitude in degrees, cut at the seam, with points on long legs so that they bend as they should.';
+
+CREATE OR REPLACE VIEW map_conflicts AS
+SELECT (c.conflict_id << 20) + p.n AS period_id, c.conflict_id,
+       s.name AS scene, c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
+       c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind, c.verdict,
+       lower(p.period) AS starts_at, upper(p.period) AS ends_at, c.time_error_s,
+       ST_Multi(ST_CollectionExtract(c.region, 3))::geometry(MultiPolygon, 4326) AS region, c.first_contact_point
+FROM scene s JOIN conflict c ON c.scene_id = s.scene_id
+CROSS JOIN LATERAL unnest(c.periods) WITH ORDINALITY p (period, n)
+WHERE c.verdict <> 'near';
+
+COMMENT ON VIEW map_conflicts IS
+'Conflicts as layers of a map program such as QGIS, regions or points of first contact: a row for each period.';
+COMMENT ON COLUMN map_conflicts.period_id IS
+'Unique; the key of the layer: 2^20 times the number of the conflict, and which of its periods it is, from 1.';
+COMMENT ON COLUMN map_conflicts.conflict_id IS 'Number of the conflict, as in the view conflicts.';
+COMMENT ON COLUMN map_conflicts.scene IS 'Name of the scene.';
+COMMENT ON COLUMN map_conflicts.a_key IS 'Key of the first object.';
+COMMENT ON COLUMN map_conflicts.a_kind IS 'area or track.';
+COMMENT ON COLUMN map_conflicts.b_key IS 'Key of the second object.';
+COMMENT ON COLUMN map_conflicts.b_kind IS 'area or track.';
+COMMENT ON COLUMN map_conflicts.verdict IS 'conflict, grazing or unresolved, as in the view conflicts.';
+COMMENT ON COLUMN map_conflicts.starts_at IS 'Start of the period; null: since ever.';
+COMMENT ON COLUMN map_conflicts.ends_at IS 'End of the period; null: for ever.';
+COMMENT ON COLUMN map_conflicts.time_error_s IS 'Bound on the error of both, seconds.';
+COMMENT ON COLUMN map_conflicts.region IS
+'Where, during all periods: longitude and latitude in degrees, cut at the seam; empty where it is a line or a point.';
+COMMENT ON COLUMN map_conflicts.first_contact_point IS
+'Where they first touch, in the first period: longitude and latitude in degrees; null if not computed.';
