@@ -35,6 +35,9 @@ MAX_DISTANCE_M: Final = 20_000_000.0
 MAX_HAVEN_M: Final = 20_037_508
 # What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
 MAX_HAVEN_CORNERS: Final = 10_000
+# More than an area has vertices, or a track waypoints, that anybody drew: about what a file of the size that is read
+# holds. Databases may have lower limits (sql/12_checks.sql, _check_size).
+MAX_POINTS: Final = 1_000_000
 # No position is that uncertain; what grows faster is a mistake in its units.
 MAX_GROWTH_MPS: Final = 1e6
 
@@ -334,9 +337,16 @@ def _check_coordinates(who: str, where: str, positions: NDArray[np.float64]) -> 
         raise InvalidInput(who, where, f"longitude must lie within +-360 degrees; got {worst[0]:g}")
 
 
+def _check_size(who: str, where: str, points: int, what: str) -> None:
+    if points > MAX_POINTS:
+        rule = f"must have at most {MAX_POINTS} {what}; got {points} (simplify it, or split it into several objects)"
+        raise InvalidInput(who, where, rule)
+
+
 def _check_course(who: str, positions: NDArray[np.float64], times: NDArray[np.int64]) -> None:
     if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
         raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
+    _check_size(who, "geometry", len(positions), "waypoints")
     _check_coordinates(who, "geometry", positions)
     if len(times) != len(positions):
         raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
@@ -355,6 +365,7 @@ def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
         raise InvalidInput(who, "geometry", "must be a non-empty Polygon or MultiPolygon")
     if shapely.is_empty(shapely.get_parts(footprint)).any():
         raise InvalidInput(who, "geometry", "must have no empty parts")
+    _check_size(who, "geometry", int(shapely.count_coordinates(footprint)), "vertices")
     _check_coordinates(who, "geometry", shapely.get_coordinates(footprint))
     west, _, east, _ = footprint.bounds
     if east - west > 360.0:
@@ -431,6 +442,7 @@ def _check_outlines(who: str, track: Track) -> None:
     if len(outlines) != waypoints:
         rule = f"must be one per waypoint: {waypoints} waypoints, {len(outlines)} outlines"
         raise InvalidInput(who, "outlines_m", rule)
+    _check_size(who, "outlines_m", len(outlines) * outlines.shape[1], "vertices")
     for k, outline in enumerate(outlines):
         _check_outline(who, f"outlines_m[{k}]", outline)
     if not np.array_equal(outlines[0], track.outline_m):

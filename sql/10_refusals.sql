@@ -6,7 +6,7 @@
 -- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
 -- ZC013 wrong_sequence (called out of order, or in a transaction where it cannot work)
 -- ZC014 not_current (in time)   ZC015 not_answered (in time)
--- ZC016 invalid_plan
+-- ZC016 invalid_plan             ZC017 too_large
 --
 -- What functions of SECURITY DEFINER call finds names where only the owner of conflictdb may put some: beside those of
 -- PostGIS a user could define a function or an operator that fits better than the one that was meant.

@@ -28,6 +28,32 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object of at most 100 levels whose numbers are those of a double.';
 
+CREATE OR REPLACE FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    -- What conflictdb.model takes too (MAX_POINTS).
+    c_most CONSTANT integer := 1000000;
+    v_name text := 'conflictdb.' || p_limit;
+    v_given text := nullif(current_setting(v_name, true), '');
+BEGIN
+    IF v_given !~ '^[0-9]{1,9}$' THEN
+        PERFORM _refuse('ZC009', 'setting ' || v_name, p_limit,
+                        format('must be a whole number from 0 to %s; got %L', c_most, v_given), 'limit_is_number',
+                        format('ALTER DATABASE %I RESET %s', current_database(), v_name));
+    END IF;
+    IF p_points > least(v_given::integer, c_most) THEN
+        PERFORM _refuse('ZC017', p_who, p_field,
+                        format('must have at most %s %s; got %s', least(v_given::integer, c_most),
+                               replace(p_limit, 'max_', ''), p_points), 'size_within_limit',
+                        format('Simplify it, or split it into several objects; %s is the limit, at most %s.', v_name,
+                               c_most));
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_size(text, text, bigint, text) IS
+'Refuses what has more points than a setting of the database or role says (conflictdb.max_vertices or '
+'conflictdb.max_waypoints), or than 1,000,000.';
+
 CREATE OR REPLACE FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

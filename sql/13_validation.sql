@@ -66,6 +66,7 @@ BEGIN
         PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
                         'footprint_not_empty');
     END IF;
+    PERFORM _check_size(v_who, 'footprint', ST_NPoints(NEW.footprint), 'max_vertices');
     v_reason := ST_IsValidReason(NEW.footprint);
     IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(NEW.footprint) <= 89 AND ST_YMin(NEW.footprint) >= -89
             AND ST_XMax(NEW.footprint) <= 360 AND ST_XMin(NEW.footprint) >= -360) THEN
@@ -159,6 +160,10 @@ BEGIN
     IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
         PERFORM _refuse('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
     END IF;
+    PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
+    IF NEW.outlines IS NOT NULL THEN
+        PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
+    END IF;
     IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
         PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
     END IF;
@@ -180,6 +185,12 @@ BEGIN
        OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
         PERFORM _refuse('ZC006', v_who, 'outline',
                         'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
+    END IF;
+    -- The kernel's limit; the first vertex stands twice.
+    IF ST_NPoints(NEW.outline) > 10001 THEN
+        PERFORM _refuse('ZC006', v_who, 'outline',
+                        format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
+                        'outline_corners', 'ST_Simplify leaves fewer.');
     END IF;
     v_widest := coalesce(NEW.outlines, NEW.outline);
     IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508

@@ -44,6 +44,7 @@ BEGIN
         PERFORM _refuse('ZC001', c_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
                         'geometry_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
     END IF;
+    PERFORM _check_size(c_who, 'geometry', ST_NPoints(p_geometry), 'max_vertices');
     PERFORM _check_coordinates(c_who, 'geometry', p_geometry, NULL);
     IF NOT (ST_IsValidDetail(p_geometry)).valid THEN
         PERFORM _refuse('ZC001', c_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),

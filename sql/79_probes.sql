@@ -110,6 +110,7 @@ BEGIN
                         coalesce(GeometryType(p_outline), 'null')), 'outline_polygon',
                         'rectangle_outline() makes one.');
     END IF;
+    PERFORM _check_size(c_who, 'path', ST_NPoints(p_path), 'max_waypoints');
     -- What else is wrong with it the worker tells; times that are no numbers would not get there.
     IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' THEN
         PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');

@@ -724,6 +724,9 @@ FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double pr
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 

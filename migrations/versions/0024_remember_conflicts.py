@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "fcbd5d02efc68fa98a2bbfd15460eab9f9e8c351bda9fedb3edae108fe7fe575"
+routines_sha256 = "cc84ef7bbdb4dabf480f7f685b7c83f034c9ff704e6698db7b9677b5612bc2e3"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """
