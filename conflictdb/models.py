@@ -2,7 +2,8 @@
 
 Needs the extra `sqlalchemy`: ``pip install 'conflictdb[sqlalchemy]'``. The columns are as docs/reference/sql.md says:
 tests keep names, types and nullability equal to the database. Rows of `Scene`, `Area` and `Track` can be added, changed
-and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``.
+and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``. The views ``map_...``
+repeat the same as layers for maps, and have none.
 """
 
 from collections.abc import Sequence
