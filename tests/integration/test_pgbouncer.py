@@ -116,7 +116,10 @@ def test_a_detection_leaves_no_lock_in_the_pool(dsn: str, pooled: str) -> None:
             assert first.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
             assert second.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
             with psycopg.connect(dsn, autocommit=True) as direct:
-                sessions.update(direct.execute("SELECT pid FROM pg_locks WHERE locktype = 'advisory'").fetchall())
+                # The server has databases of other tests, too.
+                held = "SELECT pid FROM pg_locks l JOIN pg_database d ON d.oid = l.database AND d.datname = %s"
+                name = direct.info.dbname
+                sessions.update(direct.execute(f"{held} WHERE locktype = 'advisory'".encode(), [name]).fetchall())
     assert sessions == set()
 
 
