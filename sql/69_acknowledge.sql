@@ -25,8 +25,6 @@ COMMENT ON FUNCTION _known_conflict(text, text, text) IS
 CREATE OR REPLACE FUNCTION _end_acknowledgement(p_conflict_id bigint) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- One after the other: each ends what the other one began.
-    PERFORM pg_advisory_xact_lock(hashtext('conflictdb acknowledgement'), hashint8(p_conflict_id));
     UPDATE acknowledgement k SET ended_at = now(), ended_by = current_user
         WHERE k.conflict_id = p_conflict_id AND k.ended_at IS NULL;
     RETURN FOUND;
@@ -52,12 +50,17 @@ BEGIN
         PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
     END IF;
-    PERFORM _end_acknowledgement(v_conflict.conflict_id);
-    INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s,
-                                 closest_m, closest_error_m)
-        VALUES (v_conflict.scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
-                v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
-                v_conflict.closest_error_m);
+    -- One after the other, by the index that lets one row be open: each ends what the other one began.
+    LOOP
+        PERFORM _end_acknowledgement(v_conflict.conflict_id);
+        INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict,
+                                     time_error_s, closest_m, closest_error_m)
+            VALUES (v_conflict.scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
+                    v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
+                    v_conflict.closest_error_m)
+            ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
+        EXIT WHEN FOUND;
+    END LOOP;
     RETURN v_conflict.conflict_id;
 END
 $$;

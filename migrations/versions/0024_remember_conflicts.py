@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "cc84ef7bbdb4dabf480f7f685b7c83f034c9ff704e6698db7b9677b5612bc2e3"
+routines_sha256 = "61a42c7cd451ed79b85b7760b304d8c82b368c4cffc851572959497071b448c3"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

@@ -1,6 +1,7 @@
 """A conflict has a life: it opens, changes, closes; what was known when stays known, and who has taken note of it."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from itertools import takewhile
 from typing import Any
@@ -296,6 +297,30 @@ def test_editors_acknowledge_in_their_own_name_only_and_readers_read(scene: Conn
         scene.execute("RESET ROLE")
         scene.execute(sql.SQL("DROP ROLE {}").format(sql.Identifier(user)))
         scene.commit()
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_of_two_who_acknowledge_at_once_the_second_waits_and_replaces_the_first(
+    scene: Conn, dsn: str, before: bool
+) -> None:
+    acknowledge = "SELECT conflictdb.acknowledge('s', 'A', 'B', %s)"
+    if before:
+        rows(scene, acknowledge, "zeroth")
+    waits = "SELECT FROM pg_locks WHERE pid = %s AND NOT granted"
+    with psycopg.connect(dsn) as second, ThreadPoolExecutor(1) as beside:
+        scene.execute(acknowledge.encode(), ["first"])
+        # Anybody who can connect could hold one, and hold up everybody.
+        held = scene.execute("SELECT FROM pg_locks WHERE locktype = 'advisory' AND pid = pg_backend_pid()")
+        assert held.rowcount == 0
+        later = beside.submit(rows, second, acknowledge, "second")
+        with psycopg.connect(dsn, autocommit=True) as watcher:
+            while watcher.execute(waits, [second.info.backend_pid]).rowcount == 0:
+                assert not later.done()
+        scene.commit()
+        later.result(timeout=10)
+    states = rows(scene, "SELECT reason, state FROM conflictdb.acknowledgements ORDER BY acknowledged_at")
+    assert states[-2:] == [("first", "ended"), ("second", "holds")]
+    assert [state for _, state in states[:-2]] == ["ended"] * before
 
 
 @pytest.mark.parametrize("name", ["s", 'a "quoted" \\ scene', "\x01" * 1000])
