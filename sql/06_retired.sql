@@ -17,6 +17,7 @@ BEGIN
                OR 'starts' = ANY (p.proargnames) AND p.proname = '_conflicts'
                OR NOT 'p_only_near' = ANY (p.proargnames) AND p.proname = '_approaches'
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
+               OR NOT 'places' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
                OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,

@@ -70,47 +70,68 @@ COMMENT ON FUNCTION _conflict_region(
 'not find it out: great circles, and what could not be cut or solved.';
 
 CREATE OR REPLACE FUNCTION _known_conflicts(
-    p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint,
-    OUT place tid
-) RETURNS SETOF record
+    p_scene_id bigint, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea,
+    OUT places bytea
+)
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- By the indexes, whatever the statistics know, and planned once in a session.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
-#variable_conflict use_column
+-- By the indexes, whatever the statistics know, planned once in a session; all of a scene in the order of their places.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 DECLARE
     -- Beyond so many changed objects, reading all conflicts of the scene costs less than looking up those of each.
     c_few CONSTANT integer := 1000;
     v_kinds smallint[];
     v_ids bigint[];
+    v_is_few boolean;
+    v_is_all boolean;
 BEGIN
     PERFORM _require_snapshot();
     SELECT coalesce(array_agg(d.object_kind), '{}'), coalesce(array_agg(d.object_id), '{}') INTO v_kinds, v_ids
         FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
               WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT c_few + 1) d;
-    IF cardinality(v_ids) <= c_few THEN
-        RETURN QUERY
-            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM unnest(v_kinds, v_ids) d (kind, id)
-            JOIN conflict c ON c.a_kind = d.kind AND c.a_id = d.id WHERE c.scene_id + 0 = p_scene_id
-            UNION ALL
-            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM unnest(v_kinds, v_ids) d (kind, id)
-            JOIN conflict c ON c.b_kind = d.kind AND c.b_id = d.id WHERE c.scene_id + 0 = p_scene_id;
-    ELSIF _is_all_dirty(p_scene_id) THEN
-        RETURN QUERY
-            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c WHERE c.scene_id = p_scene_id;
-    ELSE
-        RETURN QUERY
-            SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
-            WHERE c.scene_id = p_scene_id
-              AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                           AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
-                   OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                              AND m.object_kind = c.b_kind AND m.object_id = c.b_id));
-    END IF;
+    v_is_few := cardinality(v_ids) <= c_few;
+    v_is_all := NOT v_is_few AND _is_all_dirty(p_scene_id);
+    SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
+           array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
+           array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
+        INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
+        -- OFFSET 0: each object is looked up, however many conflicts the planner believes there are.
+        FROM (SELECT o.* FROM unnest(v_kinds, v_ids) d (kind, id)
+              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid AS place FROM conflict c
+                                  WHERE c.a_kind = d.kind AND c.a_id = d.id AND c.scene_id + 0 = p_scene_id
+                                  OFFSET 0) o
+              WHERE v_is_few
+              UNION ALL
+              SELECT o.* FROM unnest(v_kinds, v_ids) d (kind, id)
+              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+                                  WHERE c.b_kind = d.kind AND c.b_id = d.id AND c.scene_id + 0 = p_scene_id
+                                  OFFSET 0) o
+              WHERE v_is_few
+              UNION ALL
+              SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+              WHERE v_is_all AND c.scene_id = p_scene_id
+              UNION ALL
+              SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+              WHERE NOT v_is_few AND NOT v_is_all AND c.scene_id = p_scene_id
+                AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                             AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+                     OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                                AND m.object_kind = c.b_kind AND m.object_id = c.b_id))) k;
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts(bigint) IS
-'The conflicts of a scene that have a changed member, for COPY: those that a detection replaces, and where '
-'they are for the rest of the transaction. A pair may come twice.';
+'The conflicts of a scene that have a changed member: those that a detection replaces, and where they are for the rest '
+'of the transaction. Each column as the bytes of an array (array_send). A pair may come twice.';
+
+CREATE OR REPLACE FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+-- In the order of their places.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
+BEGIN
+    SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
+        FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
+END
+$$;
+COMMENT ON FUNCTION _count_conflicts(bigint) IS 'How many conflicts a scene has, and how many of these are unresolved.';
 
 CREATE OR REPLACE FUNCTION _begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
 LANGUAGE sql VOLATILE
@@ -309,8 +330,7 @@ BEGIN
     DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
     GET DIAGNOSTICS v_marks = ROW_COUNT;
     IF v_is_first OR v_marks > c_few THEN
-        SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
-            FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
+        SELECT n.conflicts, n.unresolved INTO conflicts, unresolved FROM _count_conflicts(p_scene_id) n;
     END IF;
     UPDATE run r SET finished_at = clock_timestamp(), settings = n.settings, candidate_pairs = n.candidate_pairs,
                      intersecting_pairs = n.intersecting_pairs, window_pairs = n.window_pairs,

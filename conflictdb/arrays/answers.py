@@ -1,11 +1,13 @@
 """Answers as arrays: when pairs of pieces are in contact, and what is stored of pairs of objects."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from conflictdb.arrays.ragged import ragged_rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,10 @@ class Contacts:
         return cls(*(column[order] for column in columns))
 
 
+def _unknown(rows: NDArray[np.int64]) -> NDArray[np.object_]:
+    return np.full(len(rows), None, dtype=object)
+
+
 @dataclass(frozen=True, slots=True)
 class Conflicts:
     """n pairs of objects that interfere, or might, or come near each other (these have no periods).
@@ -65,7 +71,7 @@ class Conflicts:
         may be; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
-    region : (n,) geometries   where, longitude and latitude; None where that is not known; None if nobody asked
+    where : finds out where some rows (k,) interfere: (k,) polygons, longitude and latitude; None where it is not known
     """
 
     a_kind: NDArray[np.int8]
@@ -84,23 +90,34 @@ class Conflicts:
     closest_error_m: NDArray[np.float64]
     closest_a_deg: NDArray[np.float64]
     closest_b_deg: NDArray[np.float64]
-    region: NDArray[np.object_] | None = None
+    where: Callable[[NDArray[np.int64]], NDArray[np.object_]] = _unknown
 
     def __len__(self) -> int:
         return len(self.a_id)
 
+    def take(self, rows: NDArray[np.int64]) -> "Conflicts":
+        """Return some of the rows (k,), without `where`."""
+        offset, periods = ragged_rows(self.period_offset, rows)
+        taken: dict[str, Any] = {
+            column.name: getattr(self, column.name)[rows] for column in fields(self) if column.name not in _OWN_WAY
+        }
+        taken |= {"period_us": self.period_us[periods], "period_offset": offset}
+        return Conflicts(**taken)
+
     @classmethod
     def concatenate(cls, batches: Sequence["Conflicts"]) -> Self:
-        """Return the conflicts of all batches in one; at least one batch."""
-        columns = {}
+        """Return the conflicts of all batches in one, without `where`; at least one batch."""
+        columns: dict[str, Any] = {}
         for column in fields(cls):
+            if column.name == "where":
+                continue
             parts = [getattr(batch, column.name) for batch in batches]
             if column.name == "period_offset":
                 ends = np.cumsum([0, *(part[-1] for part in parts)])
                 parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
-            if column.name == "region":
-                if all(part is None for part in parts):
-                    continue
-                parts = [np.full(len(batch), None) if batch.region is None else batch.region for batch in batches]
             columns[column.name] = np.concatenate(parts)
         return cls(**columns)
+
+
+# Of conflicts: the columns that are not one value a row.
+_OWN_WAY: Final = {"period_us", "period_offset", "where"}

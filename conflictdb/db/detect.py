@@ -291,10 +291,13 @@ def _refresh_conflicts(
     source = _SceneSource(conn, scene_id, way.memory)
     staged = store.begin_write(conn, scene_id, record)
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
-    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress, regions=True)
+    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
     for found, of_chunk in chunks:
-        store.stage(conn, staged, found)
+        for part in store.differing(staged, found):
+            store.stage(conn, staged, part, found.where(part.rows))
         funnel.add(of_chunk)
+        # Not kept while the next one is made.
+        del found, of_chunk
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
     outcome = store.end_write(conn, staged, replace(record, settings=kept, counted=counted))

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 11
+#define KERNEL_ABI 12
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -302,5 +302,9 @@ typedef struct {
 
 /* Write rows of bytes one after the other: of each row its parts, in their order. rows: (size,), which they fill. */
 KernelStatus kernel_interleave(const KernelPart *parts, int64_t part_count, int64_t count, uint8_t *rows, int64_t size);
+
+/* Digest rows of bytes, of each its parts in their order, by SipHash-2-4. key: (2,) words; digest: (count,) */
+KernelStatus kernel_digests(const KernelPart *parts, int64_t part_count, int64_t count, const uint64_t *key,
+                            uint64_t *digest);
 
 #endif

@@ -17,7 +17,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 11
+ABI: Final = 12
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -45,6 +45,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_references": (_POINTER,) * 4,
     "kernel_bounds": (_POINTER,) * 5,
     "kernel_interleave": (_POINTER, _COUNT, _COUNT, _POINTER, _COUNT),
+    "kernel_digests": (_POINTER, _COUNT, _COUNT, _POINTER, _POINTER),
     "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
     "kernel_convex_parts": (_POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
     "kernel_apart": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),

@@ -2,6 +2,8 @@
  *
  * What a haven sweeps lies in the convex hull of its places at both ends of the time, grown by what vertices may leave
  * it between (mover_sweep) and by half of the distance at which pairs are wanted apart. Mercator planes only.
+ *
+ * Where what is answered changes, EDITION of pipeline/regions.py goes up: databases then write regions anew.
  */
 #include <stdlib.h>
 

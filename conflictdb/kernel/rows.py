@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,27 @@ class _HeldPart(ctypes.Structure):
 
 def interleaved(parts: Sequence[Part]) -> Bytes:
     """Return the bytes of n rows, one after the other: of each row those of its parts (one at least) in their order."""
+    held, kept, n, total = _held(parts)
+    rows = np.empty(total, np.uint8)
+    check(library().kernel_interleave(held, len(parts), n, rows.ctypes.data, total))
+    del kept
+    return rows
+
+
+def digests(parts: Sequence[Part], key: bytes) -> NDArray[np.uint64]:
+    """Return digests (n,) of rows as `interleaved` makes them, under a key of 16 bytes: SipHash-2-4."""
+    held, kept, n, _ = _held(parts)
+    words, found = np.frombuffer(key, "<u8", 2).astype(np.uint64), np.empty(n, np.uint64)
+    check(library().kernel_digests(held, len(parts), n, words.ctypes.data, found.ctypes.data))
+    del kept
+    return found
+
+
+def _held(parts: Sequence[Part]) -> tuple[ctypes.Array[_HeldPart], list[Any], int, int]:
+    """Return parts as the kernel takes them, what must be kept meanwhile, how many rows and how many bytes they are."""
     held = (_HeldPart * len(parts))()
-    kept, n, total = [], 0, 0
+    kept: list[Any] = []
+    n, total = 0, 0
     for one, part in zip(held, parts, strict=True):
         if isinstance(part, tuple):
             data, offset = np.ascontiguousarray(part[0]), np.ascontiguousarray(part[1], np.int64)
@@ -40,6 +59,4 @@ def interleaved(parts: Sequence[Part]) -> Bytes:
             n, total = len(data), total + data.size
             one.data, one.size, one.width = data.ctypes.data, data.size, data.shape[1]
             kept.append(data)
-    rows = np.empty(total, np.uint8)
-    check(library().kernel_interleave(held, len(parts), n, rows.ctypes.data, total))
-    return rows
+    return held, kept, n, total

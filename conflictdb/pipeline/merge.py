@@ -14,7 +14,7 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import numbered, object_keys, ordered_members
-from conflictdb.pipeline.regions import regions_of
+from conflictdb.pipeline.regions import Meetings
 from conflictdb.pipeline.whole_areas import Footprints, deep_in_whole_areas
 from conflictdb.results import Kind, Verdict
 from conflictdb.stage4.meeting import meeting_points
@@ -27,15 +27,15 @@ def merged_by_object(
     pairs: Pairs,
     contacts: Contacts,
     footprints: Footprints,
-    *,
-    regions: bool = False,
     threads: int = 1,
-) -> Conflicts:
-    """Return one row per pair of objects with a contact; closest approaches are still missing but of what meets.
+) -> tuple[Conflicts, Meetings]:
+    """Return one row per pair of objects with a contact, and where they are.
+
+    Closest approaches are still missing but of what meets.
 
     prepared : the pieces of the pairs
     footprints : asked for whole areas where contacts are shallow in all parts of one
-    regions : whether to find out where they are
+    threads : of the kernel, where regions are found out
     """
     pieces = prepared.pieces
     a, b, _ = ordered_members(pieces, pairs)
@@ -83,7 +83,7 @@ def merged_by_object(
     nothing = np.where(meet, 0.0, np.nan)
     place = np.where(meet[:, None], first_contact_deg, np.nan)
     member_a, member_b = a[earliest], b[earliest]
-    return Conflicts(
+    conflicts = Conflicts(
         a_kind=pieces.kind[member_a],
         a_id=pieces.object_id[member_a],
         a_version=pieces.version[member_a],
@@ -100,20 +100,11 @@ def merged_by_object(
         closest_error_m=nothing,
         closest_a_deg=place,
         closest_b_deg=place,
-        region=regions_of(
-            scene,
-            plane,
-            prepared,
-            # As in the pair: in the order of their keys, whatever their numbers are.
-            PieceRows(pairs.a[contacts.pair[order]]),
-            PieceRows(pairs.b[contacts.pair[order]]),
-            (contacts.start_s[order], contacts.end_s[order]),
-            group,
-            threads=threads,
-        )
-        if regions
-        else None,
     )
+    # As in the pair: in the order of their keys, whatever their numbers are.
+    one, other = (PieceRows(member[contacts.pair[order]]) for member in (pairs.a, pairs.b))
+    times = contacts.start_s[order], contacts.end_s[order]
+    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, threads)
 
 
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:

@@ -1,5 +1,8 @@
 """Where pairs of objects interfere, in longitude and latitude."""
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -7,12 +10,15 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pieces import PieceRows
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.regions import regions
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import COVER
 
+# Goes up where the regions of the same answers become others: what a database holds is then written anew.
+EDITION: Final = 1
 _SRID = 4326
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
@@ -20,6 +26,42 @@ _STRAIGHT_M = 100.0
 # PostgreSQL can print. With fewer, sides of so large a region bend by some metres.
 _MOST_CORNERS = 20_000
 _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
+
+
+@dataclass(frozen=True, slots=True)
+class Meetings:
+    """Where n pairs of objects interfere, found out for those that are asked for.
+
+    prepared : the pieces of the contacts
+    a, b : (m,) the prepared pieces of each contact
+    start_s, end_s : (m,) from when to when after the start of what they share; infinite of areas that are always there
+    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), one at least
+    threads : of the kernel; the answer does not depend on it
+    """
+
+    scene: Scene
+    plane: Plane
+    prepared: kernel.Scene
+    a: PieceRows
+    b: PieceRows
+    start_s: Floats
+    end_s: Floats
+    offset: NDArray[np.int64]
+    threads: int
+
+    def regions(self, rows: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Return the regions of pairs (k,): polygons, valid, cut at the seam; None where that is not known.
+
+        Rows from n on are of pairs without a contact: nothing is known of where these are.
+        """
+        found = np.full(len(rows), None, dtype=object)
+        in_contact = np.flatnonzero(rows < len(self.offset) - 1)
+        offset, contacts = ragged_rows(self.offset, rows[in_contact])
+        group = np.repeat(np.arange(len(in_contact)), np.diff(offset))
+        times = self.start_s[contacts], self.end_s[contacts]
+        a, b = PieceRows(self.a[contacts]), PieceRows(self.b[contacts])
+        found[in_contact] = regions_of(self.scene, self.plane, self.prepared, a, b, times, group, threads=self.threads)
+        return found
 
 
 def regions_of(

@@ -38,12 +38,11 @@ def run_scene(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-    regions: bool = False,
 ) -> Iterator[tuple[Conflicts, Funnel]]:
     """Yield the conflicts among the pieces of a source, a chunk of its pairs at a time, and what was counted for each.
 
     plane : of the scene, which the pieces were made in
-    jobs, progress, regions : see `run_stages`
+    jobs, progress : see `run_stages`
     """
     solved = 0
     chunks = source.candidates()
@@ -65,7 +64,6 @@ def run_scene(
             source.footprints,
             jobs=jobs,
             progress=_after(solved, progress),
-            regions=regions,
         )
         funnel.candidate_pairs, funnel.intersecting_pairs = len(a), len(pairs)
         funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
@@ -73,6 +71,7 @@ def run_scene(
         # Not kept while the next one is made.
         del chunk, pieces, a, b, pairs
         yield found, funnel
+        del found, funnel
 
 
 def _after(decided: int, progress: Progress | None) -> Progress | None:
@@ -91,7 +90,6 @@ def run_stages(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-    regions: bool = False,
 ) -> tuple[Conflicts, Funnel]:
     """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
 
@@ -99,7 +97,6 @@ def run_stages(
     footprints : asked for whole areas where contacts are shallow in all parts of one
     jobs : threads of the kernel; the answer does not depend on it
     progress : told how many pairs are decided, and of how many
-    regions : whether to find out where objects interfere
     """
     funnel = Funnel()
     started = time.perf_counter()
@@ -136,11 +133,18 @@ def run_stages(
             parts.append(solved.of_pairs(moving))
     found = Contacts.concatenate(parts)
     funnel.met_pairs = len(np.unique(found.pair))
-    conflicts = merged_by_object(scene, plane, prepared, pairs, found, footprints, regions=regions, threads=jobs)
+    conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs)
     if method.solver is not None:
         conflicts = with_closest_approaches(scene, prepared, pairs, found, conflicts, funnel.effort.exact, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
-    return conflicts, funnel
+
+    def where(rows: NDArray[np.int64]) -> NDArray[np.object_]:
+        began = time.perf_counter()
+        found = meetings.regions(rows)
+        funnel.stage4_s += time.perf_counter() - began
+        return found
+
+    return replace(conflicts, where=where), funnel
 
 
 def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | None:

@@ -760,6 +760,9 @@ FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
 FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision, OUT dx double precision, OUT dy double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
+
 FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
     RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -880,8 +883,8 @@ FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kind smallint, OUT a_id bigint, OUT b_kind smallint, OUT b_id bigint, OUT digest bigint, OUT place tid)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;

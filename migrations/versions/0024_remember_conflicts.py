@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "61a42c7cd451ed79b85b7760b304d8c82b368c4cffc851572959497071b448c3"
+routines_sha256 = "0aa73028c12e64e6bcfd873385810eba89ffdaf6d4093de745c1dd3a61d8be18"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

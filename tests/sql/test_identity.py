@@ -5,7 +5,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from piecework import load, refresh
+from piecework import load, refresh, stage
 from workloads import PAPER, throw
 
 from conflictdb.db import store
@@ -147,7 +147,7 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
     staged = store.begin_write(conn, scene_id, run)
     ((found, _),) = run_scene(settings, plane_of(settings), _SceneSource(conn, scene_id))
     assert len(found) == 1
-    store.stage(conn, staged, found)
+    stage(conn, staged, found)
     store.end_write(conn, staged, run)
     conn.commit()
     assert pairs(conn, "conflicts WHERE scene = 'one'") == []

@@ -10,15 +10,18 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from numpy.typing import NDArray
 from piecework import load, refresh, write_run
 from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
+from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import writing
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
+from conflictdb.pipeline.regions import Meetings
 from conflictdb.results import Verdict
 
 Conn = psycopg.Connection[Any]
@@ -237,6 +240,32 @@ def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id:
     assert not written(replace(RECORD, method="exact"))
     conn.execute("UPDATE conflictdb.conflict SET digest = DEFAULT")
     assert written(replace(RECORD, method="exact"))
+
+
+def test_where_is_found_out_for_what_differs_alone(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a real detection: again in full it asks for no region, and what is written anew has the same."""
+    asked: list[int] = []
+    regions = Meetings.regions
+
+    def counted(self: Meetings, rows: NDArray[np.int64]) -> NDArray[np.object_]:
+        asked.append(len(rows))
+        return regions(self, rows)
+
+    monkeypatch.setattr(Meetings, "regions", counted)
+    where = "SELECT a_key, b_key, ST_AsEWKT(region) FROM conflictdb.conflict ORDER BY a_key, b_key"
+    first = detect_scene(conn, "s", full=True)
+    assert sum(asked) == first.conflicts > 0
+    before = conn.execute(where).fetchall()
+    conn.commit()
+    asked.clear()
+    detect_scene(conn, "s", full=True)
+    assert asked == []
+    conn.execute("UPDATE conflictdb.conflict SET digest = 1, region = NULL")
+    conn.commit()
+    detect_scene(conn, "s", full=True)
+    assert sum(asked) == first.conflicts
+    assert conn.execute(where).fetchall() == before
+    assert all(region for *_, region in before)
 
 
 def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:

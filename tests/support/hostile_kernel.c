@@ -88,7 +88,7 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
     free(hull), free(deviation), free(size), free(offset);
 }
 
-/* Lay parts of a few bytes side by side, with offsets that now and then lead elsewhere. */
+/* Lay parts of a few bytes side by side, and digest them, with offsets that now and then lead elsewhere. */
 static void lay_rows(int64_t odd, int64_t calls[16]) {
     const int64_t n = below(6), width = below(4), size = n * width, room = 2 * size + (below(odd) ? 0 : below(9) - 4);
     uint8_t *data = block(size, 1), *rows = block(room < 0 ? 0 : room, 1);
@@ -96,8 +96,11 @@ static void lay_rows(int64_t odd, int64_t calls[16]) {
     for (int64_t i = 0; i < size; i++) data[i] = (uint8_t)draw();
     for (int64_t i = 0; i <= n; i++) offset[i] = below(odd) ? i * width : instant(-2, 20, 2);
     const KernelPart parts[] = {{data, size, NULL, width}, {data, size, offset, 0}};
+    const uint64_t key[] = {(uint64_t)draw(), (uint64_t)draw()};
+    uint64_t *digest = block(n, 8);
     calls[kernel_interleave(parts, 2, n, rows, room)]++;
-    free(data), free(rows), free(offset);
+    calls[kernel_digests(parts, 2, n, key, digest)]++;
+    free(data), free(rows), free(offset), free(digest);
 }
 
 /* Join triangles whose corners are often the same, of a few polygons; now and then far off, or no numbers. */

@@ -1,16 +1,14 @@
 """Takes a scene through transaction 1, and says by brute force what stages 1 and 2 must find in it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import psycopg
 import shapely
-from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.db import store
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
@@ -56,19 +54,14 @@ def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts)
     """Write back what was found, in two parts, in the open transaction."""
     staged = store.begin_write(conn, scene_id, run)
     for rows in np.array_split(np.arange(len(found)), 2):
-        store.stage(conn, staged, _some(found, rows))
+        stage(conn, staged, found.take(rows))
     return store.end_write(conn, staged, run)
 
 
-def _some(found: Conflicts, rows: NDArray[np.int64]) -> Conflicts:
-    period_offset, index = ragged_rows(found.period_offset, rows)
-    columns = {column.name: getattr(found, column.name) for column in fields(found)}
-    columns = {
-        name: None if values is None else values[rows]
-        for name, values in columns.items()
-        if not name.startswith("period_")
-    }
-    return Conflicts(**columns, period_us=found.period_us[index], period_offset=period_offset)
+def stage(conn: Conn, staged: store.Staged, found: Conflicts) -> None:
+    """Hand over a part of what was found, as a detection does."""
+    for part in store.differing(staged, found):
+        store.stage(conn, staged, part, found.where(part.rows))
 
 
 def stored_pieces(conn: Conn, scene_id: int) -> list[Stored]:

@@ -76,7 +76,16 @@ from conflictdb.db.store.reading import (
     wait_until_current,
 )
 from conflictdb.db.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
-from conflictdb.db.store.writing import RunOutcome, RunRecord, Staged, begin_write, end_write, record_failure, stage
+from conflictdb.db.store.writing import (
+    RunOutcome,
+    RunRecord,
+    Staged,
+    begin_write,
+    differing,
+    end_write,
+    record_failure,
+    stage,
+)
 
 __all__ = [
     "SAY_AFTER_S",
@@ -117,6 +126,7 @@ __all__ = [
     "conflicts_known_at",
     "connect",
     "detach",
+    "differing",
     "dirty_objects",
     "each_approach",
     "each_conflict",

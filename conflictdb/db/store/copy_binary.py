@@ -13,7 +13,7 @@ import numpy as np
 import psycopg
 from numpy.typing import ArrayLike, NDArray
 
-from conflictdb.db.store.connection import translated
+from conflictdb.db.store.connection import call, translated
 from conflictdb.db.store.parameters import Array
 from conflictdb.kernel.rows import Part, interleaved
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
@@ -28,6 +28,8 @@ _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
 _ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of what is sent
 _CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
+
+_ARRAY_HEADER: Final = 20  # of one dimension; of none there are 12 bytes and no values
 
 # Numbers of the types of elements of arrays (pg_type.dat), the same on every server.
 _OID: Final = {
@@ -272,6 +274,20 @@ def receive(
     statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
     with translated(), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
         return decoded(copy, dtype, ragged)
+
+
+def receive_arrays(
+    conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object], dtype: Sequence[tuple[str, str]]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of a routine that gives each as one array (array_send), none of whose values is null.
+
+    A fifth of the time of `receive`, which takes rows one by one.
+    """
+    columns = {}
+    for (name, kind), sent in zip(dtype, call(conn, routine, *arguments), strict=True):
+        values = np.frombuffer(sent[_ARRAY_HEADER:], [("length", ">i4"), ("value", f">{kind}")])
+        columns[name] = _native(values["value"])
+    return columns
 
 
 def decoded(

@@ -4,10 +4,8 @@ A row carries a digest of what was written and under which settings. So what did
 or read: 64 bits, by which two different answers for one pair are taken for the same once in 2^64 times.
 """
 
-import hashlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Final, Self
 
 import numpy as np
@@ -15,8 +13,9 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.db.store import copy_binary
-from conflictdb.kernel.rows import interleaved
+from conflictdb.kernel import rows
 
+# What _known_conflicts gives arrays of.
 _COLUMNS: Final = [
     ("a_kind", "i2"),
     ("a_id", "i8"),
@@ -25,6 +24,7 @@ _COLUMNS: Final = [
     ("digest", "i8"),
     ("place", "V6"),
 ]
+DIGEST_KEY_BYTES: Final = 16
 _KIND_BIT: Final = 62  # above the numbers of all objects
 
 
@@ -58,12 +58,12 @@ class KnownPairs:
     @classmethod
     def read(cls, conn: psycopg.Connection[Any], scene_id: int) -> Self:
         """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot."""
-        rows, _ = copy_binary.receive(conn, "_known_conflicts", [scene_id], _COLUMNS)
+        known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id], _COLUMNS)
         return cls(
-            _numbers(rows["a_kind"], rows["a_id"]),
-            _numbers(rows["b_kind"], rows["b_id"]),
-            rows["digest"],
-            rows["place"].view(np.uint8).reshape(-1, 6),
+            _numbers(known["a_kind"], known["a_id"]),
+            _numbers(known["b_kind"], known["b_id"]),
+            known["digest"],
+            known["place"].view(np.uint8).reshape(-1, 6),
         )
 
     def find(
@@ -89,34 +89,28 @@ class KnownPairs:
         self._is_found[row] = True
         return found, is_same
 
-    def places(self, rows: NDArray[np.int64]) -> copy_binary.Ragged:
+    def places(self, of: NDArray[np.int64]) -> copy_binary.Ragged:
         """Return a column of tid: where rows (n,) are, null for -1."""
-        place = np.zeros((len(rows), 6), np.uint8)
-        known = np.flatnonzero(rows >= 0)
-        place[known] = self._place[rows[known]]
-        return copy_binary.nullable(place, rows < 0)
+        place = np.zeros((len(of), 6), np.uint8)
+        known = np.flatnonzero(of >= 0)
+        place[known] = self._place[of[known]]
+        return copy_binary.nullable(place, of < 0)
 
     def gone(self) -> Gone:
         """Return the pairs that were not found again."""
-        rows = np.flatnonzero(~self._is_found)
-        (a_kind, a_id), (b_kind, b_id) = (_kinds_and_ids(one[rows]) for one in (self._first, self._second))
-        return Gone(a_kind, a_id, b_kind, b_id, rows)
+        gone = np.flatnonzero(~self._is_found)
+        (a_kind, a_id), (b_kind, b_id) = (_kinds_and_ids(one[gone]) for one in (self._first, self._second))
+        return Gone(a_kind, a_id, b_kind, b_id, gone)
 
     def _pairs(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return a number (n,) for each pair of members: another one for another pair, if all of them are known."""
         return np.searchsorted(self._objects, first) * (len(self._objects) + 1) + np.searchsorted(self._objects, second)
 
 
-def digests(columns: Iterable[copy_binary.Column], key: bytes) -> NDArray[np.int64]:
-    """Return digests (n,) of rows under a key of 64 bytes at most; none is 0, which stands for none."""
-    parts, size = [], np.zeros(1, np.int64)
-    for column in columns:
-        fields = copy_binary.fields(column)
-        parts += fields
-        size = size + sum(np.diff(part[1]) if isinstance(part, tuple) else part.shape[1] for part in fields)
-    rows, ends = interleaved(parts).tobytes(), copy_binary.offsets(size).tolist()
-    found = [hashlib.blake2b(rows[start:end], digest_size=8, key=key).digest() for start, end in pairwise(ends)]
-    return np.maximum(np.frombuffer(b"".join(found), np.uint64), 1).astype(np.int64)
+def digests(columns: Sequence[copy_binary.Column], key: bytes) -> NDArray[np.int64]:
+    """Return digests (n,) of rows, of the bytes of their columns; none is 0, which stands for none."""
+    parts = [column if isinstance(column, np.ndarray) else (column.data, column.offset) for column in columns]
+    return np.maximum(rows.digests(parts, key), 1).astype(np.int64)
 
 
 def _numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:

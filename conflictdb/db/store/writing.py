@@ -1,16 +1,17 @@
 """Write-back: what a detection found, in parts, then the run, all in its second transaction; and runs that failed.
 
-    begin_write; stage, as often as there are parts; end_write; commit
+    begin_write; as often as there are parts: differing, and stage for each that it yields; end_write; commit
 
-What is known of a pair has a digest: found again with the same one, it is neither sent nor written. What differs is
-sent some thousand rows at a time, the last of them with the run itself: by one statement, where little changed.
+What is known of a pair has a digest: found again with the same one, it is neither sent nor written, nor is it found out
+where it is. What differs is sent some thousand rows at a time, the last of them with the run itself: by one statement,
+where little changed.
 """
 
 import hashlib
 import json
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any, Final
 
@@ -22,15 +23,15 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.known_pairs import KnownPairs, digests
+from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
 from conflictdb.model import SINCE_EVER_US
+from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
 
 _SRID = 4326
 # Rows that are sent by one statement: enough to be worth it, little in memory.
 _ROWS_AT_ONCE: Final = 5_000
 _Columns = dict[str, copy_binary.Column]
-_Members = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 # What _write_run takes of a row, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
@@ -69,9 +70,9 @@ class RunRecord:
     counted: Mapping[str, float] = field(default_factory=dict)
 
     def digest_key(self) -> bytes:
-        """Return a key for digests of what is found: what is not known of that follows from the method and settings."""
-        told = json.dumps([self.method, self.settings], sort_keys=True)
-        return hashlib.blake2b(told.encode()).digest()
+        """Return a key for digests of what is found: what is not known of that follows from method and settings."""
+        told = json.dumps([self.method, self.settings, EDITION], sort_keys=True)
+        return hashlib.blake2b(told.encode(), digest_size=DIGEST_KEY_BYTES).digest()
 
     def as_json(self, **more: float) -> str:
         """Return it as the database takes it."""
@@ -91,6 +92,22 @@ class RunOutcome:
     closed: int
     conflicts: int
     unresolved: int
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some conflicts that differ from what is known.
+
+    rows : (k,) which they are of those that were found
+    conflicts : they, the object of the smaller kind and number first
+    row : (k,) the rows of the pairs that have one, else -1 (KnownPairs)
+    digest : (k,) of each
+    """
+
+    rows: NDArray[np.int64]
+    conflicts: Conflicts
+    row: NDArray[np.int64]
+    digest: NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -119,15 +136,28 @@ def begin_write(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord) ->
     return Staged(scene_id, run, known, took_s=time.perf_counter() - began)
 
 
-def stage(conn: psycopg.Connection[Any], staged: Staged, conflicts: Conflicts) -> None:
-    """Hand over a part of what was found; no pair of objects may be in two parts."""
+def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
+    """Yield, for `stage`, what differs from what is known of a part of what was found, some thousand rows at a time.
+
+    No pair of objects may be in two parts.
+    """
     began = time.perf_counter()
-    if len(conflicts):
-        columns, members = _columns(conflicts)
-        digest = digests(columns.values(), staged.run.digest_key())
-        row, is_same = staged.known.find(*members, digest)
-        columns |= {"place": staged.known.places(row), "digest": copy_binary.fixed(digest, "i8")}
-        _hold(conn, staged, columns, np.flatnonzero(~is_same))
+    found = _ordered(conflicts)
+    digest = _digests(found, staged.run.digest_key())
+    row, is_same = staged.known.find(found.a_kind, found.a_id, found.b_kind, found.b_id, digest)
+    rows = np.flatnonzero(~is_same)
+    staged.took_s += time.perf_counter() - began
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        some = rows[first : first + _ROWS_AT_ONCE]
+        yield Part(some, found.take(some), row[some], digest[some])
+
+
+def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: NDArray[np.object_]) -> None:
+    """Hand over what differs, and where it is: (k,) polygons, None where that is not known."""
+    began = time.perf_counter()
+    columns = _columns(part.conflicts, region)
+    columns |= {"place": staged.known.places(part.row), "digest": copy_binary.fixed(part.digest, "i8")}
+    _hold(conn, staged, columns, np.arange(len(part.rows)))
     staged.took_s += time.perf_counter() - began
 
 
@@ -164,35 +194,72 @@ def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord,
         return int(call(conn, "_record_failure", scene_id, run.as_json(), error)[0])
 
 
-def _columns(found: Conflicts) -> tuple[_Columns, _Members]:
-    """Return the columns of rows, the object of the smaller kind and number first, and kinds and numbers of both."""
+def _ordered(found: Conflicts) -> Conflicts:
+    """Return conflicts with the object of the smaller kind and number first."""
     turned = (found.a_kind > found.b_kind) | ((found.a_kind == found.b_kind) & (found.a_id > found.b_id))
+    if not turned.any():
+        return found
+    of_members: dict[str, Any] = {}
+    for name in ("kind", "id", "version"):
+        a, b = getattr(found, f"a_{name}"), getattr(found, f"b_{name}")
+        of_members |= {f"a_{name}": np.where(turned, b, a), f"b_{name}": np.where(turned, a, b)}
+    a_deg, b_deg = found.closest_a_deg, found.closest_b_deg
+    return replace(
+        found,
+        **of_members,
+        closest_a_deg=np.where(turned[:, None], b_deg, a_deg),
+        closest_b_deg=np.where(turned[:, None], a_deg, b_deg),
+    )
 
-    def first(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-        return np.where(turned if a.ndim == 1 else turned[:, None], b, a)
 
-    a_kind, a_id = first(found.a_kind, found.b_kind), first(found.a_id, found.b_id)
-    b_kind, b_id = first(found.b_kind, found.a_kind), first(found.b_id, found.a_id)
+def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
+    """Return digests (n,) of conflicts; none is 0, which stands for none.
+
+    Where they are follows from the rest: from both objects as of their versions, settings, times and how it is made,
+    which is what the key is of.
+    """
+    columns: list[copy_binary.Column] = [
+        copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, found.verdict)
+    ]
+    for numbers in (found.a_id, found.a_version, found.b_id, found.b_version, found.closest_us):
+        columns.append(copy_binary.fixed(numbers, "i8"))
+    for measures in (found.time_error_s, found.closest_m, found.closest_error_m):
+        columns.append(_digested(measures[:, None]))
+    columns += [_digested(places) for places in (found.first_contact_deg, found.closest_a_deg, found.closest_b_deg)]
+    # Alone of no fixed width: so no two rows are the same bytes.
+    columns.append(
+        copy_binary.Ragged(copy_binary.fixed(found.period_us.ravel(), "i8").ravel(), 16 * found.period_offset)
+    )
+    return digests(columns, key)
+
+
+def _digested(measures: NDArray[np.float64]) -> copy_binary.Bytes:
+    """Return numbers (n, k) as bytes: of what is none there is but one kind."""
+    whole = np.where(np.isnan(measures), np.nan, measures)
+    return copy_binary.fixed(whole.ravel(), "f8").reshape(len(measures), 8 * measures.shape[1])
+
+
+def _columns(found: Conflicts, region: NDArray[np.object_]) -> _Columns:
+    """Return the columns of rows."""
     is_known = np.isfinite(found.closest_m)
-    columns: _Columns = {
-        "a_kind": copy_binary.fixed(a_kind, "i2"),
-        "a_id": copy_binary.fixed(a_id, "i8"),
-        "a_version": copy_binary.fixed(first(found.a_version, found.b_version), "i8"),
-        "b_kind": copy_binary.fixed(b_kind, "i2"),
-        "b_id": copy_binary.fixed(b_id, "i8"),
-        "b_version": copy_binary.fixed(first(found.b_version, found.a_version), "i8"),
+    return {
+        "a_kind": copy_binary.fixed(found.a_kind, "i2"),
+        "a_id": copy_binary.fixed(found.a_id, "i8"),
+        "a_version": copy_binary.fixed(found.a_version, "i8"),
+        "b_kind": copy_binary.fixed(found.b_kind, "i2"),
+        "b_id": copy_binary.fixed(found.b_id, "i8"),
+        "b_version": copy_binary.fixed(found.b_version, "i8"),
         "verdict": _VERDICT_NAMES.take(found.verdict.astype(np.int64)),
         "periods": copy_binary.multispans(found.period_us, found.period_offset),
-        "region": _geometries(found),
+        "region": copy_binary.Ragged.of(shapely.to_wkb(region, byte_order=1, include_srid=True).tolist()),
         "first_contact_point": copy_binary.points(found.first_contact_deg, _SRID),
         "time_error_s": copy_binary.fixed(found.time_error_s, "f8"),
         "closest_at": copy_binary.nullable(copy_binary.instants(found.closest_us), found.closest_us == SINCE_EVER_US),
         "closest_m": copy_binary.nullable(copy_binary.fixed(found.closest_m, "f8"), ~is_known),
         "closest_error_m": copy_binary.nullable(copy_binary.fixed(found.closest_error_m, "f8"), ~is_known),
-        "closest_a_point": copy_binary.points(first(found.closest_a_deg, found.closest_b_deg), _SRID),
-        "closest_b_point": copy_binary.points(first(found.closest_b_deg, found.closest_a_deg), _SRID),
+        "closest_a_point": copy_binary.points(found.closest_a_deg, _SRID),
+        "closest_b_point": copy_binary.points(found.closest_b_deg, _SRID),
     }
-    return columns, (a_kind, a_id, b_kind, b_id)
 
 
 def _gone(known: KnownPairs) -> _Columns:
@@ -207,10 +274,3 @@ def _gone(known: KnownPairs) -> _Columns:
         "place": known.places(gone.row),
     }
     return {name: members.get(name, nothing) for name in _TYPES}
-
-
-def _geometries(found: Conflicts) -> copy_binary.Ragged:
-    """Return where conflicts are; null where that is not known."""
-    if found.region is None:
-        return copy_binary.Ragged.of([None] * len(found))
-    return copy_binary.Ragged.of(shapely.to_wkb(found.region, byte_order=1, include_srid=True).tolist())
