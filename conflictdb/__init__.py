@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from conflictdb.advice.advise import Advice
     from conflictdb.database import Database, Loaded, connect
     from conflictdb.db.detect import Run
+    from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.in_memory import solve
     from conflictdb.io import Contents, Remark, Skipped, read, write
     from conflictdb.methods import Method
@@ -90,6 +91,9 @@ __all__ = [
     "Verdict",
     "__version__",
     "connect",
+    "plot_pair",
+    "plot_scene",
+    "plot_timeline",
     "read",
     "rectangle_outline_m",
     "solve",
@@ -101,6 +105,7 @@ _HOME: Final = {
     **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
     **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
+    **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.methods"),
     **dict.fromkeys(("solve",), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "Remark", "Skipped", "read", "write"), "conflictdb.io"),

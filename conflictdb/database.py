@@ -29,6 +29,7 @@ from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
@@ -424,6 +425,8 @@ class Database:
         with self._transaction():
             found = store.conflicts(self.connection, scene, instant, with_region=with_region)
         _warn_if_incomplete(found.state)
+        for conflict in found:
+            conflict.found_by(self)
         return found
 
     def approaches(self, scene: str) -> Listing[Approach]:
@@ -454,10 +457,14 @@ class Database:
         """
         return Stream(self._state(scene), store.each_approach(self.connection, scene, only_near=only_near), Approach)
 
+    def state(self, scene: str) -> SceneState:
+        """Return whether what is known of a scene is complete; raises InvalidInput if the scene is not known."""
+        with self._transaction():
+            return store.scene_state(self.connection, scene)
+
     def _state(self, scene: str) -> SceneState:
         """Return whether what is known of a scene is complete; warns the caller's caller if it is not."""
-        with self._transaction():
-            state = store.scene_state(self.connection, scene)
+        state = self.state(scene)
         _warn_if_incomplete(state, 4)
         return state
 
@@ -658,6 +665,63 @@ class Database:
             settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed, progress=progress
         )
 
+    def plot(self, scene: str, a_key: str | None = None, b_key: str | None = None) -> "Figure":
+        """Return a figure of matplotlib: of a scene where and when its plans are in conflict, or of two of its objects.
+
+        Of two objects it shows what they sweep, where the stages let them meet, and their separation over time, also
+        where they are in no conflict. While changes of the scene wait for detection it comes with an
+        IncompleteWarning.
+
+        Raises InvalidInput for what the scene does not hold, and ConflictDBError, naming the extra to install, where
+        there is no matplotlib.
+        """
+        from conflictdb.drawing import figures
+
+        if (a_key is None) != (b_key is None):
+            raise InvalidInput("plot", "b_key", "is needed with a_key, and the other way round: a figure is of a pair")
+        with self._transaction():
+            settings, areas, tracks = self._read(scene)
+            found = store.conflicts(self.connection, scene, with_region=a_key is None)
+            near = (
+                [one.as_near() for one in store.each_approach(self.connection, scene, only_near=True)] if a_key else []
+            )
+        _warn_if_incomplete(found.state)
+        if a_key is None or b_key is None:
+            return figures.plot_scene(settings, areas, tracks, found, remark=_incomplete(found.state))
+        pair = {a_key, b_key}
+        known = next((one for one in [*found, *near] if {one.a_key, one.b_key} == pair), None)
+        a, b = _pair_of(scene, [*areas, *tracks], a_key, b_key)
+        return figures.plot_pair(settings, a, b, known, remark=_incomplete(found.state))
+
+    def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict that this database holds: `conflict.plot()` asks for it."""
+        from conflictdb.drawing import figures
+
+        settings, areas, tracks = self._read(conflict.scene)
+        a, b = _pair_of(conflict.scene, [*areas, *tracks], conflict.a_key, conflict.b_key)
+        return figures.plot_pair(settings, a, b, conflict)
+
+    def report(self, scene: str, file: str | Path) -> None:
+        """Write a report of a scene, .html or .pdf: what was checked and how, what was found, with figures.
+
+        While changes of the scene wait for detection it says so at its top, and comes with an IncompleteWarning.
+
+        Raises InvalidInput for a scene that is not known, or without objects, and for other file names;
+        ConflictDBError, naming the extra to install, where what it needs is not there.
+        """
+        from conflictdb.drawing import report
+
+        report.check_name(file)
+        with self._transaction():
+            settings, areas, tracks = self._read(scene)
+            found = store.conflicts(self.connection, scene, with_region=True)
+            near = [one.as_near() for one in store.each_approach(self.connection, scene, only_near=True)]
+            run = next(iter(store.runs(self.connection, scene)), None)
+        _warn_if_incomplete(found.state)
+        columns = {name: getattr(run, name) for name in run.__slots__} if run else {}
+        checked = report.Checked(settings, areas, tracks, found, near, found.state, self.status().server, columns)
+        report.write(checked, file)
+
     def export(self, scene: str, path: str | Path) -> None:
         """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.
 
@@ -699,6 +763,22 @@ class Database:
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:
     return None if every_s is None else timedelta(seconds=inputs.seconds(who, "every_s", every_s))
+
+
+def _incomplete(state: SceneState) -> str | None:
+    """Return what must be said of figures of a scene that is not complete."""
+    return None if state.is_current else f"NOT COMPLETE: {state.remark or 'changes wait for detection'}"
+
+
+def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Area | Track]:
+    """Return the objects of some keys; raises InvalidInput where the scene has none of a key, or they are one."""
+    by_key = {one.key: one for one in objects}
+    for key in keys:
+        if key not in by_key:
+            raise InvalidInput(f"scene {scene!r}", "object", f"{key!r} is not known")
+    if len(set(keys)) < len(keys):
+        raise InvalidInput("plot", "keys", f"must be of two objects; got {keys[0]!r} twice")
+    return [by_key[key] for key in keys]
 
 
 def _require_objects(plan: Plan) -> None:

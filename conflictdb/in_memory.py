@@ -25,6 +25,7 @@ from conflictdb.stage1_broad_phase import candidates
 
 if TYPE_CHECKING:
     import geopandas
+    from matplotlib.figure import Figure
     from movingpandas import TrajectoryCollection
 
 Object = TypeVar("Object", Area, Track)
@@ -80,7 +81,22 @@ def solve(
     found = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
     keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
     keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
-    return Results(told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found])), Conflict)
+    origin = _Objects(scene, {one.key: one for one in [*areas, *tracks]})
+    rows = told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found]))
+    return Results((conflict.found_by(origin) for conflict in rows), Conflict)
+
+
+class _Objects:
+    """What `solve` was given, by key: to draw what it found."""
+
+    def __init__(self, scene: Scene, objects: Mapping[str, Area | Track]) -> None:
+        self._scene, self._objects = scene, objects
+
+    def plot_conflict(self, conflict: Conflict) -> "Figure":
+        from conflictdb.drawing import figures  # not above: it brings matplotlib
+
+        a, b = (self._objects[key] for key in (conflict.a_key, conflict.b_key))
+        return figures.plot_pair(self._scene, a, b, conflict)
 
 
 def _objects(

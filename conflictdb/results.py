@@ -8,7 +8,7 @@ from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias, TypeVar, cast
 
 from conflictdb.errors import InvalidInput
 from conflictdb.methods import Method
@@ -16,6 +16,7 @@ from conflictdb.methods import Method
 if TYPE_CHECKING:
     import geopandas
     import pandas as pd
+    from matplotlib.figure import Figure
 
 Period: TypeAlias = tuple[datetime | None, datetime | None]
 Position: TypeAlias = tuple[float, float]
@@ -65,8 +66,32 @@ _KIND_CODES: Final = {Kind.AREA: 0, Kind.TRACK: 1}  # areas come first in a pair
 _KINDS: Final = {code: kind for kind, code in _KIND_CODES.items()}
 
 
+class Drawable:
+    """What can be drawn, as long as it is known where it was found: copies made elsewhere have no origin."""
+
+    __slots__ = ("_origin",)
+    _origin: "Origin"
+
+    def found_by(self, origin: "Origin") -> Self:
+        """Say what it was found by, once, when it was; returns itself."""
+        object.__setattr__(self, "_origin", origin)
+        return self
+
+    def plot(self) -> "Figure":
+        """Return a figure of matplotlib: the pair on a map, what it sweeps, and its separation over time.
+
+        Raises InvalidInput for a conflict that was not found by `solve`, nor by `conflicts` of a database, and
+        ConflictDBError, naming the extra to install, where there is no matplotlib.
+        """
+        origin = getattr(self, "_origin", None)
+        if origin is None:
+            rule = "has no objects to draw: take it from `solve` or `Database.conflicts`, or use `plot_pair`"
+            raise InvalidInput("conflict", "plot", rule)
+        return origin.plot_conflict(cast(Conflict, self))
+
+
 @dataclass(frozen=True, slots=True)
-class Conflict:
+class Conflict(Drawable):
     """Two objects that interfere, or might: what `solve` returns, and a row of the view `conflicts`.
 
     With the verdict near, two objects that only come near: they have no periods.
@@ -110,6 +135,11 @@ class Conflict:
     scene_is_current: bool | None = None
     run_id: int | None = None
     found_at: datetime | None = None
+
+    def _repr_html_(self) -> str:
+        from conflictdb import notebook
+
+        return notebook.conflicts_html([self])
 
     @property
     def first_contact(self) -> datetime | None:
@@ -275,6 +305,18 @@ class Explanation:
     def __str__(self) -> str:
         return self.text
 
+    def _repr_html_(self) -> str:
+        from conflictdb import notebook
+
+        return notebook.text_html(self.text)
+
+
+class Origin(Protocol):
+    """What found conflicts, and has their objects."""
+
+    def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict that it found."""
+
 
 class Results(list[_Row]):
     """A list of conflicts or closest approaches, which can be a data frame.
@@ -310,6 +352,13 @@ class Results(list[_Row]):
 
         return frames.with_geometry(self.to_dataframe())
 
+    def _repr_html_(self) -> str:
+        from conflictdb import notebook
+
+        if issubclass(self.kind, Approach):
+            return notebook.approaches_html(cast("list[Approach]", self))
+        return notebook.conflicts_html(cast("list[Conflict]", self))
+
 
 class Listing(Results[_Row]):
     """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
@@ -325,6 +374,11 @@ class Listing(Results[_Row]):
     def is_current(self) -> bool:
         """Whether it is complete: nothing of the scene waited for detection when it was read."""
         return self.state.is_current
+
+    def _repr_html_(self) -> str:
+        from conflictdb import notebook
+
+        return notebook.remark_html(self.state.remark) + super()._repr_html_()
 
 
 class Stream(Iterator[_Row]):

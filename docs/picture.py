@@ -1,4 +1,4 @@
-"""Draws the shipped scene at one instant, with the times of its conflicts below: docs/strait.svg.
+"""Draws the shipped scene at one instant, with the times of its conflicts below: docs/strait.svg; and a pair of it.
 
     ./run python docs/picture.py
 
@@ -17,9 +17,11 @@ import numpy as np
 import shapely
 
 from conflictdb import Conflict, EarthModel, Track, read, solve
+from conflictdb.drawing.figures import save
 from conflictdb.earth.geodesy import earth_of, rhumb_direct, rhumb_inverse
 
 PICTURE: Final = Path(__file__).resolve().parent / "strait.svg"
+PAIR: Final = PICTURE.with_name("pair.svg")
 AT: Final = datetime(2026, 6, 1, 9, 10, tzinfo=UTC)
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -69,8 +71,11 @@ STYLE: Final = """\
 
 
 def main() -> None:
-    """Write the picture."""
+    """Write the pictures."""
     PICTURE.write_text(picture())
+    scene, areas, tracks, _ = read(files("conflictdb") / "scenes" / "strait.geojson")
+    ferry = next(one for one in solve(tracks, areas, scene) if (one.a_key, one.b_key) == ("FERRY", "TOW"))
+    save(ferry.plot(), PAIR)
 
 
 def picture() -> str:

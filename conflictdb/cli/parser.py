@@ -72,7 +72,7 @@ def build() -> Parser:
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
     for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
-    for add in (_history, _acknowledge, _attach, _schema, _server, _psql, _demo):
+    for add in (_plot, _report, _history, _acknowledge, _attach, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -184,6 +184,37 @@ def _explain(commands: Any) -> None:
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
     _add_wait(parser)
     parser.add_argument("--format", choices=("text", "json"), default="text", help="default: text")
+
+
+def _plot(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "plot",
+        "pictures:plot",
+        "draw a scene, or two of its objects",
+        "Where and when plans are in conflict; of two objects what they sweep, where the stages let them meet, and "
+        "their separation over time. Needs matplotlib (the extra `plot`). Does not detect.",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="figure to write: .png, .svg or .pdf")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to draw")
+    parser.add_argument(
+        "--conflict", nargs=2, metavar=("A", "B"), help="keys of two objects to draw, in conflict or not"
+    )
+    _add_wait(parser)
+
+
+def _report(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "report",
+        "pictures:report",
+        "write a report of a scene, to file with a plan",
+        "What was checked and how, what was found, with figures. Needs matplotlib, and for PDF fpdf2 (extra `plot`). "
+        "Does not detect.",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="report to write: .html (one file) or .pdf")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to report on")
+    _add_wait(parser)
 
 
 def _history(commands: Any) -> None:

@@ -23,7 +23,7 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
 
     All but a table, whose columns are as wide as they need to be, are printed as they come.
     """
-    _remark_incomplete(states)
+    remark_incomplete(states)
     if form == "table":
         complete = all(state.is_current for state in states)
         rows = list(conflicts)
@@ -34,7 +34,7 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
 
 def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
     """Print closest approaches as `print_conflicts` prints conflicts."""
-    _remark_incomplete(states)
+    remark_incomplete(states)
     if form == "table":
         rows = list(approaches)
         out(approach_table(rows) if rows else "no closest approach is known")
@@ -42,7 +42,8 @@ def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState
     _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
 
 
-def _remark_incomplete(states: Iterable[SceneState]) -> None:
+def remark_incomplete(states: Iterable[SceneState]) -> None:
+    """Say which scenes are not complete, or what else is wrong with them."""
     for state in states:
         if state.remark:
             more = "" if state.is_current else f" (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"

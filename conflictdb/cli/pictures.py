@@ -1,0 +1,33 @@
+"""`plot` and `report`."""
+
+import argparse
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import note
+from conflictdb.cli.report import remark_incomplete
+from conflictdb.cli.session import database
+
+
+def plot(args: argparse.Namespace) -> int:
+    """Draw a scene, or two of its objects."""
+    from conflictdb.drawing import figures
+
+    figures.check_name(args.file)
+    with database(args) as db:
+        if args.wait is not None:
+            db.wait_until_current(args.scene, args.wait)
+        remark_incomplete([db.state(args.scene)])
+        figures.save(db.plot(args.scene, *(args.conflict or ())), args.file)
+    note(f"{args.file} is written")
+    return DONE
+
+
+def report(args: argparse.Namespace) -> int:
+    """Write a report of a scene."""
+    with database(args) as db:
+        if args.wait is not None:
+            db.wait_until_current(args.scene, args.wait)
+        remark_incomplete([db.state(args.scene)])
+        db.report(args.scene, args.file)
+    note(f"{args.file} is written")
+    return DONE

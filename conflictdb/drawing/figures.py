@@ -1,0 +1,409 @@
+"""The figures: a pair as in the paper's figures 2 to 4, with its separation over time; a scene, and its timeline.
+
+Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, figures 2 to 4 (swept polygons, boxes, their intersection,
+and its projection onto the way of the track).
+"""
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.drawing import page
+from conflictdb.drawing.separation import separation
+from conflictdb.drawing.sketch import Sketch
+from conflictdb.drawing.style import CONFLICT, FIRST, HATCH, INK, OF_VERDICT, QUIET, SECOND, instant, styled, time_axis
+from conflictdb.errors import InvalidInput
+from conflictdb.inputs import EPOCH, MICROSECOND
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
+from conflictdb.notebook import bound_text
+from conflictdb.printable import printable
+from conflictdb.results import Conflict, Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# What fits on a page and can be read.
+_MOST_ROWS: Final = 40
+_MOST_NAMES: Final = 30
+_LONGEST_NAME: Final = 28
+_INSTANTS: Final = 301
+_FORMATS: Final = (".png", ".svg", ".pdf")
+_DPI: Final = 150
+# Time shown before and after what is told of a pair, as a share of that; and at least this share of the whole.
+_BEFORE_AND_AFTER: Final = 0.6
+_LEAST_SHARE: Final = 0.02
+
+
+def plot_scene(
+    scene: Scene,
+    areas: Sequence[Area],
+    tracks: Sequence[Track],
+    conflicts: Iterable[Conflict],
+    *,
+    remark: str | None = None,
+) -> "Figure":
+    """Return a figure of a scene: all objects on a map, where they are in conflict, and when.
+
+    conflicts : of the scene; where a region is known it is drawn, else the first contact
+    remark : what nobody should overlook who sees it
+
+    Raises InvalidInput for a scene without objects, and ConflictDBError where there is no matplotlib.
+    """
+    if not (areas or tracks):
+        raise InvalidInput(f"scene {scene.name!r}", "objects", "there are none: there is nothing to draw")
+    rows = sorted((one for one in conflicts if one.periods), key=first_contact_order)
+    with styled() as mpl:
+        sketch = Sketch(scene, areas, tracks)
+        shown = rows[:_MOST_ROWS]
+        bars = 0.7 + 0.22 * max(len(shown), 1)
+        figure = mpl.figure.Figure(figsize=(9.0, 6.0 + bars), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(6.0, bars))
+        above.set_title(_title(scene, areas, tracks, rows))
+        _draw_remark(figure, remark)
+        _draw_timeline(mpl, below, shown)
+        below.set_title(f"When, UTC{_left_out(shown, rows)}")
+        _draw_scene(above, sketch, rows)
+        return figure
+
+
+def plot_timeline(conflicts: Iterable[Conflict]) -> "Figure":
+    """Return a figure of conflicts as bars over time, by first contact; raises InvalidInput where there are none."""
+    rows = sorted((one for one in conflicts if one.periods), key=first_contact_order)
+    if not rows:
+        raise InvalidInput("timeline", "conflicts", "there are none: there is nothing to draw")
+    with styled() as mpl:
+        shown = rows[:_MOST_ROWS]
+        figure = mpl.figure.Figure(figsize=(9.0, 1.0 + 0.22 * len(shown)), layout="constrained")
+        panel = figure.subplots()
+        _draw_timeline(mpl, panel, shown)
+        panel.set_title(f"When plans are in conflict, UTC{_left_out(shown, rows)}")
+        return figure
+
+
+def plot_pair(
+    scene: Scene, a: Area | Track, b: Area | Track, conflict: Conflict | None = None, *, remark: str | None = None
+) -> "Figure":
+    """Return a figure of two objects: what they sweep, where the stages let them meet, and how far apart they are when.
+
+    conflict : what is known of them; None: nothing
+    remark : what nobody should overlook who sees it
+
+    Raises ConflictDBError where there is no matplotlib.
+    """
+    areas = [one for one in (a, b) if isinstance(one, Area)]
+    tracks = [one for one in (a, b) if isinstance(one, Track)]
+    with styled() as mpl:
+        sketch = Sketch(scene, areas, tracks)
+        figure = mpl.figure.Figure(figsize=(9.0, 9.0), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(6.0, 3.0))
+        names = [_name(key) for key in sketch.keys]
+        verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
+        figure.suptitle(f"{names[0]} and {names[1]}: {verdict}", x=0.01, ha="left", fontsize=11, fontweight="bold")
+        _draw_remark(figure, remark)
+        _draw_separation(mpl, below, sketch, conflict)
+        _draw_pair(above, sketch, conflict)
+        return figure
+
+
+def save(figure: "Figure", file: str | Path) -> Path:
+    """Write a figure as its file's name ends: .png, .svg or .pdf; whole, or not at all.
+
+    Raises InvalidInput for other names, and OSError where it cannot be written.
+    """
+    file = check_name(file)
+    with styled():
+        metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(file.suffix.lower(), {})
+        beside = file.with_name(f".{file.name}.part")
+        try:
+            figure.savefig(beside, format=file.suffix[1:].lower(), dpi=_DPI, metadata=metadata, facecolor="white")
+            beside.replace(file)
+        finally:
+            beside.unlink(missing_ok=True)
+    return file
+
+
+def check_name(file: str | Path) -> Path:
+    """Return the path of a figure's file; raises InvalidInput where its name does not say what it is to be."""
+    file = Path(file)
+    if file.suffix.lower() not in _FORMATS:
+        raise InvalidInput("plot", "file", f"must end in {', '.join(_FORMATS)}; got {file.name!r}")
+    return file
+
+
+def first_contact_order(conflict: Conflict) -> tuple[bool, datetime, str, str]:
+    """Return what conflicts are sorted by: first contact, those without a start first, then keys."""
+    start = conflict.first_contact
+    return start is not None, start or EPOCH, conflict.a_key, conflict.b_key
+
+
+def _draw_remark(figure: "Figure", remark: str | None) -> None:
+    if remark:
+        figure.supxlabel(printable(remark), color=CONFLICT, fontsize=9, fontweight="bold")
+
+
+def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> None:
+    from matplotlib.collections import LineCollection
+
+    numbers = range(len(sketch.keys))
+    areas = {n: sketch.outline(n) for n in numbers if not sketch.is_track(n)}
+    ways = {n: way for n in numbers if sketch.is_track(n) and len(way := sketch.way(n))}
+    shapes = [*areas.values(), *(shapely.LineString(way) for way in ways.values())]
+    page.polygons(
+        panel, np.array(list(areas.values()), dtype=object), facecolors="#8a949e2e", edgecolors=QUIET, linewidths=0.7
+    )
+    is_image = len(ways) > page.MOST_VECTORS
+    panel.add_collection(
+        LineCollection(list(ways.values()), colors=FIRST, linewidths=0.8, alpha=0.7, rasterized=is_image), autolim=False
+    )
+    for conflict in conflicts:
+        _draw_place(panel, sketch, conflict)
+    if not shapes:
+        return
+    page.show(panel, sketch.plane, tuple(shapely.total_bounds(shapes)))
+    if len(sketch.keys) <= _MOST_NAMES:
+        places = {number: tuple(way[0]) for number, way in ways.items()}
+        places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
+        page.names(panel, {_name(sketch.keys[number]): place for number, place in sorted(places.items())})
+
+
+def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
+    """Draw where a conflict is, beside the first of its objects."""
+    number = sketch.keys.index(conflict.a_key)
+    colour = OF_VERDICT.get(conflict.verdict, QUIET)
+    if conflict.region is not None:
+        where = shapely.from_geojson(conflict.region)
+        page.polygons(
+            panel,
+            np.array([sketch.on_page(where, number)], dtype=object),
+            facecolors=colour + "b0",
+            edgecolors=colour,
+            linewidths=0.7,
+            zorder=3,
+        )
+    elif conflict.first_contact_deg is not None:
+        x, y = sketch.on_page(shapely.Point(conflict.first_contact_deg), number).coords[0]
+        panel.plot(x, y, "o", color=colour, markersize=4.0, zorder=3, scalex=False, scaley=False)
+
+
+def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
+    regions, lines = sketch.meetings(0, 1)
+    seen: list[Any] = []
+    for number, colour in ((0, FIRST), (1, SECOND)):
+        hulls = sketch.hulls(number)
+        seen += list(hulls)
+        if sketch.is_track(number):
+            page.polygons(panel, hulls, facecolors=colour + "18", edgecolors=colour + "60", linewidths=0.5)
+            way = sketch.way(number)
+            panel.plot(
+                *way.T,
+                color=colour,
+                linewidth=1.0,
+                marker=".",
+                markersize=3,
+                scalex=False,
+                scaley=False,
+                label=f"{_name(sketch.keys[number])}: way, and what its haven sweeps",
+            )
+        else:
+            page.polygons(
+                panel,
+                np.array([sketch.outline(number)], dtype=object),
+                facecolors=colour + "24",
+                edgecolors=colour,
+                linewidths=1.0,
+            )
+            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=_name(sketch.keys[number]))
+    if len(regions):
+        page.polygons(
+            panel,
+            shapely.box(*shapely.bounds(regions).T),
+            facecolors="none",
+            edgecolors=QUIET,
+            linewidths=0.7,
+            linestyles="dotted",
+        )
+        page.polygons(panel, regions, facecolors=CONFLICT + "30", edgecolors=CONFLICT + "90", linewidths=0.7)
+        panel.fill(
+            [], [], facecolor=CONFLICT + "30", edgecolor=CONFLICT, label="where hulls meet (stage 2), and its box"
+        )
+    for number, ends in lines:
+        colour = SECOND if number else FIRST
+        panel.plot(*ends.T, color=colour, linewidth=0.8, linestyle="dashed", scalex=False, scaley=False)
+    if lines:
+        panel.plot([], [], color=INK, linewidth=0.8, linestyle="dashed", label="projected onto the way (stage 3)")
+    closeup = _draw_contacts(panel, sketch, conflict)
+    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=7, frameon=False, borderaxespad=0.3)
+    # Near the contacts, where there are some: whole ways may be an ocean long.
+    focus = closeup or list(regions) or seen
+    if focus:
+        page.show(panel, sketch.plane, _room(tuple(shapely.total_bounds(focus))))
+
+
+def _room(bounds: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """Return bounds with half as much again around them."""
+    west, south, east, north = bounds
+    room = 0.5 * max(east - west, north - south)
+    return west - room, south - room, east + room, north + room
+
+
+def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> list[Any]:
+    """Draw both objects at the first and the last contact, or where they are closest; return what was drawn."""
+    if conflict is None:
+        return []
+    instants = [("first contact", conflict.first_contact), ("last contact", conflict.last_contact)]
+    if not conflict.periods:
+        instants = [("closest", conflict.closest_at)]
+    drawn = []
+    for nth, (_, at) in enumerate(instants):
+        if at is None:
+            continue
+        at_us = (at - EPOCH) // MICROSECOND
+        for number, colour in ((0, FIRST), (1, SECOND)):
+            shape = sketch.shape_at(number, at_us) if sketch.is_track(number) else None
+            if shape is not None:
+                look = {"facecolors": colour + ("70" if nth == 0 else "30"), "edgecolors": colour, "linewidths": 1.2}
+                page.polygons(panel, np.array([shape], dtype=object), zorder=4, **look)
+                drawn.append(shape)
+    if drawn:
+        words = " and ".join(what for what, at in instants if at is not None)
+        panel.fill([], [], facecolor=QUIET + "70", edgecolor=INK, label=f"havens at {words}")
+    if conflict.first_contact_deg is not None:
+        number = sketch.keys.index(conflict.a_key)
+        point = sketch.on_page(shapely.Point(conflict.first_contact_deg), number)
+        panel.plot(
+            point.x,
+            point.y,
+            "o",
+            color=CONFLICT,
+            markeredgecolor="white",
+            markersize=7,
+            zorder=5,
+            scalex=False,
+            scaley=False,
+            label="where they first touch",
+        )
+        drawn.append(point)
+    return drawn
+
+
+def _draw_separation(mpl: Any, panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
+    """Draw the separation of both objects over the time that matters, its bounds, and the periods."""
+    span = _time_that_matters(sketch, conflict)
+    if span is None:
+        panel.set_axis_off()
+        never = sketch.span_us(0)[0] < sketch.span_us(1)[1] and sketch.span_us(1)[0] < sketch.span_us(0)[1]
+        text = "Both are always there: nothing changes." if never else "They are never there at the same time."
+        panel.text(0.0, 0.9, text, transform=panel.transAxes)
+        return
+    found = separation(sketch, 0, 1, _instants(span, conflict))
+    times = [instant(int(us)) for us in found.at_us]
+    wanted_m = sketch.scene.separation_m
+    middle = 0.5 * (found.low_m + found.high_m)
+    panel.fill_between(times, found.low_m, found.high_m, color=FIRST, alpha=0.25, linewidth=0)
+    panel.plot(times, middle, color=FIRST, linewidth=1.2)
+    panel.axhline(wanted_m, color=INK, linewidth=0.8, label="apart" if wanted_m else None)
+    for start, end in conflict.periods if conflict else ():
+        ends = [times[0] if start is None else start, times[-1] if end is None else end]
+        panel.axvspan(ends[0], ends[1], color=CONFLICT, alpha=0.2, linewidth=0)
+    panel.set_ylabel("separation, metres")
+    time_axis(mpl, panel, times[0], times[-1])
+    bound = "" if conflict is None else f", each end to {bound_text(conflict.time_error_s)}"
+    periods = f"; shaded: in conflict{bound}" if conflict and conflict.periods else ""
+    least = f" (wanted: {wanted_m:g} m)" if wanted_m else ""
+    panel.set_title(f"How far apart, UTC{least}; below zero: how deep in each other{periods}", fontsize=9)
+
+
+def _instants(span: tuple[int, int], conflict: Conflict | None) -> NDArray[np.int64]:
+    """Return the instants to measure: steady ones, and those that are told."""
+    steady = np.linspace(0.0, float(span[1] - span[0]), _INSTANTS).astype(np.int64) + span[0]
+    told: list[datetime | None] = [end for period in conflict.periods for end in period] if conflict else []
+    told += [conflict.closest_at] if conflict else []
+    known = np.array([(at - EPOCH) // MICROSECOND for at in told if at is not None], dtype=np.int64)
+    return np.unique(np.concatenate([steady, np.clip(known, *span)]))
+
+
+def _time_that_matters(sketch: Sketch, conflict: Conflict | None) -> tuple[int, int] | None:
+    """Return from when to when the figure of a pair tells of it; None where they share no time, or all time."""
+    spans = [sketch.span_us(number) for number in (0, 1)]
+    start, end = max(span[0] for span in spans), min(span[1] for span in spans)
+    if (start == SINCE_EVER_US and end == FOR_EVER_US) or start >= end:
+        return None
+    day_us = timedelta(days=1) // MICROSECOND
+    start = end - day_us if start == SINCE_EVER_US else start
+    end = start + day_us if end == FOR_EVER_US else end
+    instants = [at for at in (conflict.first_contact, conflict.last_contact) if at] if conflict else []
+    if conflict and not instants and conflict.closest_at:
+        instants = [conflict.closest_at]
+    if not instants:
+        return start, end
+    first, last = ((at - EPOCH) // MICROSECOND for at in (instants[0], instants[-1]))
+    room = int(max(_BEFORE_AND_AFTER * (last - first), _LEAST_SHARE * (end - start)))
+    return max(start, first - room), min(end, last + room)
+
+
+def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
+    """Draw a bar for each period, a row for each conflict, the first one above."""
+    if not conflicts:
+        panel.set_axis_off()
+        panel.text(0.0, 0.5, "No conflict is known.", transform=panel.transAxes)
+        return
+    ends = [end for one in conflicts for period in one.periods for end in period if end is not None]
+    if not ends:
+        panel.set_axis_off()
+        panel.text(0.0, 0.5, f"{len(conflicts)} conflicts at all times.", transform=panel.transAxes)
+        return
+    room = max(0.04 * (max(ends) - min(ends)), timedelta(seconds=1))
+    first, last = min(ends) - room, max(ends) + room
+    # What is shorter than a hair is drawn as wide as one.
+    hair = (last - first) / 400
+    for row, one in enumerate(conflicts):
+        for start, end in one.periods:
+            start, end = first if start is None else start, last if end is None else end
+            panel.barh(
+                row,
+                max(end - start, hair),
+                left=start,
+                height=0.62,
+                color=OF_VERDICT.get(one.verdict, QUIET),
+                hatch=HATCH.get(one.verdict, ""),
+                edgecolor="white",
+                linewidth=0,
+            )
+    panel.set_yticks(range(len(conflicts)), [f"{_name(one.a_key)}, {_name(one.b_key)}" for one in conflicts])
+    panel.set_ylim(len(conflicts) - 0.4, -0.6)
+    panel.tick_params(axis="y", length=0)
+    time_axis(mpl, panel, first, last)
+    verdicts = [verdict for verdict in OF_VERDICT if any(one.verdict is verdict for one in conflicts)]
+    if verdicts != [Verdict.CONFLICT]:
+        for verdict in verdicts:
+            panel.barh(
+                -9,
+                hair,
+                left=first,
+                color=OF_VERDICT[verdict],
+                hatch=HATCH[verdict],
+                edgecolor="white",
+                linewidth=0,
+                label=str(verdict),
+            )
+        panel.legend(loc="lower right", fontsize=7, frameon=True, edgecolor="none")
+
+
+def _title(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]) -> str:
+    counts = ((len(areas), "area"), (len(tracks), "track"), (len(conflicts), "conflict"))
+    words = ", ".join(f"{n:,} {what}{'' if n == 1 else 's'}" for n, what in counts)
+    return f"{_name(scene.name)}: {words}"
+
+
+def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
+    return f" (the first {len(shown)} of {len(rows):,})" if len(rows) > len(shown) else ""
+
+
+def _name(key: str) -> str:
+    text = printable(key)
+    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"

@@ -1,0 +1,76 @@
+"""`plot` and `report`, on a real database."""
+
+from pathlib import Path
+
+import psycopg
+import pytest
+from commands import STRAIT, Run, runner
+
+import conflictdb
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    run = runner(dsn, capsys)
+    assert run("detect", STRAIT).code == 0
+    return run
+
+
+def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
+    for name, more in (
+        ("scene.svg", ()),
+        ("pair.svg", ("--conflict", "TOW", "FERRY")),
+        ("none.svg", ("--conflict", "FERRY", "RESERVE")),
+    ):
+        done = run("plot", "--scene", "strait", *more, str(tmp_path / name))
+        assert (done.code, done.out, done.err) == (0, "", "")
+    drawn = {path.stem: path.read_text() for path in tmp_path.iterdir()}
+    assert "strait: 4 areas, 7 tracks, 7 conflicts" in drawn["scene"]
+    assert "TOW and FERRY: conflict" in drawn["pair"]
+    assert "RESERVE and FERRY: no conflict is known" in drawn["none"]
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("x.jpg",), "plot: file: must end in .png, .svg, .pdf"),
+        (("--conflict", "TOW", "NOBODY", "x.svg"), "scene 'strait': object: 'NOBODY' is not known"),
+        (("--conflict", "TOW", "TOW", "x.svg"), "plot: keys: must be of two objects; got 'TOW' twice"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(run: Run, more: tuple[str, ...], says: str) -> None:
+    done = run("plot", "--scene", "strait", *more)
+    assert done.code == 4
+    assert says in done.err
+    assert run("report", "--scene", "strait", "x.txt").code == 4
+    assert run("report", "--scene", "nowhere", "x.html").code == 4
+
+
+def test_what_is_not_complete_says_so_in_the_picture_too(run: Run, dsn: str, tmp_path: Path) -> None:
+    with psycopg.connect(dsn) as conn:
+        conn.execute("SELECT conflictdb.put_area('strait', 'LATE', ST_SetSRID(ST_MakeEnvelope(8, 57, 9, 58), 4326))")
+    for name, more in (("scene.svg", ()), ("pair.svg", ("--conflict", "LATE", "FERRY"))):
+        done = run("plot", "--scene", "strait", *more, str(tmp_path / name))
+        assert done.code == 0
+        assert "strait: not complete" in done.err
+        assert "NOT COMPLETE" in (tmp_path / name).read_text()
+    done = run("report", "--scene", "strait", str(tmp_path / "x.html"))
+    assert done.code == 0
+    assert "not complete" in done.err
+    assert "NOT COMPLETE" in (tmp_path / "x.html").read_text()
+
+
+def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
+    assert run("report", "--scene", "strait", str(tmp_path / "x.html")).code == 0
+    page = (tmp_path / "x.html").read_text()
+    assert "Run 1, " in page
+    assert "whose boxes meet (stage 1)" in page
+    assert "PostgreSQL " in page
+
+
+def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        for conflict in db.conflicts("strait")[:1]:
+            assert conflict.plot().axes
+        with pytest.raises(conflictdb.InvalidInput, match="b_key: is needed with a_key"):
+            db.plot("strait", "TOW")

@@ -1,0 +1,277 @@
+"""Figures show what is so: separations between their bounds, shapes where they are, names as they are."""
+
+import pickle
+import re
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pyproj import Geod
+
+import conflictdb
+from conflictdb import Area, Conflict, InvalidInput, Motion, Scene, Track, plot_pair, plot_scene, plot_timeline, solve
+from conflictdb.drawing import figures, report
+from conflictdb.drawing.separation import separation
+from conflictdb.drawing.sketch import Sketch
+from conflictdb.results import Approach, Explanation, Listing, Results, SceneState
+
+START = datetime(2026, 6, 1, 6, tzinfo=UTC)
+SQUARE = [(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)]
+HOSTILE = '<script>alert("$x_1$")</script>\x1b[31m'
+
+
+def track(key: str, *way: tuple[float, float], outline: Any = SQUARE, hours: float = 2.0) -> Track:
+    times = [START + k * timedelta(hours=hours) / (len(way) - 1) for k in range(len(way))]
+    return Track(key, way, times, outline)
+
+
+def area(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
+    return Area(key, shapely.box(west, south, east, north), **more)
+
+
+def microseconds(instant: datetime) -> int:
+    return (instant - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1)
+
+
+@pytest.fixture(scope="module")
+def strait() -> tuple[Scene, list[Area], list[Track], Results[Conflict]]:
+    scene, areas, tracks, _ = conflictdb.read(files("conflictdb") / "scenes" / "strait.geojson")  # type: ignore[arg-type]
+    return scene, areas, tracks, solve(tracks, areas, scene)
+
+
+def texts(figure: Any) -> list[str]:
+    from matplotlib.text import Text
+
+    return [one.get_text() for one in figure.findobj(Text) if one.get_text()]
+
+
+@pytest.mark.parametrize("lat", [0.0, 60.0, -80.0])
+@pytest.mark.parametrize("lon", [10.0, 179.99])
+def test_separation_of_points_is_their_distance(lon: float, lat: float) -> None:
+    """Also across the date line, against geodesics."""
+    still = track("still", (lon, lat), (lon, lat), outline=[(0.0, 0.0)])
+    moving = track("moving", (lon - 1.0, lat), (lon + 1.0, lat), outline=[(0.0, 0.0)])
+    at_us = np.linspace(microseconds(START), microseconds(START + timedelta(hours=2)), 9).astype(np.int64)
+    found = separation(Sketch(Scene("s"), [], [still, moving]), 0, 1, at_us)
+    places = lon - 1.0 + 2.0 * np.linspace(0.0, 1.0, 9)
+    _, _, true = Geod(ellps="WGS84").inv(places, np.full(9, lat), np.full(9, lon), np.full(9, lat))
+    assert (found.low_m <= true + 1e-3).all()
+    assert (true - 1e-3 <= found.high_m).all()
+    assert (found.high_m - found.low_m < 10.0).all()
+
+
+@pytest.mark.parametrize("deep_m", [1.0, 300.0, 999.0])
+def test_separation_of_what_overlaps_is_the_least_way_out(deep_m: float) -> None:
+    """Two squares of 1,000 m on the equator, one east of the other by 1,000 m less the depth."""
+    east = np.degrees((1000.0 - deep_m) / 6378137.0)
+    pair = [track("a", (0.0, -0.01), (0.0, 0.01)), track("b", (east, -0.01), (east, 0.01))]
+    found = separation(Sketch(Scene("s"), [], pair), 0, 1, np.array([microseconds(START + timedelta(hours=1))]))
+    assert found.low_m[0] - 0.01 <= -deep_m <= found.high_m[0] + 0.01
+    assert found.high_m[0] - found.low_m[0] < 1e-3 * deep_m + 0.01
+
+
+def test_separation_is_below_zero_during_the_periods_and_above_before_and_after(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    sketch = Sketch(scene, areas, tracks)
+    aside = timedelta(seconds=5)
+    for conflict in found:
+        a, b = (sketch.keys.index(key) for key in (conflict.a_key, conflict.b_key))
+        shared = [max(sketch.span_us(a)[0], sketch.span_us(b)[0]), min(sketch.span_us(a)[1], sketch.span_us(b)[1])]
+        for start, end in conflict.periods:
+            inside = [microseconds(start + aside), microseconds(end - aside)]
+            assert (separation(sketch, a, b, np.array(inside)).high_m < 0.0).all()
+            outside = [
+                at for at in (microseconds(start - aside), microseconds(end + aside)) if shared[0] < at < shared[1]
+            ]
+            if outside:
+                assert (separation(sketch, a, b, np.array(outside)).low_m > 0.0).all()
+
+
+def test_what_stages_2_and_3_leave_holds_the_first_contact(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    sketch = Sketch(scene, areas, tracks)
+    seen = 0
+    for conflict in found:
+        a, b = (sketch.keys.index(key) for key in (conflict.a_key, conflict.b_key))
+        regions, lines = sketch.meetings(a, b)
+        if sketch.is_track(b):
+            point = sketch.on_page(shapely.Point(conflict.first_contact_deg), a)
+            assert shapely.distance(regions, point).min() < 1.0
+            assert len(lines) >= 2
+            assert all(ends.shape == (2, 2) for _, ends in lines)
+            seen += 1
+    assert seen == 6
+
+
+@pytest.mark.parametrize("west", [178.5, -181.5, 358.5 - 360.0])
+def test_objects_at_the_date_line_are_near_on_the_page(west: float) -> None:
+    """However their longitudes are written."""
+    zone = area("zone", west, 10.0, west + 2.0, 11.0)
+    wrapped = (west + 1.6 + 180.0) % 360.0 - 180.0
+    ship = track("ship", (wrapped, 9.5), (wrapped, 11.5))
+    sketch = Sketch(Scene("s"), [zone], [ship])
+    distance = shapely.distance(sketch.outline(0), shapely.LineString(sketch.way(1)))
+    assert distance == 0.0
+    haven = sketch.shape_at(1, microseconds(START + timedelta(hours=1)))
+    assert haven is not None
+    assert sketch.outline(0).contains(haven.centroid)
+
+
+def test_a_haven_is_drawn_where_it_is_and_only_while_it_is_there(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    sketch = Sketch(scene, areas, tracks)
+    conflict = next(one for one in found if (one.a_key, one.b_key) == ("FERRY", "TOW"))
+    numbers = [sketch.keys.index(key) for key in ("FERRY", "TOW")]
+    shapes = [sketch.shape_at(number, microseconds(conflict.periods[0][0])) for number in numbers]
+    assert shapely.distance(*shapes) < 1.0
+    assert shapely.area(shapely.intersection(*shapes)) < 1e3
+    assert sketch.shape_at(numbers[0], sketch.span_us(numbers[0])[0] - 1) is None
+
+
+def test_a_scene_shows_all_objects_by_name_and_a_bar_for_each_period(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    figure = plot_scene(scene, areas, tracks, found, remark="NOT COMPLETE: 3 objects wait")
+    said = texts(figure)
+    assert {one.key for one in (*areas, *tracks)} <= set(said)
+    assert "strait: 4 areas, 7 tracks, 7 conflicts" in said
+    assert "NOT COMPLETE: 3 objects wait" in said
+    assert "CABLE, SUB-1" in said
+    bars = figure.axes[1].patches
+    assert len(bars) == sum(len(one.periods) for one in found)
+    assert len(plot_timeline(found).axes[0].patches) == len(bars)
+
+
+def test_a_pair_shows_what_is_known_of_it(strait: Any, tmp_path: Path) -> None:
+    *_, found = strait
+    conflict = next(one for one in found if (one.a_key, one.b_key) == ("FIRING", "SURVEY"))
+    figure = conflict.plot()
+    said = " ".join(texts(figure))
+    assert "FIRING and SURVEY: conflict" in said
+    assert "projected onto the way (stage 3)" in said
+    assert "1 µs" in said
+    # Three periods are shaded, beside the band of the bounds.
+    assert len(figure.axes[1].patches) == len(conflict.periods) == 3
+    figures.save(figure, tmp_path / "pair.png")
+    assert (tmp_path / "pair.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (area("a", 0, 0, 1, 1), area("b", 0.5, 0.5, 2, 2)),
+        (area("a", 0, 0, 1, 1, end_us=START), area("b", 0.5, 0.5, 2, 2, start_us=START)),
+        (area("a", 0, 0, 1, 1, start_us=START), area("b", 0.5, 0.5, 2, 2)),
+        (area("a", 0, 0, 1, 1), track("b", (-1.0, 0.5), (2.0, 0.5))),
+        (track("a", (0.0, 0.0), (0.0, 0.0), outline=[(0.0, 0.0)]), track("b", (0.0, 0.0), (0.0, 0.0))),
+    ],
+)
+@pytest.mark.parametrize("motion", list(Motion))
+def test_any_pair_can_be_drawn(a: Area | Track, b: Area | Track, motion: Motion) -> None:
+    """What is always there, what is never there together, what has no size and does not move."""
+    scene = Scene("s", motion=motion)
+    areas, tracks = ([one for one in (a, b) if isinstance(one, kind)] for kind in (Area, Track))
+    found = solve(tracks, areas, scene)
+    assert plot_pair(scene, a, b, found[0] if found else None).axes
+    assert plot_scene(scene, areas, tracks, found).axes
+
+
+@pytest.mark.parametrize("form", ["svg", "pdf", "png"])
+def test_the_same_figure_is_the_same_file(strait: Any, tmp_path: Path, form: str) -> None:
+    *_, found = strait
+    both = [figures.save(found[0].plot(), tmp_path / f"{n}.{form}").read_bytes() for n in range(2)]
+    assert both[0] == both[1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{form}", f"1.{form}"]
+
+
+def test_other_files_are_refused_and_what_cannot_be_written_leaves_nothing(strait: Any, tmp_path: Path) -> None:
+    *_, found = strait
+    with pytest.raises(InvalidInput, match=r"plot: file: must end in \.png, \.svg, \.pdf; got 'x\.jpg'"):
+        figures.save(found[0].plot(), "x.jpg")
+    (tmp_path / "taken.svg").mkdir()
+    with pytest.raises(OSError, match="taken"):
+        figures.save(found[0].plot(), tmp_path / "taken.svg")
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.svg"]
+
+
+def test_a_scene_without_objects_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="scene 's': objects: there are none"):
+        plot_scene(Scene("s"), [], [], [])
+    with pytest.raises(InvalidInput, match="timeline: conflicts: there are none"):
+        plot_timeline([])
+
+
+def test_keys_are_text_and_nothing_else(tmp_path: Path) -> None:
+    """No formulas, no markup, no control characters; characters that no font has do no harm."""
+    ships = [track(HOSTILE, (0.0, 0.0), (0.1, 0.0)), track("船-1", (0.1, 0.0), (0.0, 0.0))]
+    scene = Scene(f"s {HOSTILE}")
+    found = solve(ships, [], scene)
+    figure = plot_scene(scene, [], ships, found)
+    figures.save(figure, tmp_path / "x.svg")
+    drawn = (tmp_path / "x.svg").read_text()
+    assert "<script" not in drawn
+    assert "$x_1$" in drawn
+    assert "\x1b" not in drawn
+    shown = found._repr_html_() + found[0]._repr_html_()
+    assert "<script" not in shown
+    assert "&lt;script" in shown
+    assert "\x1b" not in shown
+    state = SceneState("s", 2, 1, None, None, False, HOSTILE)
+    checked = report.Checked(scene, [], ships, found, [], state, "PostgreSQL", {})
+    report.write(checked, tmp_path / "x.html")
+    page = (tmp_path / "x.html").read_text()
+    assert "<script" not in page
+    assert "\x1b" not in page
+    assert "NOT COMPLETE" in page
+    assert "船-1" in page
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page)
+    report.write(checked, tmp_path / "x.pdf")
+    assert (tmp_path / "x.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_path: Path) -> None:
+    scene, areas, tracks, found = strait
+    state = SceneState("strait", 11, 0, None, None, True, None)
+    near = replace(found[0], verdict=conflictdb.Verdict.NEAR, periods=(), closest_m=120.0, closest_error_m=0.5)
+    scene = replace(scene, nearest_m=1000.0, separation_m=250.0)
+    checked = report.Checked(scene, areas, tracks, found, [near], state, "PostgreSQL 15", {})
+    report.write(checked, tmp_path / "x.html", now=datetime(2026, 6, 1, tzinfo=UTC))
+    page = (tmp_path / "x.html").read_text()
+    assert "Of 55 pairs of 11 objects 7 are reported. Every time that is reported is right to 1 µs or better" in page
+    assert "NOT COMPLETE" not in page
+    assert "Made 2026-06-01 00:00:00 UTC" in page
+    assert "<td>250 m</td>" in page
+    assert "120.000 ± 0.5" in page
+    assert "no conflict is missed" in page
+    assert "2026-06-01 09:45:43.885738 to 09:48:50.019039" in page
+    assert page.count("<img ") == 7
+    with pytest.raises(InvalidInput, match=r"report: file: must end in \.html or \.pdf; got 'x\.txt'"):
+        report.write(checked, tmp_path / "x.txt")
+
+
+def test_a_copy_made_elsewhere_has_no_objects_to_draw(strait: Any) -> None:
+    *_, found = strait
+    copied = pickle.loads(pickle.dumps(found[0]))  # noqa: S301
+    assert copied == found[0]
+    with pytest.raises(InvalidInput, match="conflict: plot: has no objects to draw"):
+        copied.plot()
+
+
+def test_notebooks_show_tables(strait: Any) -> None:
+    *_, found = strait
+    shown = found._repr_html_()
+    assert shown.count("<tr>") == 8
+    assert "2026-06-01 09:45:43.885738" in shown
+    many = Results(list(found) * 20, Conflict)
+    assert "the first 50 of 140" in many._repr_html_()
+    assert many._repr_html_().count("<tr>") == 51
+    state = SceneState("s", 1, 1, None, None, False, "1 object waits for detection")
+    assert "1 object waits" in Listing(state, [], Conflict)._repr_html_()
+    assert "no conflicts" in Listing(state, [], Conflict)._repr_html_()
+    assert Explanation({}, "a < b\nc")._repr_html_() == "<pre>a &lt; b\nc</pre>"
+    near = Results([one.approach for one in found if one.approach], Approach)
+    assert near._repr_html_().count("<tr>") == len(near) + 1
