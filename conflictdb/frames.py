@@ -50,6 +50,13 @@ def conflict_frame(rows: "Sequence[Conflict]") -> "pd.DataFrame":
             "closest_a_point": (_objects, lambda one: _point(one.closest_a_deg)),
             "closest_b_point": (_objects, lambda one: _point(one.closest_b_deg)),
             "scene_is_current": (_truths, lambda one: one.scene_is_current),
+            "conflict_id": (_whole, lambda one: one.conflict_id),
+            "opened_at": (_instants, lambda one: one.opened_at),
+            "changed_at": (_instants, lambda one: one.changed_at),
+            "acknowledged_by": (_objects, lambda one: one.acknowledged_by),
+            "acknowledged_at": (_instants, lambda one: one.acknowledged_at),
+            "acknowledged_for": (_objects, lambda one: one.acknowledged_for),
+            "acknowledged_until": (_instants, lambda one: one.acknowledged_until),
         },
     )
 

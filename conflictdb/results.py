@@ -113,6 +113,10 @@ class Conflict(Drawable):
     scene_is_current : whether the conflicts of the scene are complete
     run_id : the run that found it so; later ones found the same
     found_at : when it was first found
+    conflict_id : its number, the same from opening to closing; None where it is only near
+    changed_at : when its periods, verdict or a key last changed; None if they never did
+    acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until : who took note of it as it is, when, why,
+        and until when that holds (None: as long as it lasts); all None where nobody did, or where that is over
     """
 
     scene: str
@@ -135,6 +139,17 @@ class Conflict(Drawable):
     scene_is_current: bool | None = None
     run_id: int | None = None
     found_at: datetime | None = None
+    conflict_id: int | None = None
+    changed_at: datetime | None = None
+    acknowledged_by: str | None = None
+    acknowledged_at: datetime | None = None
+    acknowledged_for: str | None = None
+    acknowledged_until: datetime | None = None
+
+    @property
+    def opened_at(self) -> datetime | None:
+        """When it opened: `found_at`, as histories call it; None where it is only near."""
+        return None if self.verdict is Verdict.NEAR else self.found_at
 
     def _repr_html_(self) -> str:
         from conflictdb import notebook

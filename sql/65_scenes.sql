@@ -42,13 +42,13 @@ COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, window, exa
 COMMENT ON COLUMN scenes.tolerance_m IS 'Closeness that is too close to call, metres.';
 COMMENT ON COLUMN scenes.separation_m IS 'Minimum distance wanted between polygons, metres.';
 COMMENT ON COLUMN scenes.nearest_m IS
-'Pairs without conflict that come within this are kept with their closest approach, metres.';
+'Pairs without conflict that come within this are kept with their closest approach, metres; 0: none is.';
 COMMENT ON COLUMN scenes.objects IS 'How many areas and tracks it holds.';
 COMMENT ON COLUMN scenes.pending IS
 'How many objects wait for detection: changed, removed, or under other settings since the last one that succeeded.';
 COMMENT ON COLUMN scenes.last_run_id IS 'Its last detection, also one that failed; null if there was none.';
-COMMENT ON COLUMN scenes.last_run_at IS 'When that ended.';
-COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not.';
+COMMENT ON COLUMN scenes.last_run_at IS 'When that ended; null if there was none.';
+COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not, or there was none.';
 COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
 COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
@@ -78,10 +78,12 @@ COMMENT ON COLUMN queue.changes IS
 COMMENT ON COLUMN queue.attached_changes IS
 'How many changes of attached tables wait to become objects; of the rows of each statement that is one.';
 COMMENT ON COLUMN queue.worker_pid IS 'Process of the server that detects the scene; null: nobody does at the moment.';
-COMMENT ON COLUMN queue.worker IS 'What the program behind it calls itself: conflictdb worker, for one.';
-COMMENT ON COLUMN queue.worker_role IS 'The user it is connected as.';
-COMMENT ON COLUMN queue.worked_on_since IS 'When its transaction began.';
-COMMENT ON COLUMN queue.last_error IS 'Why the last detection of the scene failed; null if it did not.';
+COMMENT ON COLUMN queue.worker IS
+'What the program behind it calls itself: conflictdb worker, for one; null where worker_pid is.';
+COMMENT ON COLUMN queue.worker_role IS 'The user it is connected as; null where worker_pid is.';
+COMMENT ON COLUMN queue.worked_on_since IS 'When its transaction began; null where worker_pid is.';
+COMMENT ON COLUMN queue.last_error IS
+'Why the last detection of the scene failed; null if it did not, or there was none.';
 
 CREATE OR REPLACE FUNCTION _scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,

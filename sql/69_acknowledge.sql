@@ -110,4 +110,4 @@ COMMENT ON COLUMN acknowledgements.state IS
 'holds; outgrown: the conflict is more than that now; expired: its time is over; closed: the conflict is no more; '
 'ended: taken back or replaced.';
 COMMENT ON COLUMN acknowledgements.ended_by IS 'Who took it back or replaced it; null if nobody did.';
-COMMENT ON COLUMN acknowledgements.ended_at IS 'When.';
+COMMENT ON COLUMN acknowledgements.ended_at IS 'When; null if nobody did.';

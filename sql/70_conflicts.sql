@@ -72,9 +72,10 @@ COMMENT ON COLUMN conflicts.changed_at IS
 'When its periods (by more than they are uncertain by), its verdict or a key last changed; null if they never did.';
 COMMENT ON COLUMN conflicts.acknowledged_by IS
 'Who acknowledged it as it is now, or more; null where nobody did, where that is over, and where it has grown since.';
-COMMENT ON COLUMN conflicts.acknowledged_at IS 'When that was.';
-COMMENT ON COLUMN conflicts.acknowledged_for IS 'Why.';
-COMMENT ON COLUMN conflicts.acknowledged_until IS 'Until when that holds; null: for as long as the conflict lasts.';
+COMMENT ON COLUMN conflicts.acknowledged_at IS 'When that was; null where acknowledged_by is.';
+COMMENT ON COLUMN conflicts.acknowledged_for IS 'Why; null where acknowledged_by is.';
+COMMENT ON COLUMN conflicts.acknowledged_until IS 
+'Until when that holds; null: for as long as the conflict lasts, and where acknowledged_by is.';
 
 CREATE OR REPLACE VIEW approaches AS
 SELECT s.name AS scene,

@@ -30,7 +30,7 @@ COMMENT ON COLUMN conflict_events.time_error_s IS 'Bound on the error of every e
 COMMENT ON COLUMN conflict_events.closest_at IS 'Closest approach: when; null if not computed, or always so.';
 COMMENT ON COLUMN conflict_events.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
 COMMENT ON COLUMN conflict_events.closest_error_m IS
-'Closest approach: how far from closest_m the least distance may be, metres.';
+'Closest approach: how far from closest_m the least distance may be, metres; null if not computed.';
 COMMENT ON COLUMN conflict_events.opened_at IS 'When the conflict opened.';
 COMMENT ON COLUMN conflict_events.closed_at IS 'When it closed; null unless it did.';
 
@@ -54,7 +54,8 @@ CREATE OR REPLACE FUNCTION conflicts_known_at(p_scene text, p_instant timestampt
 RETURNS TABLE (
     conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text,
     time_error_s double precision, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, opened_at timestamptz, run_id bigint, acknowledged_by text
+    closest_error_m double precision, opened_at timestamptz, run_id bigint, acknowledged_by text,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -78,20 +79,23 @@ BEGIN
         SELECT e.conflict_id, e.a_key, CASE e.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
                e.b_key, CASE e.b_kind WHEN 0 THEN 'area' ELSE 'track' END, e.periods, e.verdict, e.time_error_s,
                e.closest_at, e.closest_m, e.closest_error_m, e.opened_at, e.run_id,
-               (SELECT k.acknowledged_by FROM acknowledgement k JOIN scene s USING (scene_id)
-                WHERE k.scene_id = v_scene_id AND k.conflict_id = e.conflict_id AND k.acknowledged_at <= p_instant
-                  AND coalesce(k.ended_at > p_instant, true) AND coalesce(k.until > p_instant, true)
-                  AND NOT _has_grown(e.periods, e.verdict, e.time_error_s, e.closest_m, e.closest_error_m, k.periods,
-                                     k.verdict, k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
-                ORDER BY k.acknowledgement_id DESC LIMIT 1)
+               n.acknowledged_by, n.acknowledged_at, n.reason, n.until
         FROM (SELECT DISTINCT ON (x.conflict_id) x.* FROM conflict_event x
               WHERE x.scene_id = v_scene_id AND x.run_id <= v_run_id
               ORDER BY x.conflict_id, x.conflict_event_id DESC) e
+        LEFT JOIN LATERAL (
+            SELECT k.acknowledged_by, k.acknowledged_at, k.reason, k.until
+            FROM acknowledgement k JOIN scene s USING (scene_id)
+            WHERE k.scene_id = v_scene_id AND k.conflict_id = e.conflict_id AND k.acknowledged_at <= p_instant
+              AND coalesce(k.ended_at > p_instant, true) AND coalesce(k.until > p_instant, true)
+              AND NOT _has_grown(e.periods, e.verdict, e.time_error_s, e.closest_m, e.closest_error_m, k.periods,
+                                 k.verdict, k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
+            ORDER BY k.acknowledgement_id DESC LIMIT 1) n ON true
         WHERE e.kind <> 'closed'
         ORDER BY lower(e.periods) NULLS FIRST, e.a_key, e.b_key;
 END
 $$;
 COMMENT ON FUNCTION conflicts_known_at(text, timestamptz) IS
 'The conflicts of a scene as they were known at an instant: what its last detection had found by then, and who had '
-'acknowledged it. periods are when they interfere: what was known at one instant of another is WHERE periods @> it. '
-'Refuses (ZC003) an instant before what is kept of the history.';
+'acknowledged it, when, why and until when. periods are when they interfere: what was known at one instant of another '
+'is WHERE periods @> it. Refuses (ZC003) an instant before what is kept of the history.';

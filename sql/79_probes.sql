@@ -256,15 +256,16 @@ COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
 COMMENT ON COLUMN probe_request.asked_at IS 'When its transaction began.';
 COMMENT ON COLUMN probe_request.object_kind IS 'Of the plan: 0 area, 1 track.';
 COMMENT ON COLUMN probe_request.key IS 'Object that it would replace, which is left out; null: none.';
-COMMENT ON COLUMN probe_request.footprint IS 'Of an area: longitude and latitude, degrees.';
-COMMENT ON COLUMN probe_request.active_span IS 'Of an area: when it is there, [start, end).';
-COMMENT ON COLUMN probe_request.path IS 'Of a track: waypoints, M is Unix seconds.';
-COMMENT ON COLUMN probe_request.outline IS 'Of a track: haven, metres to starboard and forward.';
+COMMENT ON COLUMN probe_request.footprint IS 'Of an area: longitude and latitude, degrees; null of a track.';
+COMMENT ON COLUMN probe_request.active_span IS 'Of an area: when it is there, [start, end); null of a track.';
+COMMENT ON COLUMN probe_request.path IS 'Of a track: waypoints, M is Unix seconds; null of an area.';
+COMMENT ON COLUMN probe_request.outline IS 'Of a track: haven, metres to starboard and forward; null of an area.';
 COMMENT ON COLUMN probe_request.grow_mps IS 'Of a track: speed at which the sides of the haven move outward.';
 COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level; null is unbounded.';
 COMMENT ON COLUMN probe_request.ceiling_m IS 'Height below which it stays, metres; null is unbounded.';
 COMMENT ON COLUMN probe_request.answered_at IS 'When it was answered; null while it waits.';
-COMMENT ON COLUMN probe_request.is_current IS 'Whether nothing of the scene waited for detection then.';
+COMMENT ON COLUMN probe_request.is_current IS
+'Whether nothing of the scene waited for detection then; null while it is not answered.';
 COMMENT ON COLUMN probe_request.error IS 'Why it cannot be answered; null if it can.';
 
 COMMENT ON TABLE probe_reply IS
@@ -279,4 +280,5 @@ COMMENT ON COLUMN probe_reply.time_error_s IS 'Bound on the error of every end o
 COMMENT ON COLUMN probe_reply.first_contact_point IS 'Where they first touch; null if not computed.';
 COMMENT ON COLUMN probe_reply.closest_at IS 'Closest approach: when; null if not computed, or always so.';
 COMMENT ON COLUMN probe_reply.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
-COMMENT ON COLUMN probe_reply.closest_error_m IS 'Closest approach: how far from that it may be, metres.';
+COMMENT ON COLUMN probe_reply.closest_error_m IS
+'Closest approach: how far from that it may be, metres; null if not computed.';

@@ -7,7 +7,8 @@ RETURNS TABLE (
     time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz, closest_at timestamptz,
     closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
     closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
-    scene_is_current boolean
+    scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -17,7 +18,9 @@ BEGIN
                CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
                ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
                c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
-               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current
+               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
+               c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
+               c.acknowledged_until
         FROM conflicts c
         WHERE c.scene = p_scene AND (p_at IS NULL OR c.periods @> p_at)
         ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
@@ -30,12 +33,14 @@ CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text,
     time_error_s double precision, run_id bigint, found_at timestamptz, closest_at timestamptz,
-    closest_m double precision, closest_error_m double precision
+    closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
 )
 LANGUAGE sql STABLE
 BEGIN ATOMIC
     SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict, r.method, c.time_error_s,
-           c.run_id, c.opened_at, c.closest_at, c.closest_m, c.closest_error_m
+           c.run_id, c.opened_at, c.closest_at, c.closest_m, c.closest_error_m, c.conflict_id, c.acknowledged_by,
+           c.acknowledged_at, c.acknowledged_for, c.acknowledged_until
     FROM conflicts_known_at(p_scene, p_instant) c JOIN run r ON r.run_id = c.run_id
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;

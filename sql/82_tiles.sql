@@ -385,7 +385,7 @@ COMMENT ON VIEW map_areas IS 'Areas as a layer of a map program such as QGIS.';
 COMMENT ON COLUMN map_areas.area_id IS 'Unique; the key of the layer.';
 COMMENT ON COLUMN map_areas.scene IS 'Name of the scene.';
 COMMENT ON COLUMN map_areas.key IS 'Key of the area.';
-COMMENT ON COLUMN map_areas.name IS 'Its name.';
+COMMENT ON COLUMN map_areas.name IS 'Its name; null if it has none.';
 COMMENT ON COLUMN map_areas.floor_m IS 'Lower limit, metres; null is unbounded.';
 COMMENT ON COLUMN map_areas.ceiling_m IS 'Upper limit, metres; null is unbounded.';
 COMMENT ON COLUMN map_areas.starts_at IS 'From when it is there; null: since ever.';
@@ -404,7 +404,7 @@ COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of a map program such 
 COMMENT ON COLUMN map_tracks.track_id IS 'Unique; the key of the layer.';
 COMMENT ON COLUMN map_tracks.scene IS 'Name of the scene.';
 COMMENT ON COLUMN map_tracks.key IS 'Key of the track.';
-COMMENT ON COLUMN map_tracks.name IS 'Its name.';
+COMMENT ON COLUMN map_tracks.name IS 'Its name; null if it has none.';
 COMMENT ON COLUMN map_tracks.floor_m IS 'Lower limit of all its legs, metres; null is unbounded.';
 COMMENT ON COLUMN map_tracks.ceiling_m IS 'Upper limit of all its legs, metres; null is unbounded.';
 COMMENT ON COLUMN map_tracks.starts_at IS 'When it sets out.';

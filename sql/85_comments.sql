@@ -11,7 +11,7 @@ COMMENT ON COLUMN scene.motion IS 'How tracks and edges run between their points
 COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
 COMMENT ON COLUMN scene.centre_lon IS
 'great_circle: longitude of the place that all objects lie within 60 degrees of; null until there is one.';
-COMMENT ON COLUMN scene.centre_lat IS 'great_circle: latitude of that place, degrees.';
+COMMENT ON COLUMN scene.centre_lat IS 'great_circle: latitude of that place, degrees; null until there is one.';
 COMMENT ON COLUMN scene.method IS
 'Where a detection stops: screen (who might meet), window (a safe time window), exact (certified times), '
 'nlp (certified times, found by the published program).';
@@ -26,7 +26,7 @@ COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
 COMMENT ON COLUMN area.area_id IS 'Number within this database.';
 COMMENT ON COLUMN area.scene_id IS 'Scene it belongs to.';
 COMMENT ON COLUMN area.key IS 'Id, unique among the areas and tracks of the scene.';
-COMMENT ON COLUMN area.name IS 'What people call it.';
+COMMENT ON COLUMN area.name IS 'What people call it; null if it has no name.';
 COMMENT ON COLUMN area.footprint IS
 'Longitude and latitude in degrees, longitudes may run on beyond 180; edges are straight in the scene''s plane.';
 COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end), no bound where it has none.';
@@ -41,7 +41,7 @@ COMMENT ON TABLE track IS 'Polygons carried along waypoints at constant speed on
 COMMENT ON COLUMN track.track_id IS 'Number within this database.';
 COMMENT ON COLUMN track.scene_id IS 'Scene it belongs to.';
 COMMENT ON COLUMN track.key IS 'Id, unique among the areas and tracks of the scene.';
-COMMENT ON COLUMN track.name IS 'What people call it.';
+COMMENT ON COLUMN track.name IS 'What people call it; null if it has no name.';
 COMMENT ON COLUMN track.path IS
 'Waypoints: longitude and latitude in degrees, M the instant in Unix seconds, told apart to the microsecond.';
 COMMENT ON COLUMN track.outline IS
@@ -98,13 +98,15 @@ COMMENT ON COLUMN piece.shape IS
 'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline at the start '
 'of the leg, metres to starboard and ahead.';
 COMMENT ON COLUMN piece.shape_to IS 'Tracks: the same vertices at the end of the leg; null where they stay.';
-COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of.';
-COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg.';
-COMMENT ON COLUMN piece.start_lon_deg IS 'Tracks: longitude at the start of the leg, degrees, not shifted.';
-COMMENT ON COLUMN piece.start_lat_deg IS 'Tracks: latitude at the start of the leg, degrees.';
-COMMENT ON COLUMN piece.end_lon_deg IS 'Tracks: longitude at the end of the leg, degrees, running on from its start.';
-COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees.';
-COMMENT ON COLUMN piece.bearing_deg IS 'Tracks: heading of the haven, degrees clockwise from north.';
+COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of; null of areas.';
+COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg; null of areas.';
+COMMENT ON COLUMN piece.start_lon_deg IS
+'Tracks: longitude at the start of the leg, degrees, not shifted; null of areas.';
+COMMENT ON COLUMN piece.start_lat_deg IS 'Tracks: latitude at the start of the leg, degrees; null of areas.';
+COMMENT ON COLUMN piece.end_lon_deg IS
+'Tracks: longitude at the end of the leg, degrees, running on from its start; null of areas.';
+COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees; null of areas.';
+COMMENT ON COLUMN piece.bearing_deg IS 'Tracks: heading of the haven, degrees clockwise from north; null of areas.';
 
 COMMENT ON TABLE run IS
 'Detections that were done, with settings, pairs left after each stage, and seconds each stage took.';
@@ -115,22 +117,23 @@ COMMENT ON COLUMN run.finished_at IS 'When it had written its results, or failed
 COMMENT ON COLUMN run.method IS 'Method (see scene.method).';
 COMMENT ON COLUMN run.settings IS 'All settings it worked with, and effort it spent.';
 COMMENT ON COLUMN run.objects IS 'Areas and tracks of the scene.';
-COMMENT ON COLUMN run.candidate_pairs IS 'Pairs of pieces after stage 1.';
-COMMENT ON COLUMN run.intersecting_pairs IS 'Pairs of pieces after stage 2.';
-COMMENT ON COLUMN run.window_pairs IS 'Pairs of pieces after stage 3.';
-COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 worked on.';
+COMMENT ON COLUMN run.candidate_pairs IS 'Pairs of pieces after stage 1; null if the run failed.';
+COMMENT ON COLUMN run.intersecting_pairs IS 'Pairs of pieces after stage 2; null if the run failed.';
+COMMENT ON COLUMN run.window_pairs IS 'Pairs of pieces after stage 3; null if the run failed.';
+COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 worked on; null if the run failed.';
 COMMENT ON COLUMN run.conflicts IS 'Conflicts of the scene after the run; null if it failed.';
-COMMENT ON COLUMN run.unresolved IS 'Of these, how many are unresolved.';
-COMMENT ON COLUMN run.opened IS 'Conflicts that were not there before.';
+COMMENT ON COLUMN run.unresolved IS 'Of these, how many are unresolved; null if the run failed.';
+COMMENT ON COLUMN run.opened IS 'Conflicts that were not there before; null if the run failed.';
 COMMENT ON COLUMN run.changed IS
-'Conflicts with other periods, by more than they are uncertain by, another verdict or another key than before.';
-COMMENT ON COLUMN run.closed IS 'Conflicts that are no more.';
-COMMENT ON COLUMN run.pieces_s IS 'Seconds spent on pieces.';
-COMMENT ON COLUMN run.stage1_s IS 'Seconds spent in stage 1, broad phase.';
-COMMENT ON COLUMN run.stage2_s IS 'Seconds spent in stage 2, intersection.';
-COMMENT ON COLUMN run.stage3_s IS 'Seconds spent in stage 3, projection.';
-COMMENT ON COLUMN run.stage4_s IS 'Seconds spent in stage 4, solver.';
-COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results.';
+'Conflicts with other periods, by more than they are uncertain by, another verdict or another key than before; null if '
+'the run failed.';
+COMMENT ON COLUMN run.closed IS 'Conflicts that are no more; null if the run failed.';
+COMMENT ON COLUMN run.pieces_s IS 'Seconds spent on pieces; null if the run failed.';
+COMMENT ON COLUMN run.stage1_s IS 'Seconds spent in stage 1, broad phase; null if the run failed.';
+COMMENT ON COLUMN run.stage2_s IS 'Seconds spent in stage 2, intersection; null if the run failed.';
+COMMENT ON COLUMN run.stage3_s IS 'Seconds spent in stage 3, projection; null if the run failed.';
+COMMENT ON COLUMN run.stage4_s IS 'Seconds spent in stage 4, solver; null if the run failed.';
+COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results; null if the run failed.';
 COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';
 
 COMMENT ON TABLE conflict IS
@@ -161,11 +164,11 @@ COMMENT ON COLUMN conflict.closest_at IS
 COMMENT ON COLUMN conflict.closest_m IS
 'Closest approach: least distance, metres on the earth, 0 if they touch; null if not computed.';
 COMMENT ON COLUMN conflict.closest_error_m IS
-'Closest approach: how far from closest_m the least distance may be, metres.';
+'Closest approach: how far from closest_m the least distance may be, metres; null if not computed.';
 COMMENT ON COLUMN conflict.closest_a_point IS
-'Closest approach: nearest point of the first object, longitude and latitude.';
+'Closest approach: nearest point of the first object, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.closest_b_point IS
-'Closest approach: nearest point of the second object, longitude and latitude.';
+'Closest approach: nearest point of the second object, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.digest IS
 'Digest of the row and of the settings that it was found under; 0 where that is not known. Found again with the same '
 'digest, a row is not written again.';
@@ -193,9 +196,10 @@ COMMENT ON COLUMN conflict_event.b_key IS 'Second object: key.';
 COMMENT ON COLUMN conflict_event.periods IS 'When they interfere; of a conflict that closed, as known before.';
 COMMENT ON COLUMN conflict_event.verdict IS 'Verdict; of a conflict that closed, as known before.';
 COMMENT ON COLUMN conflict_event.time_error_s IS 'Bound on the error of every end of every period, seconds.';
-COMMENT ON COLUMN conflict_event.closest_at IS 'Closest approach: when.';
-COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres.';
-COMMENT ON COLUMN conflict_event.closest_error_m IS 'Closest approach: bound on its error, metres.';
+COMMENT ON COLUMN conflict_event.closest_at IS 'Closest approach: when; null if not computed, or always so.';
+COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
+COMMENT ON COLUMN conflict_event.closest_error_m IS
+'Closest approach: bound on its error, metres; null if not computed.';
 
 COMMENT ON TABLE history IS 'How far back what was known of a scene is kept.';
 COMMENT ON COLUMN history.scene_id IS 'Scene.';
@@ -218,10 +222,11 @@ COMMENT ON COLUMN acknowledgement.b_key IS 'Second object: key then.';
 COMMENT ON COLUMN acknowledgement.periods IS 'What was acknowledged: periods.';
 COMMENT ON COLUMN acknowledgement.verdict IS 'What was acknowledged: verdict.';
 COMMENT ON COLUMN acknowledgement.time_error_s IS 'What was acknowledged: bound on the error of periods, seconds.';
-COMMENT ON COLUMN acknowledgement.closest_m IS 'What was acknowledged: least distance, metres.';
-COMMENT ON COLUMN acknowledgement.closest_error_m IS 'What was acknowledged: bound on its error, metres.';
+COMMENT ON COLUMN acknowledgement.closest_m IS 'What was acknowledged: least distance, metres; null if not computed.';
+COMMENT ON COLUMN acknowledgement.closest_error_m IS
+'What was acknowledged: bound on its error, metres; null if not computed.';
 COMMENT ON COLUMN acknowledgement.ended_by IS 'Who took it back, or replaced it; null if nobody did.';
-COMMENT ON COLUMN acknowledgement.ended_at IS 'When.';
+COMMENT ON COLUMN acknowledgement.ended_at IS 'When; null if nobody took it back or replaced it.';
 
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it until its transaction ends. Only workers can.';
@@ -257,10 +262,12 @@ COMMENT ON TABLE attached_object IS
 'What was made of the rows of attached tables: an object, or a reason why there is none (view unmapped).';
 COMMENT ON COLUMN attached_object.attachment_id IS 'Attachment.';
 COMMENT ON COLUMN attached_object.identity IS 'What the columns that tell rows apart hold, as texts of an array.';
-COMMENT ON COLUMN attached_object.hash IS 'Of the columns of its rows that the map uses: other rows have another one.';
+COMMENT ON COLUMN attached_object.hash IS
+'Of the columns of its rows that the map uses: other rows have another one; null if there is none.';
 COMMENT ON COLUMN attached_object.key IS 'Key that the rows give; null if there is none.';
 COMMENT ON COLUMN attached_object.object_id IS 'area_id or track_id of the object; null if there never was one.';
-COMMENT ON COLUMN attached_object.version IS 'Version of the object when it was made of its rows.';
+COMMENT ON COLUMN attached_object.version IS
+'Version of the object when it was made of its rows; null if there is none.';
 COMMENT ON COLUMN attached_object.reason IS
 'Why the rows as they are now could not be made an object; null if they were.';
 COMMENT ON COLUMN attached_object.is_taken IS

@@ -106,7 +106,10 @@ def approach_table(approaches: Sequence[Approach]) -> str:
 
 
 def _verdict_text(pair: Conflict | Approach) -> str:
-    return pair.verdict + (" (outdated)" if pair.is_current is False else "")
+    marks = ["outdated"] if pair.is_current is False else []
+    if isinstance(pair, Conflict) and pair.acknowledged_by is not None:
+        marks.append("acknowledged")
+    return f"{pair.verdict} ({', '.join(marks)})" if marks else pair.verdict
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:

@@ -14,7 +14,7 @@ from typing import Final
 
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped, harmless
-from conflictdb.results import Approach, Conflict, Period, Position, SceneState
+from conflictdb.results import Approach, Conflict, Period, Position, SceneState, Verdict
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"
@@ -26,17 +26,24 @@ COLUMNS: Final = (
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
     *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
-    "scene_is_current",
+    *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
+    *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
 )
 APPROACH_COLUMNS: Final = (
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
     *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current", "method", "time_error_s"),
 )
 # What a cell of CSV shows without the quotes of JSON.
-_TEXTS: Final = ("a_kind", "b_kind", "first_contact", "last_contact", "verdict", "method", "found_at", "closest_at")
+_TEXTS: Final = (
+    *("a_kind", "b_kind", "first_contact", "last_contact", "verdict", "method", "found_at", "closest_at"),
+    *("opened_at", "changed_at", "acknowledged_at", "acknowledged_until"),
+)
 _REGION: Final = COLUMNS.index("region")
 _PERIODS: Final = COLUMNS.index("periods")
+_BY: Final = COLUMNS.index("acknowledged_by")
+_WHY: Final = COLUMNS.index("acknowledged_for")
 _NULL: Final = "null"
+_UNACKNOWLEDGED: Final = (_NULL,) * 4
 _TRUTH: Final = {None: _NULL, False: "false", True: "true"}
 
 
@@ -61,7 +68,7 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
     """Yield the lines of a CSV file with a header: COLUMNS of conflicts, APPROACH_COLUMNS of closest approaches.
 
     Periods are ISO 8601 intervals, start/end, separated by spaces; an unbounded end is two dots. Geometries are
-    GeoJSON. Names and keys that a spreadsheet could take for a formula begin with an apostrophe: see `cell`.
+    GeoJSON. Texts of users that a spreadsheet could take for a formula begin with an apostrophe: see `cell`.
     """
     buffer = StringIO()
     writer = csv.writer(buffer, lineterminator=_LINE_END)
@@ -83,6 +90,8 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
         if isinstance(one, Conflict):
             row[_PERIODS] = interval_text(one.periods)
         row = ["" if text == _NULL else text for text in row]
+        if isinstance(one, Conflict) and one.acknowledged_by is not None:
+            row[_BY], row[_WHY] = cell(one.acknowledged_by), cell(one.acknowledged_for or "")
         row[scene], row[a_key], row[b_key] = cell(one.scene), cell(one.a_key), cell(one.b_key)
         yield written(row)
 
@@ -146,6 +155,7 @@ def _object(columns: Sequence[str]) -> str:
 def _texts(one: Conflict) -> tuple[str, ...]:
     """Return the columns of a conflict as JSON. By hand: a list of tens of thousands takes half as long."""
     periods = [(_moment(start), _moment(end)) for start, end in one.periods]
+    found_at = _moment(one.found_at)
     return (
         encode_basestring(one.scene),
         encode_basestring(one.a_key),
@@ -162,13 +172,26 @@ def _texts(one: Conflict) -> tuple[str, ...]:
         _number(one.time_error_s),
         _TRUTH[one.is_current],
         _NULL if one.run_id is None else str(one.run_id),
-        _moment(one.found_at),
+        found_at,
         _moment(one.closest_at),
         _number(one.closest_m),
         _number(one.closest_error_m),
         _point(one.closest_a_deg),
         _point(one.closest_b_deg),
         _TRUTH[one.scene_is_current],
+        _NULL if one.conflict_id is None else str(one.conflict_id),
+        _NULL if one.verdict is Verdict.NEAR else found_at,
+        _moment(one.changed_at),
+        *(_UNACKNOWLEDGED if one.acknowledged_by is None else _acknowledged(one)),
+    )
+
+
+def _acknowledged(one: Conflict) -> tuple[str, ...]:
+    return (
+        encode_basestring(one.acknowledged_by or ""),
+        _moment(one.acknowledged_at),
+        encode_basestring(one.acknowledged_for or ""),
+        _moment(one.acknowledged_until),
     )
 
 

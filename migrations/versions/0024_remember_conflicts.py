@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0aa73028c12e64e6bcfd873385810eba89ffdaf6d4093de745c1dd3a61d8be18"
+routines_sha256 = "7504f8760ee35ca970fecf294134a5b3d7059b3fa9d38bb4012d8e1740b21ccc"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

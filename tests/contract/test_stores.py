@@ -123,7 +123,8 @@ def by_pair(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
 
 def told(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
     """What rows tell, without who found them when."""
-    return by_pair([replace(one, is_current=None, scene_is_current=None, run_id=None, found_at=None) for one in rows])
+    who = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None, "conflict_id": None}
+    return by_pair([replace(one, **who, changed_at=None) for one in rows])
 
 
 @pytest.fixture(params=STORES.values(), ids=list(STORES))

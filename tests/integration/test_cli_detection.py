@@ -22,7 +22,8 @@ COLUMNS = [
     *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
     *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
     *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
-    "scene_is_current",
+    *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
+    *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 
@@ -231,6 +232,17 @@ def test_history_is_printed_and_conflicts_acknowledged(run: Run) -> None:
     assert run("history", "--scene", "strait", "--after", last).out == "no events\n"
     pair = ("--scene", "strait", "FERRY", "DIVING")
     assert run("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == "acknowledged\n"
+    assert "conflict (acknowledged)" in run("conflicts", "--scene", "strait").out
+    listed = ("conflicts", "--scene", "strait", "--format")
+    noted = next(row for row in json.loads(run(*listed, "json").out) if row["acknowledged_by"])
+    assert (noted["a_key"], noted["b_key"], noted["acknowledged_for"]) == ("DIVING", "FERRY", "agreed")
+    assert (noted["acknowledged_until"], noted["changed_at"]) == ("2100-01-01T00:00:00.000000Z", None)
+    assert [noted["conflict_id"]] == [
+        event["conflict_id"] for event in events if (event["a_key"], event["b_key"]) == ("DIVING", "FERRY")
+    ]
+    assert run("acknowledge", *pair, "--reason", "=1+1").code == 0
+    table = list(csv.DictReader(StringIO(run(*listed, "csv").out)))
+    assert [row["acknowledged_for"] for row in table if row["acknowledged_by"]] == ["'=1+1"]
     assert run("acknowledge", *pair, "--undo").out == "taken back\n"
     assert run("acknowledge", *pair, "--undo").out == "was not acknowledged\n"
     assert run("acknowledge", *pair, "--reason", "agreed", "--until", "2000-01-01T00:00Z").code != 0

@@ -60,7 +60,7 @@ def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
         run = db.detect("strait")
         known = db.conflicts_known_at("strait", known_at)
         told = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
-        for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at"):
+        for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at", "conflict_id", "opened_at"):
             assert [getattr(one, name) for one in known] == [getattr(one, name) for one in then]
         assert db.conflicts_known_at("strait", known_at - timedelta(days=1)) == []
         opened, closed = db.conflict_events("strait", "FERRY", "DIVING")
@@ -72,6 +72,13 @@ def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
         assert len(db.conflict_events("strait", after=opened.event, most=3)) == 3
         number = db.acknowledge("strait", "FERRY", "FIRING", "agreed", datetime.now(UTC) + timedelta(hours=1))
         assert number == db.conflict_events("strait", "FIRING", "FERRY")[0].conflict_id
+        for rows in (db.conflicts("strait"), db.conflicts_known_at("strait", datetime.now(UTC))):
+            noted = next(one for one in rows if one.conflict_id == number)
+            assert (noted.acknowledged_by, noted.acknowledged_for) == (db.connection.info.user, "agreed")
+            assert noted.acknowledged_at
+            assert noted.acknowledged_until
+            assert noted.acknowledged_until - noted.acknowledged_at > timedelta(minutes=59)
+            assert [one.acknowledged_by for one in rows if one is not noted] == [None] * (len(rows) - 1)
         assert db.unacknowledge("strait", "FIRING", "FERRY")
         assert not db.unacknowledge("strait", "FIRING", "FERRY")
         with pytest.raises(InvalidInput, match="between 'FERRY' and 'DIVING' is not known"):
@@ -250,7 +257,8 @@ def test_periods_are_read_as_the_server_has_them(conn: psycopg.Connection[Any], 
 
 
 # What only a database knows; for GeoJSON also whether its scenes are complete.
-OF_DATABASES = {"region": None, "is_current": None, "scene_is_current": None, "run_id": None, "found_at": None}
+OF_DATABASES = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None}
+OF_CONFLICTS = {**OF_DATABASES, "region": None, "conflict_id": None}
 
 
 def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Path) -> None:
@@ -265,9 +273,8 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
     conflicts = [one for one in solved if one.verdict is not Verdict.NEAR]
     assert 0 < len(conflicts) < len(solved)
     approaches = [one.approach for one in solved if one.approach]
-    without = {name: None for name in OF_DATABASES if name != "region"}
-    stored = sorted((replace(one, **OF_DATABASES) for one in found), key=lambda one: (one.a_key, one.b_key))
-    stored_near = sorted((replace(one, **without) for one in near), key=lambda one: (one.a_key, one.b_key))
+    stored = sorted((replace(one, **OF_CONFLICTS) for one in found), key=lambda one: (one.a_key, one.b_key))
+    stored_near = sorted((replace(one, **OF_DATABASES) for one in near), key=lambda one: (one.a_key, one.b_key))
     assert conflicts == stored
     assert approaches == stored_near
     for suffix in (".json", ".csv", ".geojson"):

@@ -42,3 +42,14 @@ def test_page_has_all_that_is_public_and_nothing_else(conn: psycopg.Connection) 
              AND coalesce(col_description(a.attrelid, a.attnum), '') = ''"""
     ).fetchall()
     assert bare == []
+
+
+def test_columns_that_may_be_null_say_what_null_means(conn: psycopg.Connection) -> None:
+    """No column of a table leaves it to guessing."""
+    silent = conn.execute(
+        """SELECT c.relname || '.' || a.attname FROM pg_attribute a JOIN pg_class c ON c.oid = a.attrelid
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r' AND a.attnum > 0
+             AND NOT a.attnotnull AND NOT a.attisdropped AND c.relname <> 'alembic_version'
+             AND col_description(a.attrelid, a.attnum) !~* '\\mnull\\M'"""
+    ).fetchall()
+    assert silent == []

@@ -107,7 +107,9 @@ def each_conflict(
     with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region)) as rows:
         for row in rows:
             a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
-            is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *points, scene_is_current = rest
+            is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
+            a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, scene_is_current, conflict_id, changed_at, *rest = rest
+            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until = rest
             yield Conflict(
                 scene=scene,
                 a_key=a_key,
@@ -126,9 +128,15 @@ def each_conflict(
                 closest_at=_utc(closest_at),
                 closest_m=closest_m,
                 closest_error_m=closest_error_m,
-                closest_a_deg=None if points[0] is None else (points[0], points[1]),
-                closest_b_deg=None if points[2] is None else (points[2], points[3]),
+                closest_a_deg=None if a_lon_deg is None else (a_lon_deg, a_lat_deg),
+                closest_b_deg=None if b_lon_deg is None else (b_lon_deg, b_lat_deg),
                 scene_is_current=scene_is_current,
+                conflict_id=conflict_id,
+                changed_at=_utc(changed_at),
+                acknowledged_by=acknowledged_by,
+                acknowledged_at=_utc(acknowledged_at),
+                acknowledged_for=acknowledged_for,
+                acknowledged_until=_utc(acknowledged_until),
             )
 
 
@@ -169,7 +177,13 @@ def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) 
     """
     with transaction(conn):
         rows = call_by_name(conn, "_conflicts_known_at", scene, at)
-    return [Conflict(scene=scene, **_typed(row, "found_at") | {"method": _METHODS[row["method"]]}) for row in rows]
+    return [
+        Conflict(
+            scene=scene,
+            **_typed(row, "found_at", "acknowledged_at", "acknowledged_until") | {"method": _METHODS[row["method"]]},
+        )
+        for row in rows
+    ]
 
 
 def conflict_events(
