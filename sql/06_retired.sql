@@ -20,7 +20,8 @@ BEGIN
                OR NOT 'p_only_near' = ANY (p.proargnames) AND p.proname = '_approaches'
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
                OR NOT 'places' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
-               OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes'))
+               OR 'p_first' = ANY (p.proargnames) AND p.proname = '_candidates'
+               OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes', '_dirty_objects'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
                        '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));

@@ -2,7 +2,7 @@
 -- hulls hold all that a piece covers, padded for the scene's tolerance and separation, and spans all of its time.
 --
 -- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&. The
--- stages that follow run at the client, which reads what it can hold: pairs of a range of objects, then their pieces.
+-- stages that follow run at the client, which reads what it can hold: some of the pairs, then their pieces.
 --
 -- An object goes by one number: its kind above its id, so that numbers are in the order of (object_kind, object_id).
 
@@ -13,20 +13,6 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _object_number(smallint, bigint) IS
 'One number for an object of any kind; in the order of kinds, then ids.';
-
-CREATE OR REPLACE FUNCTION _dirty_objects(p_scene_id bigint, OUT object_number bigint) RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
-BEGIN
-    PERFORM _require_snapshot();
-    RETURN QUERY
-        SELECT _object_number(d.object_kind, d.object_id)
-        FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
-              WHERE c.scene_id = p_scene_id AND c.is_covered) d
-        ORDER BY d.object_kind, d.object_id;
-END
-$$;
-COMMENT ON FUNCTION _dirty_objects(bigint) IS
-'The changed objects of a scene whose pieces are made, in order, for COPY: those whose pairs are found anew.';
 
 CREATE OR REPLACE FUNCTION _is_all_dirty(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -41,62 +27,101 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _is_all_dirty(bigint) IS 'Whether every object of a scene changed, and its pieces are made.';
 
-CREATE OR REPLACE FUNCTION _candidates(
-    p_scene_id bigint, p_first bigint, p_last bigint, p_is_all_dirty boolean, p_most bigint,
-    OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
+CREATE OR REPLACE FUNCTION _candidates_of_all(
+    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
 -- also while the statistics know nothing of the pieces yet.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
 DECLARE
-    v_first_kind smallint := p_first >> 62;
-    v_last_kind smallint := p_last >> 62;
-    v_first_id bigint := p_first & ((1::bigint << 62) - 1);
-    v_last_id bigint := p_last & ((1::bigint << 62) - 1);
+    v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
+                         > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
 BEGIN
-    -- Adding 0 keeps the scene a condition of the join: known beforehand, it would offer itself as the only one of the
-    -- index.
-    IF p_is_all_dirty THEN
-        -- Every pair, ordered once. It may use several processes.
+    -- Every pair, ordered once, in the order in which pieces are stored: those near each other. By several processes
+    -- where the server has them to spare. Adding 0 keeps the scene from the index.
+    IF v_is_most THEN
+        -- Without the scene, which takes a third of the time to look at, and there is little else in its place.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
             FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
-            WHERE a.scene_id + 0 = p_scene_id AND b.scene_id = a.scene_id + 0
-              AND (a.object_kind, a.object_id) >= (v_first_kind, v_first_id)
-              AND (a.object_kind, a.object_id) <= (v_last_kind, v_last_id)
+            WHERE a.scene_id = p_scene_id AND b.scene_id + 0 = p_scene_id
               AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-              AND (a.turn = 0 OR b.turn = 0)
-            LIMIT p_most;
+              AND (a.turn = 0 OR b.turn = 0);
     ELSE
-        -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects
-        -- to their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
+        -- OFFSET 0: the scene is no constant of the join, which would offer itself as the only condition of the index.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
-            FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
-                  WHERE c.scene_id = p_scene_id AND c.is_covered
-                    AND (c.object_kind, c.object_id) >= (v_first_kind, v_first_id)
-                    AND (c.object_kind, c.object_id) <= (v_last_kind, v_last_id)) d
-            CROSS JOIN LATERAL (SELECT p.* FROM piece p
-                                WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
-                                  AND p.scene_id + 0 = p_scene_id OFFSET 0) a
-            JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id + 0
+            FROM (SELECT p.* FROM piece p WHERE p.scene_id = p_scene_id OFFSET 0) a
+            JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id
             WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-              AND (a.turn = 0 OR b.turn = 0)
-              AND ((a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-                   OR (a.object_kind, a.object_id) > (b.object_kind, b.object_id)
-                   AND NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                                   AND m.object_kind = b.object_kind AND m.object_id = b.object_id))
-            LIMIT p_most;
+              AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+              AND (a.turn = 0 OR b.turn = 0);
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _candidates(bigint, bigint, bigint, boolean, bigint) IS
-'Stage 1: the pairs of pieces whose boxes meet in space, time and height, of dirty objects from a first to a last '
-'number and of what they meet, each pair with the first of its dirty objects; p_most at most, null is all. For COPY.';
+COMMENT ON FUNCTION _candidates_of_all(bigint) IS
+'Stage 1 of a whole scene: the pairs of pieces whose boxes meet in space, time and height.';
+
+CREATE OR REPLACE FUNCTION _candidates_of_dirty(
+    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+-- As above.
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+BEGIN
+    -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects to
+    -- their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
+    RETURN QUERY
+        SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+               _object_number(b.object_kind, b.object_id)
+        FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
+              WHERE c.scene_id = p_scene_id AND c.is_covered) d
+        CROSS JOIN LATERAL (SELECT p.* FROM piece p
+                            WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
+                              AND p.scene_id + 0 = p_scene_id OFFSET 0) a
+        JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id + 0
+        WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
+          AND (a.turn = 0 OR b.turn = 0)
+          AND ((a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+               OR (a.object_kind, a.object_id) > (b.object_kind, b.object_id)
+               AND NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                               AND m.object_kind = b.object_kind AND m.object_id = b.object_id));
+END
+$$;
+COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
+'Stage 1 of what changed: the pairs of pieces of dirty objects, and of what they meet, whose boxes meet in space, time '
+'and height, each pair with the first of its dirty objects.';
+
+CREATE OR REPLACE FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea)
+RETURNS SETOF record
+-- Hashes would hold all of them in memory; sorts go to the disk.
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET enable_hashagg = off AS $$
+BEGIN
+    PERFORM _require_snapshot();
+    -- The rank of a pair of objects is how many pairs of pieces come before it.
+    IF _is_all_dirty(p_scene_id) THEN
+        RETURN QUERY
+            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id))
+            FROM (SELECT m.*, (rank() OVER (ORDER BY m.a_object, m.b_object) - 1) / p_at_once AS chunk
+                  FROM _candidates_of_all(p_scene_id) m) c
+            GROUP BY c.chunk;
+    ELSE
+        RETURN QUERY
+            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id))
+            FROM (SELECT m.*, (rank() OVER (ORDER BY m.a_object, m.b_object) - 1) / p_at_once AS chunk
+                  FROM _candidates_of_dirty(p_scene_id) m) c
+            GROUP BY c.chunk;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _candidates(bigint, bigint) IS
+'Stage 1: the pairs of pieces whose boxes meet in space, time and height, of dirty objects and of what they meet, so '
+'many pairs to a row, those of the same two objects in one: ids of the pieces as arrays without nulls (array_send). '
+'Refuses (ZC013) outside of a snapshot.';
 
 CREATE OR REPLACE FUNCTION _pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,

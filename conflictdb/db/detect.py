@@ -33,7 +33,6 @@ from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.memory import DEFAULT_MEMORY, MEMORY_MB, Memory
-from conflictdb.pipeline.object_pairs import chunks_of_objects
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
 
@@ -43,10 +42,6 @@ _log = logging.getLogger(__name__)
 
 # So many changed objects at most are detected by one transaction: making their pieces again, if it fails, costs little.
 _FEW_OBJECTS: Final = 100
-# Changed objects whose candidates are looked for by one statement: enough to be worth its planning.
-_OBJECTS_AT_ONCE: Final = 50_000
-# Chunks whose pairs, without their pieces, are held at once: what is known of a pair takes a thirtieth of its pieces.
-_CHUNKS_AT_ONCE: Final = 8
 # Changed objects that are read first; then as many as their pieces leave room for.
 _FIRST_OBJECTS: Final = 2_000
 
@@ -247,24 +242,8 @@ class _SceneSource:
         self._conn, self._scene_id, self._pairs_at_once = conn, scene_id, memory.pairs
 
     def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
-        dirty = store.dirty_objects(self._conn, self._scene_id)
-        for first in range(0, len(dirty.number), _OBJECTS_AT_ONCE):
-            for found in self._found(dirty, slice(first, min(first + _OBJECTS_AT_ONCE, len(dirty.number)))):
-                for rows in chunks_of_objects(found.a_object, found.b_object, self._pairs_at_once):
-                    yield self._with_pieces(found.a[rows], found.b[rows])
-
-    def _found(self, dirty: store.Dirty, rows: slice) -> Iterator[store.Candidates]:
-        """Yield the candidates of some dirty objects, of fewer at once where these have too many."""
-        n = rows.stop - rows.start
-        most = _CHUNKS_AT_ONCE * self._pairs_at_once
-        found = store.candidates(self._conn, self._scene_id, dirty, rows, None if n == 1 else most + 1)
-        if n == 1 or len(found) <= most:
-            yield found
-            return
-        del found
-        middle = rows.start + n // 2
-        yield from self._found(dirty, slice(rows.start, middle))
-        yield from self._found(dirty, slice(middle, rows.stop))
+        for found in store.candidates(self._conn, self._scene_id, self._pairs_at_once):
+            yield self._with_pieces(found.a, found.b)
 
     def _with_pieces(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
         """Return pieces by their ids, and the pairs as rows of them: in an order that does not depend on the ids."""

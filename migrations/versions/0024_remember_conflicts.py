@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7504f8760ee35ca970fecf294134a5b3d7059b3fa9d38bb4012d8e1740b21ccc"
+routines_sha256 = "68b0decc4735a7fee7faec3d191c8a3fc3ce1864a7b22aba8735e5b5e9d44109"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

@@ -44,7 +44,7 @@ def stopping(name, *, after):
         return result
     setattr(store, name, run)
 
-for name in ("changed_areas", "replace_pieces", "dirty_objects", "pieces", "stage", "end_write"):
+for name in ("changed_areas", "replace_pieces", "begin_write", "pieces", "stage", "end_write"):
     stopping(name, after=True)
 conflictdb.db.detect._FEW_OBJECTS = int(sys.argv[4])
 with store.connect(sys.argv[1]) as conn:
@@ -55,7 +55,7 @@ TWO_TRANSACTIONS, ONE_TRANSACTION = -1, 100
 PLACES = [
     pytest.param("changed_areas", TWO_TRANSACTIONS, marks=pytest.mark.slow),
     ("replace_pieces", TWO_TRANSACTIONS),
-    pytest.param("dirty_objects", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    pytest.param("begin_write", TWO_TRANSACTIONS, marks=pytest.mark.slow),
     ("pieces", TWO_TRANSACTIONS),
     ("progress", TWO_TRANSACTIONS),
     pytest.param("stage", TWO_TRANSACTIONS, marks=pytest.mark.slow),
@@ -170,10 +170,10 @@ def test_killed_detection_does_not_keep_others_waiting(
     scene, areas, tracks, *_ = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     conn.commit()
-    victim = start_victim(dsn, scene.name, "dirty_objects", tmp_path)
+    victim = start_victim(dsn, scene.name, "begin_write", tmp_path)
     waiting = None
     try:
-        wait_until_at(victim, "dirty_objects")
+        wait_until_at(victim, "begin_write")
         waiting = start_victim(dsn, scene.name, "nowhere", tmp_path)
         with pytest.raises(subprocess.TimeoutExpired):
             waiting.wait(1.5)

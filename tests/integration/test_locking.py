@@ -356,7 +356,7 @@ def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn,
     ("place", "is_one_transaction"),
     [
         ("begin_locked", False),
-        ("dirty_objects", False),
+        ("begin_write", False),
         ("end_write", False),
         ("begin_locked", True),
         ("end_write", True),

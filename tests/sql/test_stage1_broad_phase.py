@@ -15,14 +15,14 @@ from conflictdb.model import Area, EarthModel
 Conn = psycopg.Connection[Any]
 
 
-def candidates(conn: Conn, scene_id: int) -> list[tuple[int, int]]:
+def candidates(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[tuple[int, int]]:
     """Run stage 1 in a transaction that stays open; return its pairs of pieces."""
     store.begin_snapshot(conn)
-    dirty = store.dirty_objects(conn, scene_id)
-    if not len(dirty.number):
-        return []
-    found = store.candidates(conn, scene_id, dirty, slice(0, len(dirty.number)))
-    return list(zip(found.a.tolist(), found.b.tolist(), strict=True))
+    return [
+        pair
+        for found in store.candidates(conn, scene_id, at_once)
+        for pair in zip(found.a.tolist(), found.b.tolist(), strict=True)
+    ]
 
 
 def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: set[str] | None = None) -> None:
@@ -72,6 +72,32 @@ def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> Non
     assert_exactly(found, stored_pieces(conn, scene_id), {areas[3].key, areas[4].key, tracks[5].key})
 
 
+@pytest.mark.parametrize(("is_all", "others"), [(True, 5), (True, 30), (False, 5)])
+def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn, is_all: bool, others: int) -> None:
+    """Beside another scene in the same place, which is smaller or larger."""
+    scene_id = load(conn, *throw(PAPER, 15, 20, 20))
+    refresh(conn, load(conn, *throw(replace(PAPER, name="other"), 16, others, others)))
+    refresh(conn, scene_id)
+    conn.execute("ANALYZE conflictdb.piece")
+    if not is_all:
+        conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
+        conn.commit()
+    key = {p.piece_id: p.key for p in stored_pieces(conn, scene_id)}
+    conn.rollback()
+    whole = candidates(conn, scene_id)
+    conn.rollback()
+    store.begin_snapshot(conn)
+    chunks = [
+        list(zip(found.a.tolist(), found.b.tolist(), strict=True)) for found in store.candidates(conn, scene_id, 10)
+    ]
+    assert sorted(pair for chunk in chunks for pair in chunk) == sorted(whole)
+    of_objects = [{frozenset((key[a], key[b])) for a, b in chunk} for chunk in chunks]
+    assert sum(map(len, of_objects)) == len(set[frozenset[str]]().union(*of_objects))
+    most = max(sum(1 for a, b in whole if frozenset((key[a], key[b])) == pair) for some in of_objects for pair in some)
+    assert all(len(chunk) < 10 + most for chunk in chunks)
+    assert len(chunks) > len(whole) // 20 > 2
+
+
 def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None:
     scene, areas, tracks = throw(PAPER, 6, 10, 10)
     scene_id = load(conn, scene, areas, tracks)
@@ -117,7 +143,7 @@ def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> Non
 def test_detection_must_read_one_snapshot(conn: Conn) -> None:
     scene_id = load(conn, *throw(PAPER, 9, 2, 2))
     with pytest.raises(StoreError, match="REPEATABLE READ"):
-        store.dirty_objects(conn, scene_id)
+        list(store.candidates(conn, scene_id, 1))
 
 
 def test_unbounded_spans_meet_everything(conn: Conn) -> None:

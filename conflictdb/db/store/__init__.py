@@ -52,7 +52,7 @@ from conflictdb.db.store.objects import (
     set_scene,
     waiting_scenes,
 )
-from conflictdb.db.store.pairs import Candidates, Dirty, candidates, dirty_objects, pieces
+from conflictdb.db.store.pairs import Candidates, candidates, pieces
 from conflictdb.db.store.probes import (
     ProbeRequest,
     answer_probe,
@@ -94,7 +94,6 @@ __all__ = [
     "Attachment",
     "AttachmentPreview",
     "Candidates",
-    "Dirty",
     "Holder",
     "LoadCounts",
     "Pending",
@@ -127,7 +126,6 @@ __all__ = [
     "connect",
     "detach",
     "differing",
-    "dirty_objects",
     "each_approach",
     "each_conflict",
     "end_write",

@@ -70,11 +70,11 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
 
 
 def call_each(
-    conn: psycopg.Connection[Any], routine: str, *arguments: object
+    conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int = _ROWS_AT_ONCE
 ) -> Generator[tuple[Any, ...], None, None]:
     """Yield the rows of a routine of the schema conflictdb, read as they are asked for; a transaction must be open."""
     with translated(), psycopg.ServerCursor(conn, f"conflictdb_{next(_CURSORS)}", row_factory=tuple_row) as cursor:
-        cursor.itersize = _ROWS_AT_ONCE
+        cursor.itersize = rows_at_once
         cursor.execute(_query(routine, arguments), arguments, binary=True)
         yield from cursor
 

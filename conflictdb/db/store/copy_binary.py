@@ -150,6 +150,13 @@ def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
     return _wkb(WKB_POLYGON, [1], xy, offset, srid)
 
 
+def int8_array(sent: bytes) -> NDArray[np.int64]:
+    """Return the numbers of an array of one dimension as array_send gives it; none is null."""
+    # After a head each number with its length before it.
+    numbers = np.frombuffer(sent, [("length", ">i4"), ("number", ">i8")], offset=20 if sent[3] else len(sent))
+    return _native(numbers["number"])
+
+
 def float8_array(sent: bytes) -> NDArray[np.float64]:
     """Return the numbers of an array of one dimension as array_send gives it; NaN for null."""
     count = int.from_bytes(sent[12:16], "big") if sent[3] else 0

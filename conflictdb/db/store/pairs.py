@@ -1,11 +1,11 @@
-"""What stage 1 leaves of a scene: the pairs of pieces whose boxes meet, a range of objects at a time, and the pieces.
+"""What stage 1 leaves of a scene: the pairs of pieces whose boxes meet, some at a time, and the pieces.
 
-In the second transaction of a detection: `dirty_objects`, then `candidates` of ranges of these, and `pieces` of some.
+In the second transaction of a detection: `candidates`, and `pieces` of some of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import psycopg
@@ -13,13 +13,9 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.connection import call
+from conflictdb.db.store.connection import call_each
 from conflictdb.db.store.objects import decode_rings
 
-# Whether all of a scene changed is asked where so many did: that of a few is found by looking at these alone.
-_MANY: Final = 100
-
-_CANDIDATE_COLUMNS = [("a", "i8"), ("b", "i8"), ("a_object", "i8"), ("b_object", "i8")]
 _PIECE_COLUMNS = [
     ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("part", "i4"),
     ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -29,41 +25,23 @@ _PIECE_COLUMNS = [
 
 
 @dataclass(frozen=True, slots=True)
-class Dirty:
-    """The changed objects of a scene by number (n,), increasing, and whether these are all that it has."""
-
-    number: NDArray[np.int64]
-    is_all: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Candidates:
-    """n pairs of pieces whose boxes meet: ids of the pieces a, b (n,), and numbers of their objects."""
+    """n pairs of pieces whose boxes meet: ids of the pieces a, b (n,)."""
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
-    a_object: NDArray[np.int64]
-    b_object: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.a)
 
 
-def dirty_objects(conn: psycopg.Connection[Any], scene_id: int) -> Dirty:
-    """Return the objects whose pairs are to be found anew; raises StoreError outside of a snapshot."""
-    columns, _ = copy_binary.receive(conn, "_dirty_objects", [scene_id], [("number", "i8")])
-    number = columns["number"]
-    return Dirty(number, len(number) > _MANY and bool(call(conn, "_is_all_dirty", scene_id)[0]))
+def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> Iterator[Candidates]:
+    """Yield the candidates of changed objects, each pair with the first of these: so many at once, or a few more.
 
-
-def candidates(
-    conn: psycopg.Connection[Any], scene_id: int, dirty: Dirty, rows: slice, most: int | None = None
-) -> Candidates:
-    """Return the candidates of some dirty objects, each pair with the first of its dirty objects; `most` at most."""
-    first, last = (int(number) for number in dirty.number[rows][[0, -1]])
-    arguments = [scene_id, first, last, dirty.is_all, most]
-    columns, _ = copy_binary.receive(conn, "_candidates", arguments, _CANDIDATE_COLUMNS)
-    return Candidates(*(columns[name] for name, _ in _CANDIDATE_COLUMNS))
+    All pairs of the same two objects come together. Raises StoreError outside of a snapshot.
+    """
+    for a, b in call_each(conn, "_candidates", scene_id, at_once, rows_at_once=2):
+        yield Candidates(copy_binary.int8_array(a), copy_binary.int8_array(b))
 
 
 def pieces(conn: psycopg.Connection[Any], scene_id: int, piece_ids: NDArray[np.int64]) -> Pieces:
