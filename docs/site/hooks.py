@@ -1,0 +1,12 @@
+"""What the site does with the documents: the file that opens a directory is README.md; links out of docs/ are named."""
+
+import re
+from typing import Any
+
+# Files beside docs/ are no pages: their links say which file is meant.
+_OUTSIDE = re.compile(r"\[([^\]]+)\]\((?:\.\./)+([A-Z]+\.md|sql|tests|benchmarks|deploy)[^)\s]*\)")
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Return a page in which links to files that the site has not are text."""
+    return _OUTSIDE.sub(r"\1 (`\2`)", markdown)

@@ -1,0 +1,71 @@
+"""The documents as a site: built without a warning, complete, and nothing of it comes from elsewhere."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+# What a page loads by itself; links that a reader follows are his own affair.
+LOADED = re.compile(
+    r"""<(?:script|img|iframe|source)[^>]*\ssrc=["']?(?:https?:)?//|<link[^>]*\shref=["']?(?:https?:)?//"""
+)
+
+
+def build(config: Path, site: Path) -> subprocess.CompletedProcess[str]:
+    """Build the site as `./run docs` does."""
+    command = [sys.executable, "-m", "mkdocs", "build", "-f", str(config), "-d", str(site)]
+    environment = {"NO_MKDOCS_2_WARNING": "1", "PATH": ""}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+@pytest.fixture
+def docs(tmp_path: Path) -> Path:
+    """Return a copy of some of the documents, with a menu of them."""
+    docs = tmp_path / "docs"
+    shutil.copytree(ROOT / "docs" / "site", docs / "site")
+    (docs / "README.md").write_text("# Start\n\n[there](other.md#there)\n")
+    (docs / "other.md").write_text("# Other\n\n## There\n")
+    config = (docs / "site" / "mkdocs.yml").read_text()
+    menu = "nav:\n  - README.md\n  - other.md\n"
+    (docs / "site" / "mkdocs.yml").write_text(config[: config.index("nav:")] + menu)
+    return docs
+
+
+def test_the_site_is_built_of_all_documents_and_fetches_nothing(tmp_path: Path) -> None:
+    done = build(ROOT / "docs" / "site" / "mkdocs.yml", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "WARNING" not in done.stderr
+    pages = {page.relative_to(tmp_path).with_suffix("").as_posix() for page in tmp_path.rglob("*.html")}
+    documents = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert pages == (documents - {"README"}) | {"index", "404"}
+    for page in tmp_path.rglob("*.html"):
+        assert not LOADED.search(page.read_text()), page
+    assert (tmp_path / "strait.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[gone](gone.md)", "gone.md"),
+        ("[no such place](other.md#nowhere)", "nowhere"),
+        ("![no picture](gone.svg)", "gone.svg"),
+    ],
+)
+def test_a_broken_link_fails(docs: Path, tmp_path: Path, text: str, says: str) -> None:
+    config = docs / "site" / "mkdocs.yml"
+    assert build(config, tmp_path / "site").returncode == 0
+    (docs / "README.md").write_text(f"# Start\n\n{text}\n")
+    done = build(config, tmp_path / "site")
+    assert done.returncode == 1
+    assert says in done.stderr
+
+
+def test_a_page_that_no_menu_has_fails(docs: Path, tmp_path: Path) -> None:
+    (docs / "forgotten.md").write_text("# Forgotten\n")
+    done = build(docs / "site" / "mkdocs.yml", tmp_path / "site")
+    assert done.returncode == 1
+    assert "forgotten.md" in done.stderr
