@@ -28,7 +28,7 @@ CREATE OR REPLACE FUNCTION _load(
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
-SET enable_nestloop = off AS $$
+SET enable_nestloop = off SET jit = off AS $$
 DECLARE
     v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
                                     p_centre_lon, p_centre_lat);

@@ -33,7 +33,8 @@ CREATE OR REPLACE FUNCTION _candidates_of_all(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
 -- also while the statistics know nothing of the pieces yet.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+SET jit = off AS $$
 DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
@@ -71,7 +72,8 @@ CREATE OR REPLACE FUNCTION _candidates_of_dirty(
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- As above.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+SET jit = off AS $$
 BEGIN
     -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects to
     -- their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
@@ -99,7 +101,8 @@ COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
 CREATE OR REPLACE FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea)
 RETURNS SETOF record
 -- Hashes would hold all of them in memory; sorts go to the disk.
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET enable_hashagg = off AS $$
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+SET enable_hashagg = off SET jit = off AS $$
 BEGIN
     PERFORM _require_snapshot();
     -- The rank of a pair of objects is how many pairs of pieces come before it.

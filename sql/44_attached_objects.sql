@@ -265,7 +265,7 @@ CREATE OR REPLACE FUNCTION _take_over_attached(
     OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET enable_nestloop = on AS $$
+SET enable_nestloop = on SET jit = off AS $$
 DECLARE
     -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
     c_few CONSTANT bigint := 1000;

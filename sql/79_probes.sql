@@ -17,7 +17,8 @@ CREATE OR REPLACE FUNCTION _pieces_meeting(
 ) RETURNS TABLE (n bigint, piece_id bigint, object_number bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- By the index, as in _candidates.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off AS $$
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+SET jit = off AS $$
 BEGIN
     RETURN QUERY
         SELECT q.n - 1, p.piece_id, _object_number(p.object_kind, p.object_id)

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "68b0decc4735a7fee7faec3d191c8a3fc3ce1864a7b22aba8735e5b5e9d44109"
+routines_sha256 = "ef3f20783c2e187608e5a614f7fb6b6a6e2fb911f206f69fef879cfbde957a59"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

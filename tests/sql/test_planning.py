@@ -285,3 +285,11 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     plan = row[0][0]["Plan"]
     assert plan["Actual Rows"] == found
     assert max(most_read(plan), worst_waste(plan)) < 100
+
+
+def test_routines_that_rule_out_plans_compile_none(conn: Conn) -> None:
+    """What is ruled out and taken all the same counts as 1e10, as worth a second of compiling (JIT) for two rows."""
+    query = r"""SELECT p.oid::regprocedure::text FROM pg_proc p
+                WHERE p.pronamespace = 'conflictdb'::regnamespace AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))
+                  AND (array_to_string(p.proconfig, ' ') ~ '\menable_\w+=' OR p.prosrc ~ '\menable_\w+')"""
+    assert conn.execute(query).fetchall() == []
