@@ -97,13 +97,13 @@ double earth_stretch(const KernelPlane *earth, double mu1, double mu2) {
     return ratio * (z == 0.0 ? 1.0 : atanh(z) / z) * sinc(half) * secant;
 }
 
-/* chi'(mu + d) = sum of r_k d^k, k < EARTH_TERMS. */
-static void conformal_rate(const KernelPlane *earth, double mu, double rate[EARTH_TERMS]) {
+/* chi'(mu + d) = sum of r_k d^k, k < terms. */
+static void conformal_rate(const KernelPlane *earth, double mu, int64_t terms, double rate[EARTH_TERMS]) {
     double cosine1 = cos(2.0 * mu), sine1 = sin(2.0 * mu), cosine = cosine1, sine = sine1;
-    for (int k = 0; k < EARTH_TERMS; k++) rate[k] = k == 0;
+    for (int64_t k = 0; k < terms; k++) rate[k] = k == 0;
     for (int j = 1; j <= earth->harmonics; j++) {
         double factor = 2.0 * j * earth->to_conformal[j - 1], turned[4] = {cosine, -sine, -cosine, sine};
-        for (int k = 0; k < EARTH_TERMS; k++) {
+        for (int64_t k = 0; k < terms; k++) {
             rate[k] += factor * turned[k % 4];
             factor *= 2.0 * j / (k + 1);
         }
@@ -114,15 +114,15 @@ static void conformal_rate(const KernelPlane *earth, double mu, double rate[EART
 
 /* psi' = sec(chi) chi', (sec chi)' = tan(chi) psi' and (tan chi)' = sec(chi) psi': each coefficient of the three power
  * series follows from those before it. */
-void earth_series(const KernelPlane *earth, double mu, double series[EARTH_TERMS]) {
+void earth_series(const KernelPlane *earth, double mu, int64_t terms, double series[EARTH_TERMS]) {
     double rate[EARTH_TERMS], slope[EARTH_TERMS], secant[EARTH_TERMS + 1], tangent[EARTH_TERMS + 1];
     tangent[0] = tan(earth_conformal(earth, mu)), secant[0] = sqrt(1.0 + tangent[0] * tangent[0]);
-    conformal_rate(earth, mu, rate);
-    for (int k = 0; k < EARTH_TERMS; k++) {
+    conformal_rate(earth, mu, terms, rate);
+    for (int64_t k = 0; k < terms; k++) {
         slope[k] = 0.0;
-        for (int i = 0; i <= k; i++) slope[k] += secant[i] * rate[k - i];
+        for (int64_t i = 0; i <= k; i++) slope[k] += secant[i] * rate[k - i];
         double to_secant = 0.0, to_tangent = 0.0;
-        for (int i = 0; i <= k; i++) to_secant += slope[i] * tangent[k - i], to_tangent += slope[i] * secant[k - i];
+        for (int64_t i = 0; i <= k; i++) to_secant += slope[i] * tangent[k - i], to_tangent += slope[i] * secant[k - i];
         series[k] = slope[k] / (k + 1);
         secant[k + 1] = to_secant / (k + 1), tangent[k + 1] = to_tangent / (k + 1);
     }

@@ -51,7 +51,7 @@ double earth_slope(const KernelPlane *earth, double mu);
 double earth_stretch(const KernelPlane *earth, double mu1, double mu2);
 
 /* g_1 to g_12 with psi(mu + d) = psi(mu) + sum of g_k d^k. */
-void earth_series(const KernelPlane *earth, double mu, double series[EARTH_TERMS]);
+void earth_series(const KernelPlane *earth, double mu, int64_t terms, double series[EARTH_TERMS]);
 
 /* Metres per radian of the conformal sphere, where sin(chi)^2 is given. */
 static inline double earth_conformal_radius(const KernelPlane *earth, double sine2) {

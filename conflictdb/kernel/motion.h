@@ -22,6 +22,7 @@ typedef struct {
     double east, north;        /* of the heading */
     Vector start;              /* of the leg, plane metres */
     int64_t order;             /* terms of the power series; 0: the closed form */
+    bool is_about_middle;      /* the series serves all of the slice; else it is made anew where the haven is */
     double middle_s;           /* when the leg is at what the series is about */
     Vector middle;
     double series[EARTH_TERMS];

@@ -14,9 +14,9 @@
 /* Bounds on curvature are written for the sphere. On WGS84 d chi / d mu differs from 1 by at most n = 0.0017 and its
  * derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03, rounded up. */
 static const double ELLIPSOID_SLACK = 1.05;
-/* How large a haven may be over its distance to the pole for 6 terms of the series and for 12, and for the slice with
- * the haven about its middle. With that share q, k terms leave out a q^(k + 1) / (k + 1), below 1e-10 m. Beyond: the
- * closed form. */
+/* How large a haven may be over its distance to the pole for 6 terms of the series and for 12, and the slice with the
+ * haven about its middle. With that share q, k terms leave out a q^(k + 1) / (k + 1), below 1e-10 m. Of a longer slice the
+ * series is made where the haven is; of a larger haven: the closed form. */
 static const double REACH_OF_6 = 0.005, REACH_OF_12 = 0.06;
 /* A corner counts as one in the plane if it turns by so many times what its sides bend. */
 static const double CORNER_SLACK = 4.0;
@@ -55,8 +55,7 @@ static bool may_dent(const KernelPieces *pieces, const Body *body, double unit_m
     return false;
 }
 
-static int64_t order_of(double size, double half_slice, double to_pole) {
-    if (half_slice + size > REACH_OF_12 * to_pole) return 0;
+static int64_t order_of(double size, double to_pole) {
     if (size <= REACH_OF_6 * to_pole) return 6;
     return size <= REACH_OF_12 * to_pole ? 12 : 0;
 }
@@ -112,8 +111,9 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
     double slice_us = (double)(pieces->end_us[piece] - pieces->start_us[piece]);
     double half_slice = 0.5 * fabs(leg->delta_mu) * slice_us / (1e6 * leg->leg_s);
     body->is_convex = !may_dent(pieces, body, unit_m, tan(least(highest + size, 1.57)));
-    leg->order = order_of(size, half_slice, to_pole);
-    if (leg->order > 0) {
+    leg->order = order_of(size, to_pole);
+    leg->is_about_middle = half_slice + size <= REACH_OF_12 * to_pole;
+    if (leg->is_about_middle) {
         double start_s = (double)(pieces->start_us[piece] - pieces->leg_start_us[piece]) / 1e6;
         double end_s = (double)(pieces->end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
         leg->middle_s = 0.5 * (start_s + end_s);
@@ -121,7 +121,7 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
         double way = gone * earth_stretch(earth, leg->start_mu, mu);
         leg->middle.x = leg->start.x + leg->rate_x * way;
         leg->middle.y = leg->start.y + earth->radius_m * leg->delta_mu * way;
-        earth_series(earth, mu, leg->series);
+        earth_series(earth, mu, EARTH_TERMS, leg->series);
     }
     /* No vertex or step may reach a pole: latitudes are linear in time, so at neither end of the leg. */
     double north = most(leg->start_mu + leg->up, end_mu + leg->up + leg->up_rate * leg->leg_s);
@@ -147,13 +147,14 @@ static Vector place_reference(const Mover *mover, double t, double series[EARTH_
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     double into = mover->into_s + t, way;
     Vector from = leg->start;
-    if (leg->order > 0) {
+    if (leg->is_about_middle) {
         double gone = (t - (leg->middle_s - mover->into_s)) / leg->leg_s;
         way = gone * shifted(leg->series, gone * leg->delta_mu, leg->order, series);
         from = leg->middle;
     } else {
         double mu = leg->start_mu + into / leg->leg_s * leg->delta_mu;
         way = into / leg->leg_s * earth_stretch(earth, leg->start_mu, mu);
+        if (leg->order > 0) earth_series(earth, mu, leg->order, series);
     }
     return (Vector){leg->rate_x * way + (from.x - mover->origin.x),
                     earth->radius_m * leg->delta_mu * way + (from.y - mover->origin.y)};
