@@ -12,8 +12,8 @@ from conflictdb.kernel.library import Held, check, fields_of, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 
 _Ints = NDArray[np.int64]
-# Groups that a thread takes at once: milliseconds of work.
-_SHARE = 32
+# Groups that a thread takes at once: milliseconds of work, and one where little is asked of them.
+_SHARE = 128
 
 
 @dataclass(frozen=True, slots=True)

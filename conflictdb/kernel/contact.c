@@ -29,8 +29,6 @@ enum { MAX_WINDOWS = 6, LEAST_WINDOWS_APART = 3 };
 enum { MAX_HALVINGS = 12 };
 /* The zone is left where the polygons are nearer than at the smallest scale by this share of the separation. */
 static const double INTO_SHARE = 1e-3;
-/* Halvings that bring the bounds of a pair that is only close nearer: with more, they are narrower. */
-enum { CLOSE_STEPS = 3 };
 
 static const Contact UNDECIDED = {IS_UNDECIDED, IS_EITHER, 0.0, 0.0, 0.0};
 static const Contact SEPARATED = {IS_SEPARATED, IS_EITHER, 0.0, 0.0, 0.0};
@@ -201,21 +199,13 @@ static Contact contact_in_window(Encounter *pair, const Window *window, Depth de
     return (Contact){IS_IN_CONTACT, depth, start.outer, end.outer, error};
 }
 
-/* How far towards a limit from a witness the pair is known to be at most so far apart, plane metres. */
-static double close_until(Encounter *pair, double limit, double witness, double level) {
-    if (encounter_plane_distance(pair, limit).gap <= level) return limit;
-    for (int step = 0; step < CLOSE_STEPS; step++) {
-        double middle = 0.5 * (limit + witness);
-        *(encounter_plane_distance(pair, middle).gap <= level ? &witness : &limit) = middle;
-    }
-    return witness;
-}
-
-/* A pair that is apart, but may be within the margin from start to end, if it is so at the witness. */
+/* A pair that is apart, but may be within the margin from start to end, if it is so at the witness. How long it is so
+ * beyond doubt is told by a look at either end: a closer one would make what is only close dearer than what meets. */
 static Contact close_in(Encounter *pair, double start, double end, double witness, double smallest) {
     double level = (pair->separation_m + pair->margin_m) * smallest;
     if (!(encounter_plane_distance(pair, witness).gap <= level)) return UNDECIDED;
-    double first = close_until(pair, start, witness, level), last = close_until(pair, end, witness, level);
+    double first = encounter_plane_distance(pair, start).gap <= level ? start : witness;
+    double last = encounter_plane_distance(pair, end).gap <= level ? end : witness;
     return (Contact){IS_CLOSE, IS_SHALLOW, start, end, most(first - start, end - last)};
 }
 

@@ -68,7 +68,7 @@ static double look_chords(void *of, const Polygon *vertices, Range range, const 
             Vector point = {(own.x + origin.x) / radius_m, (own.y + origin.y) / radius_m};
             Vector start = {(from.x + origin.x) / radius_m, (from.y + origin.y) / radius_m};
             double found = squared_chord(point, start, way, edge);
-            if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k};
+            if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k, NAN};
         }
     return metres_of(chords) * chords->scale * (1.0 + 1e-9) + 1e-6;
 }

@@ -26,6 +26,8 @@ static const double NEARBY = 0.25;
 /* What its steps leave of a distance, and to what bounds are brought. */
 static const double SOLVED_SHARE = 2e-11;
 enum { STEPS = 4, MAX_HALVINGS = 60 };
+/* Where the last step moved a place by no more than this, plane metres, it is known. */
+static const double KNOWN_M = 1e-6;
 /* Parts of one edge that are looked at; a few dozen are usual. With fewer, distances are understated by more. */
 enum { MAX_PARTS = 10000 };
 /* Longer ways, radians, are bounded by the least and the largest radius alone. */
@@ -68,20 +70,22 @@ double mercator_distance_error_m(const KernelPlane *plane, double distance_m) {
     return 1.01 * (overstated_m(plane, distance_m, longest) + rule_error_m(plane, distance_m));
 }
 
-/* The least distance of a vertex from an edge, where it is less than NEARBY in the plane; elsewhere too much. */
-static double nearby_m(const KernelPlane *earth, Place point, Edge edge) {
+/* The least distance of a vertex from an edge, where it is less than NEARBY in the plane; elsewhere too much. share: how
+ * far along the edge, NaN where that is not known well. */
+static double nearby_m(const KernelPlane *earth, Place point, Edge edge, double *share) {
     double length = hypot(edge.way.lon, edge.way.psi), divisor = length > 0.0 ? length : 1.0;
     double ux = edge.way.lon / divisor, uy = edge.way.psi / divisor;
     double wx = point.lon - edge.start.lon, wy = point.psi - edge.start.psi;
     double foot = wx * ux + wy * uy, off = wx * uy - wy * ux;
     /* z / 6 along the edge, and how the radius of the conformal sphere shrinks. */
     double slope = (ux * ux - uy * uy) / 6.0, level = (ux * wx - uy * wy) / 6.0, shrinks = 2.0 * earth->oblateness;
-    double along = least(most(foot, 0.0), length);
+    double along = least(most(foot, 0.0), length), before = along;
     for (int step = 0; step < STEPS; step++) {
         double square = off * off + (along - foot) * (along - foot), sine = tanh(edge.start.psi + along * uy);
         double pull = uy * sine * (1.0 + shrinks - shrinks * sine * sine) + slope * along - level;
-        along = least(most(foot + 0.5 * square * pull, 0.0), length);
+        before = along, along = least(most(foot + 0.5 * square * pull, 0.0), length);
     }
+    *share = fabs(along - before) * earth->radius_m <= KNOWN_M ? along / divisor : NAN;
     double psi_foot = edge.start.psi + along * uy;
     double east = sin(0.5 * (wx - along * ux)), north = sinh(0.5 * (wy - along * uy));
     double half = sqrt(east * east + north * north) / sqrt(cosh(point.psi) * cosh(psi_foot));
@@ -182,8 +186,8 @@ static double look_nearby(void *of, const Polygon *vertices, Range range, const 
             double square = squared_distance(way, side);
             if (square > within2 || square <= beyond2) continue;
             Edge edge = {place_of(earth, sides, k, origin), {side.x / earth->radius_m, side.y / earth->radius_m}};
-            double distance = nearby_m(earth, place_of(earth, vertices, i, origin), edge);
-            if (distance < found) found = distance, *nearby->facing = (Facing){vertices, sides, i, k};
+            double share, distance = nearby_m(earth, place_of(earth, vertices, i, origin), edge, &share);
+            if (distance < found) found = distance, *nearby->facing = (Facing){vertices, sides, i, k, share};
         }
     if (found < nearby->found && vertices->is_in_runs)
         nearby->within = least(nearby->within, reach_of(plane_span_m(earth, found, nearby->scale)));
@@ -201,7 +205,7 @@ static void search_all(const KernelPlane *earth, const Polygon *vertices, const 
                          {(sides->x[m] - sides->x[k]) / earth->radius_m, (sides->y[m] - sides->y[k]) / earth->radius_m}};
             double before = *best;
             search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor);
-            if (*best < before) *facing = (Facing){vertices, sides, i, k};
+            if (*best < before) *facing = (Facing){vertices, sides, i, k, NAN};
         }
 }
 

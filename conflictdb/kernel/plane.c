@@ -207,14 +207,15 @@ static Vector place_on_side(const KernelPlane *plane, Vector vertex, Vector star
 
 void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to) {
     double gap = polygon_distance(a, b, from, to).gap;
-    Facing facing = {a, b, 0, 0};
+    Facing facing = {a, b, 0, 0, NAN};
     if (!(plane_metres(plane, a, b, origin, gap, *from, *to) > plane_short_m(plane))) return;
     least_distance(plane, a, b, origin, gap, &facing);
     const Polygon *sides = facing.sides;
     int64_t k = facing.side, m = edge_end(sides, k);
     Vector vertex = {facing.vertices->x[facing.vertex], facing.vertices->y[facing.vertex]};
     Vector start = {sides->x[k], sides->y[k]}, side = {sides->x[m] - sides->x[k], sides->y[m] - sides->y[k]};
-    Vector place = place_on_side(plane, vertex, start, side, origin);
+    bool is_known = !isnan(facing.share);
+    Vector place = is_known ? along(start, side, facing.share) : place_on_side(plane, vertex, start, side, origin);
     *from = facing.vertices == a ? vertex : place, *to = facing.vertices == a ? place : vertex;
 }
 

@@ -76,10 +76,12 @@ void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b,
 /* The distance of two places from the origin: at least that of the shortest way. */
 double plane_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
 
-/* The vertex and the side that are nearest to each other. */
+/* The vertex and the side that are nearest to each other. share: how far along the side that is, to a micrometre; NaN
+ * where it is not known. */
 typedef struct {
     const Polygon *vertices, *sides;
     int64_t vertex, side;
+    double share;
 } Facing;
 
 /* Each plane: the least distance of polygons that are apart, and what faces each other there; nearest: that in the

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats
 from conflictdb.model import MAX_FROM_CENTRE_DEG, Scene
 from conflictdb.motion.contract import Plane
@@ -39,9 +38,9 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
     )
 
 
-def is_covered(pieces: Pieces, pairs: Pairs) -> NDArray[np.bool_]:
-    """Return (n,) whether a pair has a cover for a member: nothing but its time and heights is known."""
-    return (pieces.part[pairs.a] == COVER) | (pieces.part[pairs.b] == COVER)
+def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+    """Return (n,) whether of pieces a and b (n,) one is a cover: nothing but their time and heights is known."""
+    return (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
 
 
 def _pieces(

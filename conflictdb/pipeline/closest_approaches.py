@@ -40,27 +40,29 @@ def with_closest_approaches(
     if scene.nearest_m == 0.0 and meets.all():
         return conflicts
     first_s, last_s, touches = _contact_times(contacts, len(pairs))
-    likely = ~is_covered(pieces, pairs)
-    a, b, swapped = ordered_members(pieces, pairs)
+    told, asked_of = np.arange(len(conflicts)), PairRows(np.arange(len(pairs)))
     if scene.nearest_m == 0.0:
         # At most the pairs of conflicts are asked for; where these are decided, those in contact.
+        told = np.flatnonzero(~meets)
         if not (conflicts.verdict == Verdict.UNRESOLVED.code).any():
-            likely &= first_s <= last_s
-        likely &= np.isin(pieces.object_id[a], conflicts.a_id[~meets])
-        likely &= np.isin(pieces.object_id[b], conflicts.b_id[~meets])
-    asked_of = PairRows(np.flatnonzero(likely))
-    a, b, swapped = PieceRows(a[asked_of]), PieceRows(b[asked_of]), swapped[asked_of]
+            asked_of = PairRows(np.flatnonzero(first_s <= last_s))
+    a, b, swapped = ordered_members(pieces, PieceRows(pairs.a[asked_of]), PieceRows(pairs.b[asked_of]))
+    likely = ~is_covered(pieces, a, b)
+    if scene.nearest_m == 0.0:
+        likely &= np.isin(pieces.object_id[a], conflicts.a_id[told])
+        likely &= np.isin(pieces.object_id[b], conflicts.b_id[told])
+    asked_of, a, b, swapped = PairRows(asked_of[likely]), PieceRows(a[likely]), PieceRows(b[likely]), swapped[likely]
     first_s, last_s, touches = first_s[asked_of], last_s[asked_of], touches[asked_of]
-    known = np.stack([conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id])
+    known = np.stack([keys[told] for keys in (conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id)])
     number, n = numbered(np.concatenate([known, object_keys(pieces, a, b)], axis=1))
-    known_number, number = number[: len(conflicts)], number[len(conflicts) :]
+    known_number, number = number[: len(told)], number[len(told) :]
 
     wanted = np.full(n, scene.nearest_m if scene.nearest_m > 0.0 else -np.inf)
-    wanted[known_number] = np.where(meets, -np.inf, np.inf)
+    wanted[known_number] = np.where(meets[told], -np.inf, np.inf)
     # What is decided is closest during a contact: else it is further apart than wanted, or by more than the tolerance.
     decided, aim = np.zeros(n, np.bool_), np.zeros(n)
-    decided[known_number] = conflicts.verdict != Verdict.UNRESOLVED.code
-    aim[known_number[conflicts.verdict == Verdict.GRAZING.code]] = APPROACH_SHARE * scene.tolerance_m
+    decided[known_number] = conflicts.verdict[told] != Verdict.UNRESOLVED.code
+    aim[known_number[conflicts.verdict[told] == Verdict.GRAZING.code]] = APPROACH_SHARE * scene.tolerance_m
     during = decided[number]
     rows = PairRows(np.flatnonzero((wanted[number] >= 0.0) & (~during | (first_s <= last_s))))
     asked, group = np.unique(number[rows], return_inverse=True)
@@ -84,8 +86,8 @@ def with_closest_approaches(
     a_deg, b_deg = conflicts.closest_a_deg.copy(), conflicts.closest_b_deg.copy()
     place = np.full(n, -1)
     place[asked] = np.arange(len(asked))
-    mine = np.flatnonzero(place[known_number] >= 0)
-    theirs = place[known_number[mine]]
+    theirs = place[known_number]
+    mine, theirs = told[theirs >= 0], theirs[theirs >= 0]
     closest_us[mine], closest_m[mine] = nearest.at_us[theirs], nearest.distance_m[theirs]
     error_m[mine] = error[theirs]
     a_deg[mine], b_deg[mine] = nearest_a_deg[theirs], nearest_b_deg[theirs]

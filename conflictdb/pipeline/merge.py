@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
@@ -38,10 +38,9 @@ def merged_by_object(
     threads : of the kernel, where regions are found out
     """
     pieces = prepared.pieces
-    a, b, _ = ordered_members(pieces, pairs)
-    a, b = PieceRows(a[contacts.pair]), PieceRows(b[contacts.pair])
-    shared_start, shared_end = pieces.shared_span(pairs.a, pairs.b)
-    start, end = _instants(contacts, shared_start[contacts.pair], shared_end[contacts.pair])
+    a, b = PieceRows(pairs.a[contacts.pair]), PieceRows(pairs.b[contacts.pair])
+    start, end = _instants(contacts, *pieces.shared_span(a, b))
+    a, b, _ = ordered_members(pieces, a, b)
     group_of, n = numbered(object_keys(pieces, a, b))
     # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
     meet = np.zeros(n, np.bool_)
@@ -129,10 +128,11 @@ def _first_contacts(
     """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
     points = np.full((len(earliest), 2), np.nan)
     if METHODS[scene.method].solver is not None:
-        pair = PairRows(contacts.pair[earliest])
-        at = np.where(np.isfinite(contacts.start_s), contacts.start_s, 0.0)[earliest]
-        seen = np.flatnonzero(~is_covered(prepared.pieces, pairs.take(pair)))
-        points[seen] = meeting_points(prepared, pairs.take(PairRows(pair[seen])), at[seen])
+        pair = contacts.pair[earliest]
+        a, b, at = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair]), contacts.start_s[earliest]
+        seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
+        at = np.where(np.isfinite(at), at, 0.0)
+        points[seen] = meeting_points(prepared, PieceRows(a[seen]), PieceRows(b[seen]), at[seen])
     return points
 
 

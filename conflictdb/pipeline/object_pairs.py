@@ -9,12 +9,11 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
-def ordered_members(pieces: Pieces, pairs: Pairs) -> tuple[PieceRows, PieceRows, NDArray[np.bool_]]:
-    """Return the pieces of each pair in the order of its objects, area first, else the smaller number; (n,) each.
+def ordered_members(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRows, PieceRows, NDArray[np.bool_]]:
+    """Return pieces a and b (n,) in the order of their objects, area first, else the smaller number; (n,) each.
 
-    And whether that is the other way round than in the pair.
+    And whether that is the other way round than they came.
     """
-    a, b = pairs.a, pairs.b
     swapped = (pieces.kind[a] > pieces.kind[b]) | (
         (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
     )

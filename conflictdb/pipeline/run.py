@@ -102,7 +102,7 @@ def run_stages(
     started = time.perf_counter()
     method = METHODS[scene.method]
     pairs = replace(pairs, company=company_of(pieces, pairs))
-    covered = is_covered(pieces, pairs)
+    covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     # Once, for everything that is asked of the pairs.
     prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from verdicts import periods_us
-from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -83,9 +83,12 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
     assert MAX_INTERVALS < effort.exact.windows < 4 * MAX_INTERVALS
 
 
-@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR], ids=lambda w: w.name)
 def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) -> None:
-    """Closest approaches counted: what only comes within the tolerance is asked no more than the tolerance allows."""
+    """Closest approaches counted: what only comes within the tolerance is asked no more than the tolerance allows.
+
+    Also in a harbour, of which nothing is as large as the tolerance.
+    """
     taken = []
     for tolerance_m in (0.0, 0.01, 1.0, 10.0, 100.0, 1000.0):
         work, pairs, close = 0, 0, 0
@@ -98,10 +101,10 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
             work += funnel.effort.exact.windows + funnel.effort.exact.evaluations
             pairs += funnel.solved_pairs
             close += int((conflicts.closest_m > 0.0).sum())
-            assert (conflicts.closest_error_m <= 0.1 * tolerance_m + 1e-3).all()
+            assert (conflicts.closest_error_m <= 0.5 * tolerance_m + 1e-3).all()
         taken.append(work / pairs)
     assert close >= 1
-    assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.1
+    assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.03
 
 
 @pytest.mark.parametrize("tolerance_m", [99.0, 100.0, 101.0])

@@ -130,7 +130,7 @@ def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     apart_m = distances(held, a, b, start, at_s)
     touch = np.flatnonzero(apart_m <= 0.0)
     pairs = Pairs(PieceRows(a[touch]), PieceRows(b[touch]), np.empty((0, 2)), np.zeros(len(touch) + 1, np.int64))
-    places = meeting_points(held, pairs, at_s[touch])
+    places = meeting_points(held, pairs.a, pairs.b, at_s[touch])
     assert len(places) >= 4
     for k, row in enumerate(touch.tolist()):
         x, y = plane.to_plane(*places[k])
