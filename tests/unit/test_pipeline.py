@@ -54,7 +54,7 @@ def rows(conflicts: Conflicts) -> set[str]:
     for k in range(len(conflicts)):
         periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
         # No regions are asked for here.
-        columns = [one.name for one in fields(conflicts) if not one.name.startswith("period") and one.name != "region"]
+        columns = [one.name for one in fields(conflicts) if not one.name.startswith("period") and one.name != "where"]
         told.append(repr((periods, [getattr(conflicts, name)[k].tolist() for name in columns])))
     assert len(set(told)) == len(told)
     return set(told)
