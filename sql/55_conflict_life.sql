@@ -55,17 +55,20 @@ DECLARE
     v_head text := jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', 'changed', 'events', '[]'::jsonb);
     v_room integer := greatest(c_most - c_longest - octet_length(v_head), 1);
 BEGIN
-    PERFORM pg_notify('conflictdb_event', jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', n.kind,
-                                                             'events', n.events)::text)
-        FROM (SELECT t.kind, jsonb_agg(t.event ORDER BY t.number) AS events
+    -- Put together as text: values of jsonb cost as much as the events.
+    PERFORM pg_notify('conflictdb_event',
+                      left(jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', n.kind)::text, -1)
+                      || ', "events": [' || n.events || ']}')
+        FROM (SELECT t.kind, string_agg(t.event, ', ' ORDER BY t.number) AS events
               FROM (SELECT e.kind, e.conflict_event_id AS number, s.event,
                            -- Begun anew whenever the room is full; between events of an array: a comma and a space.
-                           (sum(octet_length(s.event::text) + 2)
+                           (sum(octet_length(s.event) + 2)
                                OVER (PARTITION BY e.kind ORDER BY e.conflict_event_id)) / v_room AS chunk
                     FROM conflict_event e
-                    CROSS JOIN LATERAL (SELECT jsonb_build_array(e.conflict_event_id, e.a_key, e.b_key) AS whole) w
-                    CROSS JOIN LATERAL (SELECT CASE WHEN octet_length(w.whole::text) > c_longest - 2
-                                                    THEN jsonb_build_array(e.conflict_event_id)
+                    CROSS JOIN LATERAL (SELECT '[' || e.conflict_event_id || ', ' || to_json(e.a_key) || ', '
+                                               || to_json(e.b_key) || ']' AS whole OFFSET 0) w
+                    CROSS JOIN LATERAL (SELECT CASE WHEN octet_length(w.whole) > c_longest - 2
+                                                    THEN '[' || e.conflict_event_id || ']'
                                                     ELSE w.whole END AS event OFFSET 0) s
                     WHERE e.scene_id = p_scene_id AND e.conflict_event_id >= p_first) t
               GROUP BY t.kind, t.chunk

@@ -177,6 +177,10 @@ DECLARE
     v_is_first boolean;
     v_marks bigint;
     v_at timestamptz;
+    v_opened bigint;
+    v_changed bigint;
+    v_closed bigint;
+    v_unresolved bigint;
     v_first_event bigint;
 BEGIN
     SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
@@ -185,23 +189,41 @@ BEGIN
     -- When it began to write: the same for all parts of a run.
     SELECT r.finished_at INTO v_at FROM run r WHERE r.run_id = _write_run.run_id;
 
-    WITH found AS (
-        SELECT f.* FROM unnest(p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, p_b_version, p_place, p_digest,
-                               p_verdict, p_periods, p_region, p_first_contact_point, p_time_error_s, p_closest_at,
-                               p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point)
-            f (a_kind, a_id, a_version, b_kind, b_id, b_version, place, digest, verdict, periods, region,
-               first_contact_point, time_error_s, closest_at, closest_m, closest_error_m, closest_a_point,
-               closest_b_point)
+WITH member AS MATERIALIZED (
+        -- Each object is looked up once. OFFSET 0, and 0 that is added: by its number.
+        SELECT d.kind, d.id, n.key, n.first_version
+        FROM (SELECT unnest(p_a_kind) AS kind, unnest(p_a_id) AS id
+              UNION SELECT unnest(p_b_kind), unnest(p_b_id)) d
+        CROSS JOIN LATERAL (SELECT o.key, o.first_version FROM area o
+                            WHERE d.kind = 0 AND o.area_id = d.id AND o.scene_id + 0 = p_scene_id
+                            UNION ALL
+                            SELECT o.key, o.first_version FROM track o
+                            WHERE d.kind = 1 AND o.track_id = d.id AND o.scene_id + 0 = p_scene_id OFFSET 0) n
     ), placed AS MATERIALIZED (
         -- What becomes of each pair: exactly those that open, change and close, and those of which less is new. An
         -- object that was removed meanwhile has a mark of its own, and its pairs drop out; its number may be that of
         -- another object by now. Pairs that are only near are no conflicts: they open, change and close none.
-        SELECT d.*, e.is_now AND NOT (d.stays AND e.was) AS opens, e.was AND NOT (d.stays AND e.is_now) AS closes,
-               -- Compared with what was told last: many changes below the tolerance add up.
-               CASE WHEN d.stays AND e.was AND e.is_now THEN
-                   d.verdict <> d.old_verdict OR (d.a_key, d.b_key) IS DISTINCT FROM (d.old_a_key, d.old_b_key)
-                   OR NOT _is_alike(d.periods, d.told_periods, d.time_error_s + d.old_time_error_s)
-                   ELSE false END AS changes
+        SELECT d.place, d.digest, d.periods, d.verdict, d.old_verdict, d.time_error_s, d.closest_at, d.closest_m,
+               d.closest_error_m, d.is_found, e.is_now AND NOT (d.stays AND e.was) AS opens,
+               e.was AND NOT (d.stays AND e.is_now) AS closes, g.changes,
+               -- The area first, else the smaller key.
+               CASE WHEN d.is_turned THEN d.b_kind ELSE d.a_kind END AS a_kind,
+               CASE WHEN d.is_turned THEN d.b_id ELSE d.a_id END AS a_id,
+               CASE WHEN d.is_turned THEN d.b_version ELSE d.a_version END AS a_version,
+               CASE WHEN d.is_turned THEN d.b_key ELSE d.a_key END AS a_key,
+               CASE WHEN d.is_turned THEN d.a_kind ELSE d.b_kind END AS b_kind,
+               CASE WHEN d.is_turned THEN d.a_id ELSE d.b_id END AS b_id,
+               CASE WHEN d.is_turned THEN d.a_version ELSE d.b_version END AS b_version,
+               CASE WHEN d.is_turned THEN d.a_key ELSE d.b_key END AS b_key,
+               ST_GeomFromEWKB(d.region) AS region, ST_GeomFromEWKB(d.first_contact_point) AS first_contact_point,
+               ST_GeomFromEWKB(CASE WHEN d.is_turned THEN d.closest_b_point ELSE d.closest_a_point END)
+                   AS closest_a_point,
+               ST_GeomFromEWKB(CASE WHEN d.is_turned THEN d.closest_a_point ELSE d.closest_b_point END)
+                   AS closest_b_point,
+               CASE WHEN k.keeps THEN d.conflict_id WHEN d.is_found THEN nextval('conflict_seq') END AS conflict_id,
+               CASE WHEN k.keeps THEN d.found_at ELSE v_at END AS found_at,
+               CASE WHEN g.changes THEN v_at WHEN k.keeps THEN d.changed_at END AS changed_at,
+               CASE WHEN k.keeps AND NOT g.changes THEN nullif(d.told_periods, d.periods) END AS told_periods
         FROM (SELECT f.*, o.found_at, o.conflict_id, o.changed_at, o.time_error_s AS old_time_error_s,
                      coalesce(o.told_periods, o.periods) AS told_periods, o.verdict AS old_verdict, a.key AS a_key,
                      b.key AS b_key, CASE WHEN i.was_turned THEN o.b_key ELSE o.a_key END AS old_a_key,
@@ -210,28 +232,29 @@ BEGIN
                      f.place IS NOT NULL AND i.is_found
                      AND a.first_version <= CASE WHEN i.was_turned THEN o.b_version ELSE o.a_version END
                      AND b.first_version <= CASE WHEN i.was_turned THEN o.a_version ELSE o.b_version END AS stays
-              FROM found f
-              -- OFFSET 0, and 0 that is added: each row is looked up by its place, each object by its number.
+              FROM unnest(p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, p_b_version, p_place, p_digest,
+                          p_verdict, p_periods, p_region, p_first_contact_point, p_time_error_s, p_closest_at,
+                          p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point)
+                   f (a_kind, a_id, a_version, b_kind, b_id, b_version, place, digest, verdict, periods, region,
+                      first_contact_point, time_error_s, closest_at, closest_m, closest_error_m, closest_a_point,
+                      closest_b_point)
+              -- Each row is looked up by its place.
               LEFT JOIN LATERAL (SELECT c.* FROM conflict c
                                  WHERE c.ctid = f.place AND c.scene_id + 0 = p_scene_id OFFSET 0) o ON true
-              LEFT JOIN LATERAL (SELECT n.key, n.first_version FROM area n
-                                 WHERE f.a_kind = 0 AND n.area_id = f.a_id AND n.scene_id + 0 = p_scene_id
-                                   AND n.first_version <= f.a_version
-                                 UNION ALL
-                                 SELECT n.key, n.first_version FROM track n
-                                 WHERE f.a_kind = 1 AND n.track_id = f.a_id AND n.scene_id + 0 = p_scene_id
-                                   AND n.first_version <= f.a_version OFFSET 0) a ON true
-              LEFT JOIN LATERAL (SELECT n.key, n.first_version FROM area n
-                                 WHERE f.b_kind = 0 AND n.area_id = f.b_id AND n.scene_id + 0 = p_scene_id
-                                   AND n.first_version <= f.b_version
-                                 UNION ALL
-                                 SELECT n.key, n.first_version FROM track n
-                                 WHERE f.b_kind = 1 AND n.track_id = f.b_id AND n.scene_id + 0 = p_scene_id
-                                   AND n.first_version <= f.b_version OFFSET 0) b ON true
+              LEFT JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id AND a.first_version <= f.a_version
+              LEFT JOIN member b ON b.kind = f.b_kind AND b.id = f.b_id AND b.first_version <= f.b_version
               CROSS JOIN LATERAL (SELECT num_nulls(f.verdict, a.key, b.key) = 0 AS is_found,
-                                         (o.b_kind, o.b_id) < (o.a_kind, o.a_id) AS was_turned) i) d
+                                         (o.b_kind, o.b_id) < (o.a_kind, o.a_id) AS was_turned) i
+              OFFSET 0) d
         CROSS JOIN LATERAL (SELECT d.is_found AND d.verdict <> 'near' AS is_now,
                                    d.place IS NOT NULL AND d.old_verdict <> 'near' AS was) e
+        -- Whether it is a conflict, or only near, is what was first found.
+        CROSS JOIN LATERAL (SELECT d.stays AND (d.old_verdict = 'near') = (d.verdict = 'near') AS keeps) k
+        -- Compared with what was told last: many changes below the tolerance add up.
+        CROSS JOIN LATERAL (SELECT CASE WHEN d.stays AND e.was AND e.is_now THEN
+                d.verdict <> d.old_verdict OR (d.a_key, d.b_key) IS DISTINCT FROM (d.old_a_key, d.old_b_key)
+                OR NOT _is_alike(d.periods, d.told_periods, d.time_error_s + d.old_time_error_s)
+                ELSE false END AS changes OFFSET 0) g
     ), ended AS (
         -- As they were known last.
         INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
@@ -245,38 +268,13 @@ BEGIN
     ), removed AS (
         DELETE FROM conflict c
             WHERE c.ctid = ANY (ARRAY(SELECT p.place FROM placed p WHERE NOT p.is_found AND p.place IS NOT NULL))
-    ), ordered AS MATERIALIZED (
-        -- The area first, else the smaller key.
-        SELECT p.place, p.opens, p.changes, p.digest, p.periods, p.verdict, ST_GeomFromEWKB(p.region) AS region,
-               ST_GeomFromEWKB(p.first_contact_point) AS first_contact_point, p.time_error_s, p.closest_at,
-               p.closest_m, p.closest_error_m,
-               CASE WHEN p.is_turned THEN p.b_kind ELSE p.a_kind END AS a_kind,
-               CASE WHEN p.is_turned THEN p.b_id ELSE p.a_id END AS a_id,
-               CASE WHEN p.is_turned THEN p.b_version ELSE p.a_version END AS a_version,
-               CASE WHEN p.is_turned THEN p.b_key ELSE p.a_key END AS a_key,
-               CASE WHEN p.is_turned THEN p.a_kind ELSE p.b_kind END AS b_kind,
-               CASE WHEN p.is_turned THEN p.a_id ELSE p.b_id END AS b_id,
-               CASE WHEN p.is_turned THEN p.a_version ELSE p.b_version END AS b_version,
-               CASE WHEN p.is_turned THEN p.a_key ELSE p.b_key END AS b_key,
-               ST_GeomFromEWKB(CASE WHEN p.is_turned THEN p.closest_b_point ELSE p.closest_a_point END)
-                   AS closest_a_point,
-               ST_GeomFromEWKB(CASE WHEN p.is_turned THEN p.closest_a_point ELSE p.closest_b_point END)
-                   AS closest_b_point,
-               CASE WHEN k.keeps THEN p.conflict_id ELSE nextval('conflict_seq') END AS conflict_id,
-               CASE WHEN k.keeps THEN p.found_at ELSE v_at END AS found_at,
-               CASE WHEN p.changes THEN v_at WHEN k.keeps THEN p.changed_at END AS changed_at,
-               CASE WHEN k.keeps AND NOT p.changes THEN nullif(p.told_periods, p.periods) END AS told_periods
-        FROM placed p
-        -- Whether it is a conflict, or only near, is what was first found.
-        CROSS JOIN LATERAL (SELECT p.stays AND (p.old_verdict = 'near') = (p.verdict = 'near') AS keeps) k
-        WHERE p.is_found
     ), begun AS (
         INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
                                     periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
             SELECT p_scene_id, _write_run.run_id, o.conflict_id, CASE WHEN o.opens THEN 'opened' ELSE 'changed' END,
                    v_at, o.found_at, o.a_kind, o.a_key, o.b_kind, o.b_key, o.periods, o.verdict, o.time_error_s,
                    o.closest_at, o.closest_m, o.closest_error_m
-            FROM ordered o WHERE o.opens OR o.changes
+            FROM placed o WHERE o.opens OR o.changes
             RETURNING conflict_event_id
     ), located AS NOT MATERIALIZED (
         -- By the order of the keys: not even the order of its vertices depends on numbers.
@@ -284,7 +282,7 @@ BEGIN
                         _conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id, o.b_version,
                                          o.periods, v_plane)
                     ELSE o.region END AS known_region
-        FROM ordered o
+        FROM placed o WHERE o.is_found
     ), rewritten AS (
         UPDATE conflict c
             SET run_id = _write_run.run_id, a_kind = o.a_kind, a_id = o.a_id, a_version = o.a_version,
@@ -305,19 +303,15 @@ BEGIN
                    o.time_error_s, o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point,
                    o.closest_b_point, o.digest, o.conflict_id
             FROM located o WHERE o.place IS NULL
-    ), told AS (
-        SELECT count(*) FILTER (WHERE p.opens) AS opened, count(*) FILTER (WHERE p.changes) AS changed,
-               count(*) FILTER (WHERE p.closes) AS closed,
-               count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
-                   - count(*) FILTER (WHERE p.old_verdict = 'unresolved') AS more_unresolved,
-               least((SELECT min(e.conflict_event_id) FROM ended e), (SELECT min(e.conflict_event_id) FROM begun e))
-                   AS first_event
-        FROM placed p
     )
-    UPDATE run r SET opened = r.opened + t.opened, changed = r.changed + t.changed, closed = r.closed + t.closed,
-                     conflicts = r.conflicts + t.opened - t.closed, unresolved = r.unresolved + t.more_unresolved
-        FROM told t WHERE r.run_id = _write_run.run_id
-        RETURNING t.first_event INTO v_first_event;
+    SELECT count(*) FILTER (WHERE p.opens), count(*) FILTER (WHERE p.changes), count(*) FILTER (WHERE p.closes),
+           count(*) FILTER (WHERE p.is_found AND p.verdict = 'unresolved')
+               - count(*) FILTER (WHERE p.old_verdict = 'unresolved'),
+           least((SELECT min(e.conflict_event_id) FROM ended e), (SELECT min(e.conflict_event_id) FROM begun e))
+        INTO v_opened, v_changed, v_closed, v_unresolved, v_first_event FROM placed p;
+    UPDATE run r SET opened = r.opened + v_opened, changed = r.changed + v_changed, closed = r.closed + v_closed,
+                     conflicts = r.conflicts + v_opened - v_closed, unresolved = r.unresolved + v_unresolved
+        WHERE r.run_id = _write_run.run_id;
     IF v_first_event IS NOT NULL THEN
         PERFORM _notify_events(p_scene_id, v_scene_name, run_id, v_first_event);
     END IF;

@@ -7,6 +7,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import ragged_rows
 
 
@@ -49,8 +50,8 @@ class Contacts:
         return cls(*(column[order] for column in columns))
 
 
-def _unknown(rows: NDArray[np.int64]) -> NDArray[np.object_]:
-    return np.full(len(rows), None, dtype=object)
+def _unknown(rows: NDArray[np.int64]) -> Polygons:
+    return Polygons.none(len(rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class Conflicts:
         may be; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
-    where : finds out where some rows (k,) interfere: (k,) polygons, longitude and latitude; None where it is not known
+    where : finds out where some rows (k,) interfere
     """
 
     a_kind: NDArray[np.int8]
@@ -90,7 +91,7 @@ class Conflicts:
     closest_error_m: NDArray[np.float64]
     closest_a_deg: NDArray[np.float64]
     closest_b_deg: NDArray[np.float64]
-    where: Callable[[NDArray[np.int64]], NDArray[np.object_]] = _unknown
+    where: Callable[[NDArray[np.int64]], Polygons] = _unknown
 
     def __len__(self) -> int:
         return len(self.a_id)

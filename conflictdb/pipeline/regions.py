@@ -10,21 +10,26 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.arrays.polygons import SRID, Polygons
+from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.regions import regions
+from conflictdb.kernel.rows import interleaved
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import COVER
 
 # Goes up where the regions of the same answers become others: what a database holds is then written anew.
 EDITION: Final = 1
-_SRID = 4326
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
 # About so many corners are added to a region at most. Of a track around the earth there were 12 million, more than
 # PostgreSQL can print. With fewer, sides of so large a region bend by some metres.
 _MOST_CORNERS = 20_000
+# Of a polygon in EWKB: little-endian, what it is, with a number of its reference system, that number, one ring.
+_HEAD: Final = b"\x01" + np.array([3 | 0x2000_0000, SRID, 1], "<u4").tobytes()
+# Of a cross product, relative to its terms: of sides that are rounded once, and of three roundings more.
+_ROUNDING: Final = 1e-15
 _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
 
 
@@ -49,19 +54,19 @@ class Meetings:
     offset: NDArray[np.int64]
     threads: int
 
-    def regions(self, rows: NDArray[np.int64]) -> NDArray[np.object_]:
-        """Return the regions of pairs (k,): polygons, valid, cut at the seam; None where that is not known.
+    def regions(self, rows: NDArray[np.int64]) -> Polygons:
+        """Return the regions of pairs (k,): valid, cut at the seam.
 
         Rows from n on are of pairs without a contact: nothing is known of where these are.
         """
-        found = np.full(len(rows), None, dtype=object)
-        in_contact = np.flatnonzero(rows < len(self.offset) - 1)
+        in_contact = rows < len(self.offset) - 1
         offset, contacts = ragged_rows(self.offset, rows[in_contact])
-        group = np.repeat(np.arange(len(in_contact)), np.diff(offset))
+        # Those without a contact get none, in their places.
+        count = np.zeros(len(rows), np.int64)
+        count[in_contact] = np.diff(offset)
         times = self.start_s[contacts], self.end_s[contacts]
         a, b = PieceRows(self.a[contacts]), PieceRows(self.b[contacts])
-        found[in_contact] = regions_of(self.scene, self.plane, self.prepared, a, b, times, group, threads=self.threads)
-        return found
+        return regions_of(self.scene, self.plane, self.prepared, a, b, times, offsets(count), threads=self.threads)
 
 
 def regions_of(
@@ -71,44 +76,105 @@ def regions_of(
     a: PieceRows,
     b: PieceRows,
     seconds: tuple[Floats, Floats],
-    group: NDArray[np.int64],
+    offset: NDArray[np.int64],
     *,
     threads: int = 1,
-) -> NDArray[np.object_]:
-    """Return where pairs of objects interfere: polygons, valid, cut at the seam; None where that is not known.
+) -> Polygons:
+    """Return where n pairs of objects interfere: valid, cut at the seam.
 
     Of two areas it is what they have in common; else a superset, what both sweep during their contacts. Not known it
     is in a gnomonic plane, and of objects that could not be cut: the database finds it out from the hulls of pieces.
 
     a, b : (m,) the prepared pieces of each contact
     seconds : (m,) from when to when after the start of what they share; infinite of areas that are there for ever
-    group : (m,) which pair of objects a contact is of, from 0, not decreasing; every pair has one
+    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]); of one without any nothing is known
     """
     pieces = prepared.pieces
-    found = np.full(group[-1] + 1 if len(group) else 0, None, dtype=object)
-    known = ~((pieces.part[a] == COVER) | (pieces.part[b] == COVER))
-    if plane.turn_m == 0.0:
-        return found
+    count = np.diff(offset)
+    is_known = count > 0
+    if plane.turn_m == 0.0 or not is_known.any():
+        return Polygons.none(len(count))
+    group = np.repeat(np.arange(len(count)), count)
+    has_cover = (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
+    asked = np.flatnonzero(~has_cover)
     zero_us, _ = pieces.shared_span(a, b)
-    low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[known] for one in seconds)
+    low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[asked] for one in seconds)
     reach_m = scene.tolerance_m + scene.separation_m
-    ring, offset, is_known = regions(prepared, a[known], b[known], zero_us[known], low_s, high_s, reach_m, threads)
-    owner = np.repeat(group[known], 2)  # of each ring: a contact has two, or empty ones
+    ring, ring_offset, is_told = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
+    is_known[group[has_cover]] = False
+    is_known[group[asked[~is_told]]] = False
+    owner = np.repeat(group[asked], 2)  # of each ring: a contact has two, or empty ones
+    filled = np.flatnonzero((np.diff(ring_offset) > 0) & is_known[owner])
+    owner = owner[filled]
+
+    # Nearly all are one ring that is convex in degrees too, and so valid.
+    alone = filled[np.bincount(owner, minlength=len(count))[owner] == 1]
+    xy, at = ragged_take(ring_offset, ring, alone)
+    lonlat = _degrees(plane, xy)
+    convex = np.flatnonzero(_are_convex(lonlat, at))
+    plain = _of_rings(*ragged_take(at, lonlat, convex))
+    is_plain = np.zeros(len(count), np.bool_)
+    is_plain[owner[np.searchsorted(filled, alone[convex])]] = True
+
+    others = np.unique(owner[~is_plain[owner]])
+    xy, at = ragged_take(ring_offset, ring, filled[~is_plain[owner]])
+    owner = np.searchsorted(others, owner[~is_plain[owner]])
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
-        return _in_degrees(plane, ring, offset[first : last + 1], owner[first:last] - wanted[0], len(wanted))
+        return _in_degrees(plane, xy, at[first : last + 1], owner[first:last] - wanted[0], len(wanted))
 
+    made = np.full(len(others), None, dtype=object)
     # Geometry may fail on a pair: the database finds that one's out, too.
-    for wanted, some in isolated(np.arange(len(found)), of_pairs, _unknown, "the region of pair"):
-        found[wanted] = some
-    found[group[~known]] = None
-    found[group[known][~is_known]] = None
-    return found
+    for wanted, some in isolated(np.arange(len(others)), of_pairs, _unknown, "the region of pair"):
+        made[wanted] = some
+    return _merged(len(count), (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)))
 
 
 def _unknown(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
     return np.full(len(wanted), None, dtype=object)
+
+
+def _degrees(plane: Plane, xy: Floats) -> Floats:
+    """Return longitude and latitude of places in the plane (n, 2); rounded, the seam stays the seam."""
+    lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
+    on_seam = np.abs(lon) > 180.0 - _SEAM_DEG
+    return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
+
+
+def _are_convex(xy: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (n,) which of closed rings that were convex in the plane turn left at every vertex beyond doubt.
+
+    What goes east or west does so in degrees too: a ring that turns left throughout goes around once.
+    """
+    if not len(xy):
+        return np.zeros(len(offset) - 1, np.bool_)
+    # The side from each vertex to the next; from the last, which is the first again, that of the first.
+    side = np.roll(xy, -1, axis=0) - xy
+    side[offset[1:] - 1] = side[offset[:-1]]
+    after = np.roll(side, -1, axis=0)
+    one, other = side[:, 0] * after[:, 1], side[:, 1] * after[:, 0]
+    left = one - other > _ROUNDING * (np.abs(one) + np.abs(other))
+    left[offset[1:] - 1] = True
+    return np.logical_and.reduceat(left, offset[:-1])
+
+
+def _of_rings(lonlat: Floats, offset: NDArray[np.int64]) -> Polygons:
+    """Return a polygon of each closed ring: ring i has the vertices lonlat[offset[i]:offset[i + 1]]."""
+    count = np.diff(offset)
+    head = np.tile(np.frombuffer(_HEAD, np.uint8), (len(count), 1))
+    vertices = lonlat.astype("<f8").view(np.uint8).reshape(-1)
+    data = interleaved([head, count.astype("<u4").view(np.uint8).reshape(-1, 4), (vertices, 16 * offset)])
+    return Polygons(data, offsets(len(_HEAD) + 4 + 16 * count))
+
+
+def _merged(n: int, *parts: tuple[NDArray[np.int64], Polygons]) -> Polygons:
+    """Return n, the rows of each part where it says; of others nothing is known."""
+    sizes = np.zeros((len(parts), n), np.int64)
+    for size, (rows, some) in zip(sizes, parts, strict=True):
+        size[rows] = np.diff(some.offset)
+    data = interleaved([(some.data, offsets(size)) for size, (_, some) in zip(sizes, parts, strict=True)])
+    return Polygons(data, offsets(sizes.sum(axis=0)))
 
 
 def _in_degrees(
@@ -122,12 +188,10 @@ def _in_degrees(
     _put(found, parts, owner[filled])
 
     def degrees(xy: Floats) -> Floats:
-        lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
-        on_seam = np.abs(lon) > 180.0 - _SEAM_DEG
-        return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
+        return _degrees(plane, xy)
 
     # Parts are put together in the plane, where their sides are straight: not in degrees.
-    in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), _SRID)
+    in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), SRID)
     # Long sides of thin parts may cross in degrees, where they bend: with more corners they run as in the plane.
     crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
     side_m = np.maximum(_STRAIGHT_M, shapely.length(in_plane[crossed]) / _MOST_CORNERS)
@@ -135,7 +199,7 @@ def _in_degrees(
     # Parts of a union that all but touch may cross when they are rounded.
     crosses = ~shapely.is_valid(straight)
     straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)
-    found[crossed] = shapely.set_srid(straight, _SRID)
+    found[crossed] = shapely.set_srid(straight, SRID)
     return np.asarray(found)
 
 

@@ -12,6 +12,7 @@ from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.polygons import Polygons
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
@@ -138,7 +139,7 @@ def run_stages(
         conflicts = with_closest_approaches(scene, prepared, pairs, found, conflicts, funnel.effort.exact, threads=jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
 
-    def where(rows: NDArray[np.int64]) -> NDArray[np.object_]:
+    def where(rows: NDArray[np.int64]) -> Polygons:
         began = time.perf_counter()
         found = meetings.regions(rows)
         funnel.stage4_s += time.perf_counter() - began

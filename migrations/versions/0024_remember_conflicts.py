@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ef3f20783c2e187608e5a614f7fb6b6a6e2fb911f206f69fef879cfbde957a59"
+routines_sha256 = "3d0a3fb914a86e048fc18219c2427fe66c6cc52b75043b657cd866a4186df053"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

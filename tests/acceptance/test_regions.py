@@ -36,7 +36,7 @@ def found(scene: Scene, areas: list[Area], tracks: list[Track], jobs: int = 1) -
 
 def regions_of(answer: Conflicts) -> NDArray[np.object_]:
     """Return the regions of all conflicts."""
-    return answer.where(np.arange(len(answer)))
+    return answer.where(np.arange(len(answer))).geometries()
 
 
 def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon: float) -> shapely.Geometry:

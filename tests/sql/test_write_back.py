@@ -15,6 +15,7 @@ from piecework import load, refresh, write_run
 from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import writing
@@ -247,7 +248,7 @@ def test_where_is_found_out_for_what_differs_alone(conn: Conn, scene_id: int, mo
     asked: list[int] = []
     regions = Meetings.regions
 
-    def counted(self: Meetings, rows: NDArray[np.int64]) -> NDArray[np.object_]:
+    def counted(self: Meetings, rows: NDArray[np.int64]) -> Polygons:
         asked.append(len(rows))
         return regions(self, rows)
 

@@ -5,7 +5,6 @@ or read: 64 bits, by which two different answers for one pair are taken for the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Self
 
 import numpy as np
@@ -24,19 +23,9 @@ _COLUMNS: Final = [
     ("digest", "i8"),
     ("place", "V6"),
 ]
+_Objects = tuple[NDArray[np.int64], NDArray[np.int64]]
 DIGEST_KEY_BYTES: Final = 16
 _KIND_BIT: Final = 62  # above the numbers of all objects
-
-
-@dataclass(frozen=True, slots=True)
-class Gone:
-    """n pairs that have a row and were not found again: members (n,) as in `KnownPairs.find`, and their rows (n,)."""
-
-    a_kind: NDArray[np.int64]
-    a_id: NDArray[np.int64]
-    b_kind: NDArray[np.int64]
-    b_id: NDArray[np.int64]
-    row: NDArray[np.int64]
 
 
 class KnownPairs:
@@ -96,11 +85,13 @@ class KnownPairs:
         place[known] = self._place[of[known]]
         return copy_binary.nullable(place, of < 0)
 
-    def gone(self) -> Gone:
-        """Return the pairs that were not found again."""
-        gone = np.flatnonzero(~self._is_found)
-        (a_kind, a_id), (b_kind, b_id) = (_kinds_and_ids(one[gone]) for one in (self._first, self._second))
-        return Gone(a_kind, a_id, b_kind, b_id, gone)
+    def gone(self) -> NDArray[np.int64]:
+        """Return the rows of pairs that were not found again."""
+        return np.flatnonzero(~self._is_found)
+
+    def members(self, of: NDArray[np.int64]) -> tuple[_Objects, _Objects]:
+        """Return kinds and numbers of the first and of the second members of rows (n,), as in `find`."""
+        return _kinds_and_ids(self._first[of]), _kinds_and_ids(self._second[of])
 
     def _pairs(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return a number (n,) for each pair of members: another one for another pair, if all of them are known."""
@@ -118,5 +109,5 @@ def _numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
     return (kind.astype(np.int64) << _KIND_BIT) | ids
 
 
-def _kinds_and_ids(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kinds_and_ids(numbers: NDArray[np.int64]) -> _Objects:
     return numbers >> _KIND_BIT, numbers & ((1 << _KIND_BIT) - 1)

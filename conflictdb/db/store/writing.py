@@ -3,27 +3,29 @@
     begin_write; as often as there are parts: differing, and stage for each that it yields; end_write; commit
 
 What is known of a pair has a digest: found again with the same one, it is neither sent nor written, nor is it found out
-where it is. What differs is sent some thousand rows at a time, the last of them with the run itself: by one statement,
-where little changed.
+where it is. What differs is sent some thousand rows at a time, by another thread while the next ones are made, and the
+last of them with the run itself: by one statement, where little changed.
 """
 
 import hashlib
 import json
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any, Final
 
 import numpy as np
 import psycopg
-import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
+from conflictdb.db.store.parameters import Array
 from conflictdb.model import SINCE_EVER_US
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
@@ -117,6 +119,7 @@ class Staged:
     run : as far as it is known when it begins
     known : the pairs that have a row, and which of them were found
     held : rows that differ and are not sent yet, some thousand at most
+    sending : what is sent by another thread, while the next rows are made here; nobody else may use the connection
     run_id : once a part of them was sent
     took_s : how long it took so far, seconds
     """
@@ -125,6 +128,7 @@ class Staged:
     run: RunRecord
     known: KnownPairs
     held: list[_Columns] = field(default_factory=list)
+    sending: Future[tuple[Any, ...]] | None = None
     run_id: int | None = None
     took_s: float = 0.0
 
@@ -139,7 +143,7 @@ def begin_write(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord) ->
 def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
     """Yield, for `stage`, what differs from what is known of a part of what was found, some thousand rows at a time.
 
-    No pair of objects may be in two parts.
+    No pair of objects may be in two parts. Until all is taken nothing else may use the connection.
     """
     began = time.perf_counter()
     found = _ordered(conflicts)
@@ -150,14 +154,17 @@ def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         some = rows[first : first + _ROWS_AT_ONCE]
         yield Part(some, found.take(some), row[some], digest[some])
+    began = time.perf_counter()
+    _await_sent(staged)
+    staged.took_s += time.perf_counter() - began
 
 
-def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: NDArray[np.object_]) -> None:
-    """Hand over what differs, and where it is: (k,) polygons, None where that is not known."""
+def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Polygons) -> None:
+    """Hand over what differs, and where it is (k,)."""
     began = time.perf_counter()
     columns = _columns(part.conflicts, region)
     columns |= {"place": staged.known.places(part.row), "digest": copy_binary.fixed(part.digest, "i8")}
-    _hold(conn, staged, columns, np.arange(len(part.rows)))
+    _hold(conn, staged, columns)
     staged.took_s += time.perf_counter() - began
 
 
@@ -167,24 +174,43 @@ def end_write(conn: psycopg.Connection[Any], staged: Staged, run: RunRecord) -> 
     Rows that are what they were are not touched. The caller commits; then listeners on channel conflictdb are told.
     """
     began = time.perf_counter()
-    gone = _gone(staged.known)
-    _hold(conn, staged, gone, np.arange(copy_binary.length(gone["place"])))
+    gone = staged.known.gone()
+    for first in range(0, len(gone), _ROWS_AT_ONCE):
+        _hold(conn, staged, _gone(staged.known, gone[first : first + _ROWS_AT_ONCE]))
+    _await_sent(staged)
+    arrays = _taken(staged)
     staged.took_s += time.perf_counter() - began
-    return RunOutcome(*_send(conn, staged, run.as_json(write_s=staged.took_s), is_last=True))
+    return RunOutcome(*_send(conn, staged, arrays, run.as_json(write_s=staged.took_s), is_last=True))
 
 
-def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: _Columns, rows: NDArray[np.int64]) -> None:
-    """Hold some rows of columns until they are sent, and send what is held where that becomes too many."""
-    for first in range(0, len(rows), _ROWS_AT_ONCE):
-        some = rows[first : first + _ROWS_AT_ONCE]
-        if sum(copy_binary.length(one["place"]) for one in staged.held) + len(some) > _ROWS_AT_ONCE:
-            staged.run_id, *_ = _send(conn, staged, staged.run.as_json(), is_last=False)
-        staged.held.append({name: copy_binary.taken(column, some) for name, column in columns.items()})
+def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: _Columns) -> None:
+    """Hold columns of some thousand rows until they are sent, and send what is held before where that becomes many."""
+    count = sum(copy_binary.length(one["place"]) for one in (*staged.held, columns))
+    if staged.held and count > _ROWS_AT_ONCE:
+        _await_sent(staged)
+        thread = ThreadPoolExecutor(1)
+        staged.sending = thread.submit(_send, conn, staged, _taken(staged), staged.run.as_json(), is_last=False)
+        thread.shutdown(wait=False)
+    staged.held.append(columns)
 
 
-def _send(conn: psycopg.Connection[Any], staged: Staged, run: str, *, is_last: bool) -> tuple[Any, ...]:
+def _await_sent(staged: Staged) -> None:
+    """Wait for what is sent by another thread; raises what it did."""
+    if staged.sending is not None:
+        sending, staged.sending = staged.sending, None
+        staged.run_id, *_ = sending.result()
+
+
+def _taken(staged: Staged) -> list[Array]:
+    """Return what is held as arrays, which holds nothing any more."""
     arrays = [copy_binary.array([one[name] for one in staged.held], of) for name, of in _TYPES.items()]
     staged.held.clear()
+    return arrays
+
+
+def _send(
+    conn: psycopg.Connection[Any], staged: Staged, arrays: list[Array], run: str, *, is_last: bool
+) -> tuple[Any, ...]:
     return call(conn, "_write_run", staged.scene_id, staged.run_id, run, is_last, *arrays)
 
 
@@ -239,7 +265,7 @@ def _digested(measures: NDArray[np.float64]) -> copy_binary.Bytes:
     return copy_binary.fixed(whole.ravel(), "f8").reshape(len(measures), 8 * measures.shape[1])
 
 
-def _columns(found: Conflicts, region: NDArray[np.object_]) -> _Columns:
+def _columns(found: Conflicts, region: Polygons) -> _Columns:
     """Return the columns of rows."""
     is_known = np.isfinite(found.closest_m)
     return {
@@ -251,7 +277,7 @@ def _columns(found: Conflicts, region: NDArray[np.object_]) -> _Columns:
         "b_version": copy_binary.fixed(found.b_version, "i8"),
         "verdict": _VERDICT_NAMES.take(found.verdict.astype(np.int64)),
         "periods": copy_binary.multispans(found.period_us, found.period_offset),
-        "region": copy_binary.Ragged.of(shapely.to_wkb(region, byte_order=1, include_srid=True).tolist()),
+        "region": copy_binary.Ragged(region.data, region.offset, np.diff(region.offset) == 0),
         "first_contact_point": copy_binary.points(found.first_contact_deg, _SRID),
         "time_error_s": copy_binary.fixed(found.time_error_s, "f8"),
         "closest_at": copy_binary.nullable(copy_binary.instants(found.closest_us), found.closest_us == SINCE_EVER_US),
@@ -262,15 +288,15 @@ def _columns(found: Conflicts, region: NDArray[np.object_]) -> _Columns:
     }
 
 
-def _gone(known: KnownPairs) -> _Columns:
-    """Return the columns of rows that go: those of pairs that were not found again."""
-    gone = known.gone()
-    nothing = copy_binary.Ragged.of([None] * len(gone.row))
+def _gone(known: KnownPairs, rows: NDArray[np.int64]) -> _Columns:
+    """Return the columns of rows that go."""
+    (a_kind, a_id), (b_kind, b_id) = known.members(rows)
+    nothing = copy_binary.Ragged.of([None] * len(rows))
     members: _Columns = {
-        "a_kind": copy_binary.fixed(gone.a_kind, "i2"),
-        "a_id": copy_binary.fixed(gone.a_id, "i8"),
-        "b_kind": copy_binary.fixed(gone.b_kind, "i2"),
-        "b_id": copy_binary.fixed(gone.b_id, "i8"),
-        "place": known.places(gone.row),
+        "a_kind": copy_binary.fixed(a_kind, "i2"),
+        "a_id": copy_binary.fixed(a_id, "i8"),
+        "b_kind": copy_binary.fixed(b_kind, "i2"),
+        "b_id": copy_binary.fixed(b_id, "i8"),
+        "place": known.places(rows),
     }
     return {name: members.get(name, nothing) for name in _TYPES}
