@@ -522,10 +522,14 @@ class Database:
     def explain(self, scene: str, a_key: str, b_key: str) -> Explanation:
         """Return why two objects of a scene are in conflict, or are not, as of the last detection.
 
-        Raises InvalidInput if the scene or one of the objects is not known.
+        With how close they come, also where the scene does not keep that. Raises InvalidInput if the scene or one of
+        the objects is not known.
         """
+        # Not above: the stages take longer to import than everything else.
+        from conflictdb.db import explanations
+
         with self._transaction():
-            return store.explanation(self.connection, scene, a_key, b_key)
+            return explanations.explain(self.connection, scene, a_key, b_key)
 
     def probe(self, scene: str, plan: Area | Track, *, jobs: int = 1) -> Listing[Conflict]:
         """Return what a plan would be in conflict with, and when, without writing anything.
@@ -697,7 +701,7 @@ class Database:
         """Return the figure of a conflict that this database holds: `conflict.plot()` asks for it."""
         from conflictdb.drawing import figures
 
-        settings, areas, tracks = self._read(conflict.scene)
+        settings, areas, tracks = self._read(conflict.scene, (conflict.a_key, conflict.b_key))
         a, b = _pair_of(conflict.scene, [*areas, *tracks], conflict.a_key, conflict.b_key)
         return figures.plot_pair(settings, a, b, conflict)
 
@@ -733,9 +737,9 @@ class Database:
         """Return a scene as the text of the file that `export` writes."""
         return "".join(scene_text(*self._read(scene)))
 
-    def _read(self, scene: str) -> tuple[Scene, list[Area], list[Track]]:
+    def _read(self, scene: str, keys: Sequence[str] | None = None) -> tuple[Scene, list[Area], list[Track]]:
         with self._transaction():
-            return store.read_scene(self.connection, scene)
+            return store.read_scene(self.connection, scene, keys)
 
     def scenes(self) -> list[store.SceneStatus]:
         """Return all scenes with their objects, pending changes and last run."""

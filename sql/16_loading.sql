@@ -113,32 +113,35 @@ COMMENT ON FUNCTION _load(text, text, text, text, double precision, double preci
 -- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.
 
 CREATE OR REPLACE FUNCTION _read_areas(
-    p_scene_id bigint, OUT span_start timestamptz, OUT span_end timestamptz, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text,
-    OUT properties text
+    p_scene_id bigint, p_keys text[], OUT span_start timestamptz, OUT span_end timestamptz,
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea,
+    OUT key text, OUT name text, OUT properties text
 ) RETURNS SETOF record
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(lower(a.active_span), '-infinity'), coalesce(upper(a.active_span), 'infinity'),
            coalesce(a.floor_m, '-infinity'), coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
            ST_AsBinary(a.footprint, 'NDR'), a.key, coalesce(a.name, ''), a.properties::text
-    FROM area a WHERE a.scene_id = p_scene_id ORDER BY a.area_id;
+    FROM area a WHERE a.scene_id = p_scene_id AND (p_keys IS NULL OR a.key = ANY (p_keys))
+    ORDER BY a.area_id;
 END;
-COMMENT ON FUNCTION _read_areas(bigint) IS 'All areas of a scene, without nulls, for COPY.';
+COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
+'The areas of a scene of some keys (null: all), without nulls, for COPY.';
 
 CREATE OR REPLACE FUNCTION _read_tracks(
-    p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
-    OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea,
-    OUT ceilings bytea, OUT key text, OUT name text, OUT properties text
+    p_scene_id bigint, p_keys text[], OUT floor_m double precision, OUT ceiling_m double precision,
+    OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea,
+    OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text
 ) RETURNS SETOF record
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL, t.grow_mps,
            ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
            coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''), t.key, coalesce(t.name, ''),
            t.properties::text
-    FROM track t WHERE t.scene_id = p_scene_id ORDER BY t.track_id;
+    FROM track t WHERE t.scene_id = p_scene_id AND (p_keys IS NULL OR t.key = ANY (p_keys))
+    ORDER BY t.track_id;
 END;
-COMMENT ON FUNCTION _read_tracks(bigint) IS
-'All tracks of a scene, without nulls, for COPY; outlines are empty where there is none per waypoint, '
-'floors and ceilings (array_send) where there is none per leg.';
+COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
+'The tracks of a scene of some keys (null: all), without nulls, for COPY; outlines are empty where there is none per '
+'waypoint, floors and ceilings (array_send) where there is none per leg.';

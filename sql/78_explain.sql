@@ -97,6 +97,7 @@ DECLARE
     v_method text;
     v_is_static boolean;
     v_last_stage integer;
+    v_further_than_m double precision;
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
@@ -189,6 +190,10 @@ BEGIN
                 WHEN 3 THEN 'there is no time in which they could meet'
                 ELSE 'they are proven to stay further apart than what counts as a conflict' END;
         END IF;
+        -- Of other methods, and of pairs that are never there together, nothing is known.
+        IF v_by NOT IN ('time', 'height') AND v_method NOT IN ('screen', 'window') THEN
+            v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
+        END IF;
     END IF;
 
     RETURN jsonb_build_object(
@@ -209,6 +214,8 @@ BEGIN
             'at', v_conflict.closest_at, 'm', v_conflict.closest_m, 'error_m', v_conflict.closest_error_m,
             'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',
             'b', ST_AsGeoJSON(v_conflict.closest_b_point, 9)::jsonb -> 'coordinates') END,
+        'further_than_m', nullif(v_further_than_m, 0),
+        'are_never_together', coalesce(v_by IN ('time', 'height'), false),
         'stages', CASE WHEN v_verdict <> 'unknown' THEN jsonb_build_array(
             jsonb_build_object('stage', 1, 'asks', 'do boxes of pieces meet in space, time and height?',
                                'pairs', a.pieces * b.pieces, 'left', v_left.in_boxes),
@@ -242,7 +249,8 @@ $$;
 COMMENT ON FUNCTION explain_conflict(text, text, text) IS
 'Why two objects of a scene are in conflict, or are not: verdict (as in the view conflicts; near; apart; unknown while '
 'a change waits for detection), the stage that decided and why, what each stage left, which pieces, periods, closest '
-'approach, settings, run, and whether that is current. explain_conflict_text says it in words.';
+'approach where it is kept, else what they are further apart than (further_than_m, metres; null if that is not known), '
+'settings, run, and whether that is current. explain_conflict_text says it in words.';
 
 CREATE OR REPLACE FUNCTION _explained_text(j jsonb) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -263,7 +271,9 @@ BEGIN ATOMIC
             round((j #>> '{closest,m}')::numeric, 3) || ' m, within ' || round((j #>> '{closest,error_m}')::numeric, 3)
             || ' m'
             || coalesce(', at ' || _shown((j #>> '{closest,at}')::timestamptz), ''),
-            'not kept; a detection with nearest_m keeps it'),
+            CASE WHEN (j ->> 'are_never_together')::boolean THEN 'never there at the same time and height' END,
+            'further apart than ' || (j ->> 'further_than_m') || ' m',
+            'not kept; `conflictdb explain` finds it out, a detection with nearest_m keeps it'),
         '  decided by stage ' || (j #>> '{decided_by,stage}') || ': ' || (j #>> '{decided_by,by}'),
         (SELECT string_agg(format('  stage %s: %s %s', s ->> 'stage', s ->> 'asks',
                                   coalesce(s ->> 'says', format('%s of %s pairs of pieces', s ->> 'left',
@@ -285,11 +295,3 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION explain_conflict_text(text, text, text) IS 'What explain_conflict says, in words.';
 
-CREATE OR REPLACE FUNCTION _explanation(p_scene text, p_a text, p_b text, OUT facts jsonb, OUT said text)
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
-BEGIN
-    facts := explain_conflict(p_scene, p_a, p_b);
-    said := _explained_text(facts);
-END
-$$;
-COMMENT ON FUNCTION _explanation(text, text, text) IS 'What explain_conflict says, and that in words.';

@@ -811,9 +811,6 @@ FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT
 FUNCTION _explained_text(j jsonb)
     RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _explanation(p_scene text, p_a text, p_b text, OUT facts jsonb, OUT said text)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
-
 FUNCTION _find_attached(p_scene text, p_table text)
     RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -1006,11 +1003,11 @@ FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _read_areas(p_scene_id bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
-    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
+    RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
-    RETURNS SETOF record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
+    RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3d0a3fb914a86e048fc18219c2427fe66c6cc52b75043b657cd866a4186df053"
+routines_sha256 = "cad817f5ea1941196880af26b6ed8bbe73bd2eb956071293f5b9a114c425146c"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

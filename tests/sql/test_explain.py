@@ -67,6 +67,18 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
     assert facts["decided_by"] == {"stage": stage, "by": by}
     assert facts == explained(conn, "X", "T")
     assert (facts["closest"] is not None) == (verdict in ("conflict", "near"))
+    conn.rollback()
+    with connect(conn) as db:
+        told = db.explain("s", "X", "T")
+    assert (told.facts["closest"] is None) == (by in ("time", "height"))
+    assert told.facts["are_never_together"] == (told.facts["closest"] is None)
+    assert told.facts == facts | {"closest": told.facts["closest"], "are_never_together": told.facts["closest"] is None}
+    assert ("closest: never there at the same time and height" in told.text) == (told.facts["closest"] is None)
+    if case == "elsewhere":
+        # From 500 m ahead of the equator's track to 2 degrees north: the track's side is 200 m north of the equator.
+        assert told.facts["closest"]["m"] == pytest.approx(221_149.4 - 200.0, abs=1.0)
+        assert told.facts["closest"]["error_m"] < 0.001
+        assert "closest: 220949." in told.text
     conn.execute("UPDATE conflictdb.track SET ceiling_m = 39 WHERE key = 'T'")
     after = explained(conn, "T", "X")
     assert (after["is_current"], after["waiting"].startswith('"T" changed')) == (False, True)

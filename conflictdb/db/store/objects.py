@@ -99,11 +99,17 @@ def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
         return dict(call_many(conn, "_waiting_scenes"))
 
 
-def read_scene(conn: psycopg.Connection[Any], name: str) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene and its objects, in the order they came, as they were loaded; InvalidInput if it is not known."""
+def read_scene(
+    conn: psycopg.Connection[Any], name: str, keys: Sequence[str] | None = None
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and its objects, in the order they came, as they were loaded; InvalidInput if it is not known.
+
+    keys : of the objects that are wanted; None: all
+    """
+    wanted = None if keys is None else list(keys)
     with transaction(conn):
-        key = scene_id(conn, name)
-        return read_settings(conn, key), _areas(conn, key), _tracks(conn, key)
+        number = scene_id(conn, name)
+        return read_settings(conn, number), _areas(conn, number, wanted), _tracks(conn, number, wanted)
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
@@ -123,9 +129,9 @@ def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     return _scene(*call(conn, "_scene", scene_id))
 
 
-def _areas(conn: psycopg.Connection[Any], key: int) -> list[Area]:
+def _areas(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None) -> list[Area]:
     columns, strings = copy_binary.receive(
-        conn, "_read_areas", [key], _AREA_COLUMNS, ["footprint", "key", "name", "properties"]
+        conn, "_read_areas", [scene_id, keys], _AREA_COLUMNS, ["footprint", "key", "name", "properties"]
     )
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
@@ -146,9 +152,9 @@ def _areas(conn: psycopg.Connection[Any], key: int) -> list[Area]:
     ]
 
 
-def _tracks(conn: psycopg.Connection[Any], key: int) -> list[Track]:
+def _tracks(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None) -> list[Track]:
     ragged = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
-    columns, strings = copy_binary.receive(conn, "_read_tracks", [key], _TRACK_COLUMNS, ragged)
+    columns, strings = copy_binary.receive(conn, "_read_tracks", [scene_id, keys], _TRACK_COLUMNS, ragged)
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)

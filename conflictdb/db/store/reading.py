@@ -8,6 +8,7 @@ from struct import Struct
 from typing import Any, Final
 
 import psycopg
+from psycopg.types.json import Jsonb
 
 from conflictdb.db.store.connection import call, call_by_name, call_each, transaction
 from conflictdb.methods import Method
@@ -15,7 +16,6 @@ from conflictdb.results import (
     Approach,
     Conflict,
     ConflictEvent,
-    Explanation,
     Kind,
     Listing,
     Period,
@@ -195,11 +195,17 @@ def conflict_events(
     return [ConflictEvent(scene=scene, **_typed(row, "at", "opened_at", "closed_at")) for row in rows]
 
 
-def explanation(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
+def explain_conflict(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> dict[str, Any]:
     """Return why two objects are in conflict, or are not; InvalidInput if the scene or one of them is not known."""
     with transaction(conn):
-        facts, said = call(conn, "_explanation", scene, a_key, b_key)
-    return Explanation(facts, said)
+        (facts,) = call(conn, "explain_conflict", scene, a_key, b_key)
+    return dict(facts)
+
+
+def explained_text(conn: psycopg.Connection[Any], facts: dict[str, Any]) -> str:
+    """Return what `explain_conflict` says in words."""
+    with transaction(conn):
+        return str(call(conn, "_explained_text", Jsonb(facts))[0])
 
 
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:
