@@ -298,7 +298,9 @@ static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, d
         double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
         if (!(high >= low) || !meet(search, i)) return false;
         search->seen[i - first_pair] = (Seen){INFINITY, low, 0.0, INFINITY};
-        push(search, (Part){.bound = approach_at_least(&search->pair, low, high), .start = low, .end = high, .pair = i});
+        /* Where the distance need not be known well, the first look often is enough for all: no bounds before it. */
+        double bound = is_coarse(search) ? 0.0 : approach_at_least(&search->pair, low, high);
+        push(search, (Part){.bound = bound, .start = low, .end = high, .pair = i});
         if (!(search->heap[search->parts - 1].bound >= 0.0)) return false;
     }
     return true;
@@ -371,7 +373,9 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
         if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g], groups->aim_m[g])) {
             search_group(&search);
             for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
-            stated = state_group(&search);
+            /* Pairs that are asked about at any distance, and none was seen: it cannot be told. */
+            bool is_told = search.least < INFINITY || search.wanted < INFINITY || search.first_pair == search.last_pair;
+            if (is_told) stated = state_group(&search);
         }
         pair[g] = stated.moment.pair, at_s[g] = stated.moment.at;
         distance_m[g] = stated.distance, error_m[g] = stated.error;
