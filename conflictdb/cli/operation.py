@@ -9,10 +9,10 @@ from conflictdb.cli.log import JSON_LOG, TEXT_LOG
 from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text
-from conflictdb.cli.session import database, worker_connections
+from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.database import Status, connect
-from conflictdb.db import schema
+from conflictdb.db import schema, store
 from conflictdb.db.store import SceneStatus
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
@@ -32,7 +32,7 @@ def work(args: argparse.Namespace) -> int:
     from conflictdb.db.worker import EVERY_S, Worker
 
     log = JSON_LOG if args.log == "json" else TEXT_LOG
-    with database(args), worker_connections(args) as connection, ExitStack() as serving:
+    with database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:
         worker = Worker(
             connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
         )

@@ -72,7 +72,7 @@ def build() -> Parser:
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
     for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
-    for add in (_plot, _report, _history, _acknowledge, _attach, _schema, _server, _psql, _demo):
+    for add in (_plot, _report, _history, _acknowledge, _map, _attach, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -245,6 +245,24 @@ def _acknowledge(commands: Any) -> None:
     what.add_argument("--reason", metavar="TEXT", help="why")
     what.add_argument("--undo", action="store_true", help="take it back")
     parser.add_argument("--until", type=instant, metavar="T", help="until then (ISO 8601 with offset; default: no end)")
+
+
+def _map(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "map",
+        "mapping:show",
+        "show a scene on a map with time, in a browser",
+        "Prints the address of a page, and serves it until interrupted. It only reads, but for acknowledging.",
+    )
+    parser.add_argument("--scene", type=name, metavar="NAME", help="scene to show (default: the demo's)")
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="HOST",
+        help="address to listen on (default: this machine alone); at another, the page needs the token that is printed",
+    )
+    parser.add_argument("--port", type=port, default=8620, metavar="N", help="port (default: 8620; 0: any free one)")
 
 
 def _advise(commands: Any) -> None:
@@ -581,6 +599,13 @@ def address(text: str) -> tuple[str, int]:
     if not match or int(match["port"]) > 65535:
         raise argparse.ArgumentTypeError(f"must be a port, or HOST:PORT; got {text!r}")
     return (match["host"] or "127.0.0.1").strip("[]"), int(match["port"])
+
+
+def port(text: str) -> int:
+    """Return the number of a port, or 0."""
+    if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 65535; got {text!r}")
+    return int(text)
 
 
 def duration_s(text: str) -> float:

@@ -38,8 +38,8 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
 
 
 @contextmanager
-def worker_connections(args: argparse.Namespace) -> Iterator[Callable[[], "Connection[Any]"]]:
-    """Give a worker its way to connect, again and again.
+def connections(args: argparse.Namespace, named: Callable[[str], str]) -> Iterator[Callable[[], "Connection[Any]"]]:
+    """Give what runs for long its way to connect, again and again, by connection strings that are `named` for it.
 
     The embedded database is started again if it is gone: whoever uses it keeps it running.
     """
@@ -47,12 +47,12 @@ def worker_connections(args: argparse.Namespace) -> Iterator[Callable[[], "Conne
 
     def connection() -> "Connection[Any]":
         if args.dsn:
-            return store.connect(store.worker_dsn(args.dsn))
+            return store.connect(named(args.dsn))
         in_use.append(embedded(say=note))
         for former in in_use[:-1]:
             former.stop()
         del in_use[:-1]
-        return store.connect(store.worker_dsn(in_use[0].dsn))
+        return store.connect(named(in_use[0].dsn))
 
     try:
         yield connection

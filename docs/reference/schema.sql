@@ -910,11 +910,26 @@ FUNCTION _load(p_name text, p_motion text, p_earth text, p_method text, p_tolera
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _map_areas(p_scene text)
+    RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
+
+FUNCTION _map_conflicts(p_scene text)
+    RETURNS TABLE(conflict_id bigint, a_key text, b_key text, verdict text, starts_s double precision[], ends_s double precision[], time_error_s double precision, lon_deg double precision, lat_deg double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, is_current boolean, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
+
 FUNCTION _map_expression(p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid, OUT expression text, OUT columns smallint[])
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _map_fields(p_kind smallint)
     RETURNS TABLE(field text, attribute text) LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _map_may_acknowledge()
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL UNSAFE;
+
+FUNCTION _map_shapes(p_scene text, p_keys text[])
+    RETURNS TABLE(layer text, feature_id bigint, key text, shape text) LANGUAGE sql STABLE PARALLEL UNSAFE;
+
+FUNCTION _map_tracks(p_scene text)
+    RETURNS TABLE(track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, path bytea, outline bytea, grow_mps double precision, outlines bytea) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;

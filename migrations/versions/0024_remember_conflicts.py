@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "cad817f5ea1941196880af26b6ed8bbe73bd2eb956071293f5b9a114c425146c"
+routines_sha256 = "b2a86100ab7752b4fe00830746944a16068d518682af1250725cacadd45433d7"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

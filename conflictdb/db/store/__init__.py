@@ -76,7 +76,19 @@ from conflictdb.db.store.reading import (
     scene_state,
     wait_until_current,
 )
-from conflictdb.db.store.service import WORKER_NAME, Service, listen, service, wait_for_change, worker_dsn
+from conflictdb.db.store.service import WORKER_NAME, Service, listen, map_dsn, service, wait_for_change, worker_dsn
+from conflictdb.db.store.showing import (
+    TILES,
+    changes,
+    hear_changes,
+    map_areas,
+    map_conflicts,
+    map_shapes,
+    map_tracks,
+    may_acknowledge,
+    never_write,
+    tile,
+)
 from conflictdb.db.store.writing import (
     RunOutcome,
     RunRecord,
@@ -90,6 +102,7 @@ from conflictdb.db.store.writing import (
 
 __all__ = [
     "SAY_AFTER_S",
+    "TILES",
     "WORKER_NAME",
     "AttachedWork",
     "Attachment",
@@ -121,6 +134,7 @@ __all__ = [
     "candidates",
     "changed_areas",
     "changed_tracks",
+    "changes",
     "conflict_events",
     "conflicts",
     "conflicts_known_at",
@@ -133,13 +147,21 @@ __all__ = [
     "explain_conflict",
     "explained_text",
     "footprints",
+    "hear_changes",
     "is_scene",
     "join",
     "kept_rows",
     "keys_of",
     "list_scenes",
     "listen",
+    "map_areas",
+    "map_conflicts",
+    "map_dsn",
+    "map_shapes",
+    "map_tracks",
     "mark_all",
+    "may_acknowledge",
+    "never_write",
     "next_probe",
     "pending",
     "pieces",
@@ -165,6 +187,7 @@ __all__ = [
     "set_scene",
     "stage",
     "take_over_attached",
+    "tile",
     "transaction",
     "translated",
     "unacknowledge",

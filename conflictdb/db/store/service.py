@@ -51,8 +51,17 @@ def worker_dsn(dsn: str) -> str:
 
     What the string itself says of that stays.
     """
+    return _named_dsn(dsn, WORKER_NAME)
+
+
+def map_dsn(dsn: str) -> str:
+    """Return a connection string by whose connections the page of `conflictdb map` is known; else as `worker_dsn`."""
+    return _named_dsn(dsn, "conflictdb map")
+
+
+def _named_dsn(dsn: str, name: str) -> str:
     with translated():
-        return make_conninfo("", **{**_LIVELY, **conninfo_to_dict(dsn), "application_name": WORKER_NAME})
+        return make_conninfo("", **{**_LIVELY, **conninfo_to_dict(dsn), "application_name": name})
 
 
 def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:

@@ -1,0 +1,39 @@
+"""`map`: a scene on a map with time, in a browser."""
+
+import argparse
+from contextlib import suppress
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import note, out
+from conflictdb.cli.session import connections, database
+from conflictdb.database import DEMO_SCENE, Database
+from conflictdb.db import store
+from conflictdb.errors import ConflictDBError
+
+
+def show(args: argparse.Namespace) -> int:
+    """Serve the page of a scene until interrupted."""
+    try:
+        from conflictdb.map.serve import PageServer
+    except ImportError as error:
+        if error.name not in ("starlette", "uvicorn", "anyio"):
+            raise
+        raise ConflictDBError("map needs starlette and uvicorn: pip install 'conflictdb[map]'") from None
+    with database(args) as db, connections(args, store.map_dsn) as connect:
+        scene = _scene(db, args.scene)
+        with PageServer(scene, connect, args.host, args.port) as server, suppress(KeyboardInterrupt):
+            out(server.address, flush=True)
+            server.serve_until_interrupted()
+    note("stopped")
+    return DONE
+
+
+def _scene(db: Database, name: str | None) -> str:
+    """Return the name of the scene to show; raises InvalidInput if it is not there. Without one, the demo's is made."""
+    if name is None:
+        if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
+            db.load_demo()
+            db.detect(DEMO_SCENE)
+        return DEMO_SCENE
+    store.scene_id(db.connection, name)
+    return name

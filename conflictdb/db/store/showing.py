@@ -1,0 +1,77 @@
+"""What the page of `conflictdb map` shows: whole lists of a scene, tiles, and word of changes."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import psycopg
+from psycopg.types.json import Json
+
+from conflictdb.db.store.connection import call, call_many, transaction, translated
+
+# One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql).
+_CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_request")
+
+TILES: Final = ("areas", "tracks", "conflicts")
+
+
+def map_conflicts(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
+    """Return the conflicts of a scene as routine _map_conflicts has them; InvalidInput if it is not known."""
+    with transaction(conn):
+        return call_many(conn, "_map_conflicts", scene)
+
+
+def map_areas(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
+    """Return the areas of a scene as routine _map_areas has them; InvalidInput if it is not known."""
+    with transaction(conn):
+        return call_many(conn, "_map_areas", scene)
+
+
+def map_tracks(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
+    """Return the tracks of a scene as routine _map_tracks has them; InvalidInput if it is not known."""
+    with transaction(conn):
+        return call_many(conn, "_map_tracks", scene)
+
+
+def map_shapes(
+    conn: psycopg.Connection[Any], scene: str, keys: list[str] | None = None
+) -> list[tuple[str, int, str | None, str]]:
+    """Return layer, number, key and GeoJSON of what a map shows of a scene, or of its objects of some keys."""
+    with transaction(conn):
+        return [(row[0], row[1], row[2], row[3]) for row in call_many(conn, "_map_shapes", scene, keys)]
+
+
+def may_acknowledge(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether the user of a connection may acknowledge conflicts."""
+    with transaction(conn):
+        return bool(call(conn, "_map_may_acknowledge")[0])
+
+
+def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene: str) -> bytes:
+    """Return a vector tile of one of TILES, empty where nothing is; InvalidInput if there is no such tile or scene."""
+    if kind not in TILES:
+        raise ValueError(kind)
+    with transaction(conn):
+        return bytes(call(conn, f"tile_{kind}", z, x, y, Json({"scene": scene}))[0] or b"")
+
+
+def never_write(conn: psycopg.Connection[Any]) -> None:
+    """Have the server refuse whatever would change something on this connection."""
+    with translated():
+        conn.execute("SELECT set_config('default_transaction_read_only', 'on', false)", prepare=False)
+        conn.commit()
+
+
+def hear_changes(conn: psycopg.Connection[Any]) -> None:
+    """Let this connection be told of changes; commits."""
+    with translated():
+        for channel in _CHANNELS:
+            conn.execute(f"LISTEN {channel}".encode(), prepare=False)
+        conn.execute("SELECT set_config('idle_session_timeout', '0', false)", prepare=False)
+        conn.commit()
+
+
+def changes(conn: psycopg.Connection[Any], timeout_s: float) -> Iterator[str]:
+    """Yield what was notified, a payload each, as it comes, until nothing has for so long."""
+    with translated():
+        for notify in conn.notifies(timeout=timeout_s, stop_after=1):
+            yield notify.payload

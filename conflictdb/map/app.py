@@ -1,0 +1,256 @@
+"""What the page asks for, as an ASGI application. It reads; only acknowledging changes anything."""
+
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
+from importlib.resources import files
+from pathlib import Path
+from queue import LifoQueue
+from typing import TYPE_CHECKING, Any, Final
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+from starlette.routing import Route
+
+from conflictdb.db import store
+from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.map import content, land
+from conflictdb.map.content import Pair, to_json
+from conflictdb.map.guard import Access, Guard
+from conflictdb.map.live import CONFLICTS, Changes
+
+if TYPE_CHECKING:
+    import psycopg
+
+    Connection = psycopg.Connection[Any]
+    Connect = Callable[[], Connection]
+
+_ROOT: Final = Path(str(files("conflictdb") / "map"))
+_TYPES: Final = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".mjs": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+# What is asked of the database at a time; a browser asks for six tiles at a time.
+_CONNECTIONS: Final = 4
+# Tiles of one state of the scene that are kept: some ten megabytes.
+_MOST_TILES: Final = 1_000
+# Bytes of a request that changes something: a reason is at most 10,000.
+_MOST_BYTES: Final = 65_536
+
+
+def assets() -> dict[str, tuple[str, bytes]]:
+    """Return the files of the page by their paths: type and content."""
+    found = {
+        f"/{file.relative_to(_ROOT).as_posix()}": (_TYPES[file.suffix], file.read_bytes())
+        for folder in ("page", "vendor")
+        for file in (_ROOT / folder).iterdir()
+        if file.suffix in _TYPES
+    }
+    return {**found, "/": found["/page/index.html"]}
+
+
+class Connections:
+    """A few connections that never write, made when they are needed, kept while they work."""
+
+    def __init__(self, connect: "Connect") -> None:
+        self._connect = connect
+        self._free: LifoQueue[Connection | None] = LifoQueue()
+        for _ in range(_CONNECTIONS):
+            self._free.put(None)
+
+    @contextmanager
+    def one(self) -> "Iterator[Connection]":
+        """Lend one, waiting until one is free; raises StoreError if it cannot be made."""
+        connection = self._free.get()
+        try:
+            if connection is None or connection.closed:
+                connection = self._connect()
+                store.never_write(connection)
+            yield connection
+        finally:
+            if connection is not None and connection.broken:
+                connection.close()
+                connection = None
+            self._free.put(connection)
+
+    def close(self) -> None:
+        """Close those that are free."""
+        while not self._free.empty():
+            connection = self._free.get_nowait()
+            if connection is not None:
+                connection.close()
+
+
+class Answers:
+    """What the page of one scene asks for, one method each; they run in threads, but for `events`."""
+
+    def __init__(self, scene: str, connect: "Connect", access: Access) -> None:
+        self.changes = Changes(scene, connect)
+        self.connections = Connections(connect)
+        self._scene = scene
+        self._connect = connect
+        self._access = access
+        self._tiles: dict[tuple[int, str, int, int, int], bytes] = {}
+
+    def scene(self, request: Request) -> Response:
+        """Return name, settings and state of the scene; what the page may do, and the secret it does it with."""
+        with self.connections.one() as connection:
+            facts = content.overview(connection, self._scene)
+            may = store.may_acknowledge(connection)
+        return _json({**facts, "version": self.changes.version, "may_acknowledge": may, "secret": self._access.secret})
+
+    def conflicts(self, request: Request) -> Response:
+        """Return all conflicts, for the list and the timeline."""
+        with self.connections.one() as connection:
+            return _json(content.conflicts(connection, self._scene))
+
+    def areas(self, request: Request) -> Response:
+        """Return all areas, without their shapes, which tiles have."""
+        with self.connections.one() as connection:
+            return _json(content.areas(connection, self._scene))
+
+    def tracks(self, request: Request) -> Response:
+        """Return all tracks with what their havens are computed from."""
+        with self.connections.one() as connection:
+            return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
+
+    def pair(self, request: Request) -> Response:
+        """Return why two objects are in conflict."""
+        asked = Pair(request.query_params.get("a", ""), request.query_params.get("b", ""))
+        with self.connections.one() as connection:
+            return _json(content.pair(connection, self._scene, asked))
+
+    def tile(self, request: Request) -> Response:
+        """Return a vector tile."""
+        kind = request.path_params["kind"]
+        place = tuple(int(request.path_params[name]) for name in "zxy")
+        z, x, y = place
+        key = (self.changes.version, kind, z, x, y)
+        if kind not in store.TILES:
+            raise HTTPException(404, "no such tiles")
+        if (tile := self._tiles.get(key)) is None:
+            with self.connections.one() as connection:
+                tile = store.tile(connection, kind, z, x, y, self._scene)
+            if len(self._tiles) >= _MOST_TILES or any(known[0] != key[0] for known in list(self._tiles)[:1]):
+                self._tiles.clear()
+            self._tiles[key] = tile
+        return Response(tile, media_type="application/vnd.mapbox-vector-tile")
+
+    def land(self, request: Request) -> Response:
+        """Return land in a box, as GeoJSON."""
+        detail = request.path_params["detail"]
+        if detail not in (land.COARSE, land.FINE):
+            raise HTTPException(404, "no such land")
+        given = request.query_params
+        box = _box(given["box"]) if "box" in given else land.WORLD
+        but = _box(given["but"]) if "but" in given else None
+        return Response(land.geojson(detail, box, but), media_type="application/geo+json")
+
+    def acknowledge(self, request: Request, asked: Mapping[str, Any]) -> Response:
+        """Take note of a conflict, or take that back (no reason)."""
+        pair, reason = Pair(*(_text(asked, name) for name in ("a", "b"))), asked.get("reason")
+        if reason is not None and not isinstance(reason, str):
+            raise HTTPException(400, "reason: must be a text, or null")
+        # Not one of those that never write.
+        with self._connect() as connection:
+            if reason is None:
+                store.unacknowledge(connection, self._scene, pair.a, pair.b)
+            else:
+                store.acknowledge(connection, self._scene, pair.a, pair.b, reason, None)
+        self.changes.tell(CONFLICTS)
+        return _json({})
+
+
+def application(scene: str, connect: "Connect", access: Access) -> Starlette:
+    """Return the application that shows a scene, over connections that `connect` makes, to who has access."""
+    answers = Answers(scene, connect, access)
+    known = assets()
+
+    async def asset(request: Request) -> Response:
+        kind, body = known[request.url.path]
+        return Response(body, media_type=kind)
+
+    async def events(request: Request) -> Response:
+        return StreamingResponse(answers.changes.each(), media_type="text/event-stream")
+
+    async def acknowledge(request: Request) -> Response:
+        return await run_in_threadpool(answers.acknowledge, request, await _body(request))
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        answers.changes.start()
+        yield
+        answers.changes.end()
+        answers.connections.close()
+
+    app = Starlette(
+        routes=[
+            *(Route(path, asset) for path in known),
+            Route("/api/scene", answers.scene),
+            Route("/api/conflicts", answers.conflicts),
+            Route("/api/areas", answers.areas),
+            Route("/api/tracks", answers.tracks),
+            Route("/api/pair", answers.pair),
+            Route("/api/events", events),
+            Route("/api/acknowledge", acknowledge, methods=["POST"]),
+            Route("/tiles/{kind}/{z:int}/{x:int}/{y:int}", answers.tile),
+            Route("/land/{detail}", answers.land),
+        ],
+        middleware=[Middleware(Guard, access=access)],
+        exception_handlers={ConflictDBError: _failed, HTTPException: _refused},
+        lifespan=lifespan,
+    )
+    app.state.changes = answers.changes
+    return app
+
+
+def _box(text: str) -> land.Box:
+    try:
+        west, south, east, north = map(float, text.split(","))
+    except ValueError:
+        west, south, east, north = 0.0, 0.0, 0.0, 0.0
+    if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+        raise HTTPException(400, "a box must be west,south,east,north in degrees")
+    return west, south, east, north
+
+
+async def _body(request: Request) -> Mapping[str, Any]:
+    """Return the JSON object of a request."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _MOST_BYTES:
+            raise HTTPException(413, "too long")
+    try:
+        value = content.from_json(body)
+    except ValueError:
+        raise HTTPException(400, "must be JSON") from None
+    if not isinstance(value, dict):
+        raise HTTPException(400, "must be a JSON object")
+    return value
+
+
+def _text(asked: Mapping[str, Any], name: str) -> str:
+    value = asked.get(name)
+    if not isinstance(value, str):
+        raise HTTPException(400, f"{name}: must be a text")
+    return value
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    return _json({"error": str(error)}, 400 if isinstance(error, InvalidInput) else 503)
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)  # noqa: S101 (what it is registered for)
+    return _json({"error": error.detail}, error.status_code)
+
+
+def _json(value: object, status: int = 200) -> Response:
+    return Response(to_json(value), status, media_type="application/json")

@@ -1,0 +1,132 @@
+"""Who may ask: pages of this server, in a browser of this machine, or of whoever has the token.
+
+A browser sends requests for any site that it shows. What another site has it send is refused before anything is read:
+by Host (a name of another site that leads here: DNS rebinding), by Origin and by Sec-Fetch-Site. Answers may be used by
+pages of this server alone. What changes something also needs a secret that only such a page can read.
+"""
+
+import secrets
+from dataclasses import dataclass, field
+from http.cookies import CookieError, SimpleCookie
+from typing import Final
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+SECRET_HEADER: Final = "x-conflictdb-secret"  # noqa: S105 (its name)
+
+_POLICY: Final = "; ".join((
+    "default-src 'none'",
+    "script-src 'self'",
+    "worker-src 'self'",
+    "style-src 'self'",
+    "img-src 'self' data: blob:",
+    "connect-src 'self'",
+    "base-uri 'none'",
+    "form-action 'none'",
+    "frame-ancestors 'none'",
+))  # fmt: skip
+_HEADERS: Final = {
+    "Content-Security-Policy": _POLICY,
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Who may ask.
+
+    hosts : what a Host header may say, lower case; of a server that others reach (`token`) it is not looked at
+    token : what opens the page from elsewhere; None: whoever is on this machine may
+    secret : what a request must carry that changes something; the page reads it from the server
+    """
+
+    hosts: frozenset[str]
+    token: str | None
+    secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+
+    @property
+    def cookie(self) -> str:
+        """The name of the cookie that holds the token."""
+        return "conflictdb_map"
+
+
+def local_hosts(port: int) -> frozenset[str]:
+    """Return what the Host header says of a page that a browser of this machine asks for at a port."""
+    return frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+
+
+class Guard:
+    """An ASGI application before another one, which it lets be asked."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or let the application answer."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        refusal = self._refusal(scope, headers)
+        brings = refusal is None and self._brings_token(scope)
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                sent = MutableHeaders(scope=message)
+                sent.update(_HEADERS)
+                if brings:
+                    sent.append("Set-Cookie", f"{self._access.cookie}={self._access.token}; HttpOnly; SameSite=Strict")
+            await send(message)
+
+        answer = self._app if refusal is None else PlainTextResponse(f"{refusal}\n", 403)
+        await answer(scope, receive, guarded)
+
+    def _refusal(self, scope: Scope, headers: Headers) -> str | None:
+        """Return why a request is refused, None if it is not."""
+        access = self._access
+        host = headers.get("host", "").lower()
+        # A link may lead to the page itself; that tells the other site nothing.
+        is_link = scope["method"] == "GET" and scope["path"] == "/" and headers.get("sec-fetch-dest") == "document"
+        if access.token is None and host not in access.hosts:
+            return "this server answers to its own name alone"
+        if len(headers.getlist("host")) != 1:
+            return "one Host is needed"
+        if any(origin.lower() not in (f"http://{host}", f"https://{host}") for origin in headers.getlist("origin")):
+            return "another site asks"
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not is_link:
+            return "another site asks"
+        if access.token is not None and not (self._brings_token(scope) or self._holds_token(headers)):
+            return "open the address that `conflictdb map` printed, with its token"
+        if scope["method"] not in ("GET", "HEAD"):
+            return self._refusal_to_change(headers)
+        return None
+
+    def _refusal_to_change(self, headers: Headers) -> str | None:
+        if not secrets.compare_digest(headers.get(SECRET_HEADER, "").encode(), self._access.secret.encode()):
+            return "only the page itself may change something"
+        if headers.get("content-type") != "application/json":
+            return "JSON is needed"
+        return None
+
+    def _brings_token(self, scope: Scope) -> bool:
+        if self._access.token is None or scope["path"] != "/":
+            return False
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        return secrets.compare_digest(given.encode(), self._access.token.encode())
+
+    def _holds_token(self, headers: Headers) -> bool:
+        try:
+            morsel = SimpleCookie(headers.get("cookie", "")).get(self._access.cookie)
+        except CookieError:
+            return False
+        given = morsel.value if morsel else ""
+        return secrets.compare_digest(given.encode(), (self._access.token or "").encode())

@@ -1,0 +1,343 @@
+// The page: what is shown, and what happens when something is chosen, moved or changed.
+
+import { byId } from "./dom.js";
+import { Detail } from "./detail.js";
+import { clock, counted, day } from "./format.js";
+import { Havens } from "./havens.js";
+import { List } from "./list.js";
+import { MapView } from "./map.js";
+import { Filter, MERCATOR_END, Model } from "./model.js";
+import { ServerSource } from "./source.js";
+import { theme } from "./theme.js";
+import { Timeline } from "./timeline.js";
+
+const SPEEDS = [1, 10, 60, 300, 900, 3600, 21600, 86400, 604800]; // seconds in a second
+const PLAYED_S = 40; // how long all of a scene takes at the speed that is set at first
+const MARKS_MS = 120; // how often the map hears what is on, while the time moves
+
+const source = new ServerSource();
+const filter = new Filter();
+let model;
+let view;
+let havens;
+let version = 0;
+let t = 0;
+let chosen = null; // a conflict
+let left = []; // the conflicts that the filter leaves
+let playing = null;
+
+const list = new List(byId("list"), choose);
+const timeline = new Timeline({ canvas: byId("bars"), slider: byId("slider") }, (at) => { pause(); moveTo(at); }, choose);
+const detail = new Detail(byId("detail"), { back: unchoose, goTo: moveTo, acknowledge });
+
+// --- reading ---------------------------------------------------------------------------------------------------------
+
+async function readAll() {
+  const scene = await source.scene();
+  const [conflicts, areas, tracks] = await Promise.all([source.conflicts(), source.areas(), source.tracks()]);
+  model = new Model(scene);
+  model.takeObjects(areas, tracks);
+  model.takeConflicts(conflicts);
+  version = scene.version;
+}
+
+async function readConflicts() {
+  const scene = await source.scene();
+  model.scene = scene;
+  model.takeConflicts(await source.conflicts());
+  version = scene.version;
+}
+
+function tell(text, isLost = false) {
+  const state = byId("state");
+  state.classList.toggle("lost", isLost);
+  state.textContent = text;
+}
+
+function describe() {
+  const { scene } = model;
+  document.title = `${scene.scene} · conflictdb`;
+  byId("title").textContent = scene.scene;
+  tell([counted(model.areas.length, "area"), counted(model.tracks.length, "track"),
+    scene.is_current ? null : scene.remark].filter(Boolean).join(" · "));
+  byId("beyond").hidden = model.beyond === 0;
+  byId("beyond").textContent = `The map is Web Mercator, which ends at ${MERCATOR_END.toFixed(2)}° of latitude. `
+    + `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond: the list has what the map cannot show.`;
+  byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
+}
+
+// --- showing ---------------------------------------------------------------------------------------------------------
+
+// What the filter leaves: in the list, on the timeline and on the map.
+function applyFilter() {
+  left = model.conflicts.filter((conflict) => filter.leaves(conflict, model, t));
+  list.take(left);
+  timeline.take(left, model.span);
+  byId("count").textContent = filter.isNothing() ? counted(left.length, "conflict")
+    : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
+  const kept = new Set(left.flatMap(({ a, b }) => [a, b]));
+  const isHidden = (object) => !filter.leavesObject(object) || (filter.text.trim() !== "" && !filter.names(object) && !kept.has(object.key));
+  havens.marks.hidden = new Set([...model.areas, ...model.tracks].filter(isHidden).map(({ key }) => key));
+  const ids = new Set(left.map(({ id }) => id));
+  hiddenConflicts = new Set(model.conflicts.filter(({ id }) => !ids.has(id)).map(({ id }) => id));
+  mark();
+}
+
+let hiddenConflicts = new Set();
+let marked = 0;
+let marking = null;
+
+// Tells the map what is on at the time that is shown, what is hidden and what is chosen.
+function mark() {
+  clearTimeout(marking);
+  marking = null;
+  marked = performance.now();
+  const pair = chosen ? new Set([chosen.a, chosen.b]) : new Set();
+  const object = ({ key, id, start, end }) => [id, {
+    on: (start ?? -Infinity) <= t && (end ?? Infinity) >= t, hidden: havens.marks.hidden.has(key), chosen: pair.has(key),
+  }];
+  view.show("areas", model.areas.map(object));
+  view.show("tracks", model.tracks.map(object));
+  view.show("conflicts", model.conflicts.map((c) => [c.id, {
+    on: c.periods.some(([a, b]) => t >= a && t <= b), hidden: hiddenConflicts.has(c.id), chosen: c.id === chosen?.id,
+  }]));
+}
+
+function markSoon() {
+  const wait = MARKS_MS - (performance.now() - marked);
+  if (wait <= 0) mark();
+  else marking ??= setTimeout(mark, wait);
+}
+
+function moveTo(at) {
+  const [from, to] = model.span;
+  t = Math.min(to, Math.max(from, at));
+  byId("clock").textContent = clock(t);
+  byId("clock").dateTime = new Date(t * 1000).toISOString();
+  byId("day").textContent = `UTC, ${day(t)}`;
+  timeline.show(t, chosen?.id ?? null);
+  list.show(t, chosen?.id ?? null);
+  const on = left.filter((c) => c.periods.some(([a, b]) => t >= a && t <= b));
+  havens.t = t;
+  havens.marks.inConflict = new Set(on.flatMap(({ a, b }) => [a, b]));
+  havens.marks.chosen = chosen ? new Set([chosen.a, chosen.b]) : new Set();
+  havens.draw();
+  markSoon();
+  if (filter.now) filterSoon();
+}
+
+let filtering = null;
+
+function filterSoon() {
+  filtering ??= setTimeout(() => { filtering = null; applyFilter(); }, MARKS_MS);
+}
+
+// --- choosing --------------------------------------------------------------------------------------------------------
+
+function choose(conflict) {
+  pause();
+  chosen = conflict;
+  byId("all").hidden = true;
+  byId("detail").hidden = false;
+  detail.show(conflict, model, source.pair(conflict.a, conflict.b), model.scene.may_acknowledge);
+  moveTo(Number.isFinite(conflict.start) ? conflict.start : t);
+  view.goTo(around(conflict), padding());
+}
+
+function unchoose() {
+  const id = chosen?.id;
+  chosen = null;
+  byId("detail").hidden = true;
+  byId("all").hidden = false;
+  moveTo(t);
+  const n = list.reveal(id);
+  list.focus(n);
+}
+
+// The box to show of a conflict: both havens at first contact, and the place of contact.
+function around(conflict) {
+  const middle = conflict.lon ?? (conflict.west + conflict.east) / 2;
+  const spans = [];
+  const take = (lon, lat) => spans.push([middle + ((((lon - middle + 180) % 360) + 360) % 360) - 180, lat]);
+  if (conflict.lon !== null) take(conflict.lon, conflict.lat);
+  const isNarrow = conflict.east - conflict.west < 180;
+  if (conflict.west !== null && isNarrow) {
+    take(conflict.west, conflict.south);
+    take(conflict.east, conflict.north);
+  }
+  for (const key of [conflict.a, conflict.b]) {
+    const object = model.objects.get(key);
+    if (object?.kind === "track") for (const [lon, lat] of object.motion.haven(t) ?? []) take(lon, lat);
+  }
+  if (!spans.length) return model.box();
+  const [lons, lats] = [spans.map(([lon]) => lon), spans.map(([, lat]) => lat)];
+  return [Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)];
+}
+
+function padding() {
+  const { clientWidth, clientHeight } = byId("map");
+  return Math.min(120, clientWidth / 5, clientHeight / 5);
+}
+
+function neighbour(by) {
+  if (!left.length) return;
+  const n = chosen ? left.findIndex(({ id }) => id === chosen.id) : by > 0 ? left.findIndex((c) => c.start >= t) - 1 : left.length;
+  choose(left[Math.min(left.length - 1, Math.max(0, n + by))]);
+}
+
+async function acknowledge(conflict, reason) {
+  await source.acknowledge(conflict.a, conflict.b, reason);
+  await changed("conflicts");
+}
+
+// --- time ------------------------------------------------------------------------------------------------------------
+
+function pause() {
+  if (playing === null) return;
+  cancelAnimationFrame(playing);
+  playing = null;
+  byId("play").classList.remove("playing");
+  byId("play").setAttribute("aria-label", "Play");
+}
+
+function play() {
+  const button = byId("play");
+  button.classList.add("playing");
+  button.setAttribute("aria-label", "Pause");
+  if (t >= model.span[1]) moveTo(model.span[0]);
+  let before = performance.now();
+  const step = (now) => {
+    moveTo(t + ((now - before) / 1000) * Number(byId("speed").value));
+    before = now;
+    if (t >= model.span[1]) pause();
+    else playing = requestAnimationFrame(step);
+  };
+  playing = requestAnimationFrame(step);
+}
+
+function offerSpeeds() {
+  const wanted = (model.span[1] - model.span[0]) / PLAYED_S;
+  const nearest = SPEEDS.reduce((best, s) => (Math.abs(Math.log(s / wanted)) < Math.abs(Math.log(best / wanted)) ? s : best));
+  const names = { 1: "as it is", 10: "10 s", 60: "1 min", 300: "5 min", 900: "15 min", 3600: "1 h", 21600: "6 h", 86400: "1 day", 604800: "1 week" };
+  byId("speed").replaceChildren(...SPEEDS.map((s) => new Option(s === 1 ? names[s] : `${names[s]}/s`, s, s === nearest, s === nearest)));
+}
+
+// --- changes ---------------------------------------------------------------------------------------------------------
+
+let reading = null;
+let wanted = null;
+
+// Reads again what changed; what changes meanwhile is read after that, once.
+async function changed(what) {
+  wanted = what === "objects" || wanted === "objects" ? "objects" : what;
+  reading ??= (async () => {
+    try {
+      while (wanted) {
+        const now = wanted;
+        wanted = null;
+        await (now === "objects" ? readAll() : readConflicts());
+        taken(now);
+      }
+    } catch (error) {
+      tell(error.message, true);
+    } finally {
+      reading = null;
+    }
+  })();
+  return reading;
+}
+
+function taken(what) {
+  if (what === "objects") havens.take(model.tracks, model.areas);
+  view.renew(version, what === "objects" ? undefined : ["conflicts"]);
+  describe();
+  if (chosen) {
+    chosen = model.conflicts.find(({ id }) => id === chosen.id) ?? model.conflicts.find(({ a, b }) => a === chosen.a && b === chosen.b) ?? null;
+    if (chosen) detail.show(chosen, model, source.pair(chosen.a, chosen.b), model.scene.may_acknowledge);
+    else unchoose();
+  }
+  applyFilter();
+  moveTo(t);
+}
+
+// --- what people do --------------------------------------------------------------------------------------------------
+
+function readFilter() {
+  const instant = (id, none) => { const at = Date.parse(`${byId(id).value}Z`); return Number.isNaN(at) ? none : at / 1000; };
+  const number = (id, none) => (byId(id).value === "" ? none : Number(byId(id).value));
+  filter.text = byId("words").value;
+  filter.verdicts = new Set([...document.querySelectorAll("input[name=verdict]:checked")].map(({ value }) => value));
+  [filter.from, filter.to] = [instant("from", -Infinity), instant("to", Infinity)];
+  [filter.floor, filter.ceiling] = [number("floor", -Infinity), number("ceiling", Infinity)];
+  filter.now = byId("now").checked;
+  filter.open = byId("open").checked;
+  applyFilter();
+  moveTo(t);
+}
+
+function listen() {
+  byId("filter").addEventListener("input", readFilter);
+  byId("filter").addEventListener("reset", () => setTimeout(readFilter));
+  byId("filter").addEventListener("submit", (event) => event.preventDefault());
+  byId("play").addEventListener("click", () => (playing === null ? play() : pause()));
+  byId("before").addEventListener("click", () => neighbour(-1));
+  byId("after").addEventListener("click", () => neighbour(1));
+  const nameTheme = () => {
+    byId("theme").textContent = { system: "Auto", light: "Light", dark: "Dark" }[theme.choice];
+    byId("theme").setAttribute("aria-label", `Colours: ${theme.choice}`);
+  };
+  byId("theme").addEventListener("click", () => { theme.next(); nameTheme(); havens.draw(); });
+  nameTheme();
+  view.map.on("click", ({ point }) => {
+    const [id] = view.conflictAt(point);
+    const conflict = model.conflicts.find((one) => one.id === id);
+    if (conflict) {
+      choose(conflict);
+      return;
+    }
+    const object = havens.at(point);
+    if (object) {
+      if (chosen) unchoose();
+      byId("words").value = object.key;
+      readFilter();
+    }
+  });
+  document.addEventListener("keydown", (event) => {
+    const isTyping = event.target.closest("input:not([type=checkbox]):not([type=range]), select, textarea");
+    if (event.ctrlKey || event.metaKey || event.altKey || (isTyping && event.key !== "Escape")) return;
+    const does = {
+      j: () => neighbour(1), k: () => neighbour(-1), "/": () => { if (chosen) unchoose(); byId("words").focus(); },
+      Escape: () => (chosen ? unchoose() : event.target.blur()),
+      " ": event.target.closest("button, summary, a, input") ? null : () => (playing === null ? play() : pause()),
+    }[event.key];
+    if (does) {
+      event.preventDefault();
+      does();
+    }
+  });
+}
+
+async function start() {
+  await readAll();
+  const box = model.box();
+  view = new MapView("map", source, box, version);
+  havens = new Havens(byId("havens"), view);
+  havens.take(model.tracks, model.areas);
+  describe();
+  offerSpeeds();
+  listen();
+  t = model.conflicts.find((c) => Number.isFinite(c.start))?.start ?? model.span[0];
+  applyFilter();
+  moveTo(t);
+  if (source.isLive) {
+    source.watch(changed, (isHeard) => { if (isHeard) describe(); else tell("The server does not answer; trying again.", true); });
+  }
+  await view.loaded;
+  mark();
+  document.documentElement.dataset.ready = "true";
+}
+
+start().catch((error) => {
+  byId("problem").hidden = false;
+  byId("problem").textContent = `The scene cannot be shown: ${error.message}`;
+});

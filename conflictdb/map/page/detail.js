@@ -1,0 +1,127 @@
+// One conflict: both objects, when, where, how sure, and which stage decided.
+
+import { element } from "./dom.js";
+import { bound, duration, heights, metres, moment, period, place } from "./format.js";
+import { MERCATOR_END } from "./model.js";
+import { plan } from "./plan.js";
+
+const MOST_PERIODS = 50;
+
+const SAYS = {
+  conflict: "Conflict", grazing: "Grazing: too close to call", unresolved: "Unresolved: not proven apart",
+};
+
+const fact = (name, ...values) => [element("dt", {}, name), element("dd", {}, ...values)];
+
+export class Detail {
+  // `on`: back(), goTo(t), acknowledge(conflict, reason or null)
+  constructor(container, on) {
+    this.container = container;
+    this.on = on;
+  }
+
+  // Shows at once what the list knows; `pair` brings the rest (explanation and footprints).
+  async show(conflict, model, pair, mayAcknowledge) {
+    this.conflict = conflict;
+    const objects = [conflict.a, conflict.b].map((key) => model.objects.get(key));
+    const figure = element("figure", { class: "plan-figure" });
+    const why = element("div", { class: "why" });
+    const stages = element("div");
+    const heading = element("h2", { tabindex: "-1" }, conflict.a, element("span", { class: "soft" }, " and "), conflict.b);
+    this.container.replaceChildren(
+      element("button", { type: "button", class: "plain back", click: this.on.back }, "All conflicts"),
+      heading,
+      element("p", { class: "verdict" },
+        element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }), SAYS[conflict.verdict]),
+      why, figure, this.periods(conflict),
+      element("dl", {}, ...this.facts(conflict, objects)),
+      this.acknowledgement(conflict, mayAcknowledge), stages);
+    heading.focus({ preventScroll: true });
+    this.container.scrollTop = 0;
+    let found;
+    try {
+      found = await pair;
+    } catch (error) {
+      why.replaceChildren(element("p", { class: "soft" }, `Why is not known: ${error.message}`));
+      return;
+    }
+    if (this.conflict !== conflict) return; // another one was chosen meanwhile
+    const { explanation: said, footprints } = found;
+    if (said) {
+      why.replaceChildren(element("p", {}, sentence(said.why),
+        said.decided_by ? ` Decided by stage ${said.decided_by.stage}: ${said.decided_by.by}.` : ""));
+      stages.replaceChildren(...this.stages(said));
+    }
+    if (conflict.lon !== null) {
+      const shapes = [conflict.a, conflict.b].map((key) => footprints[key] ?? null);
+      const t = Number.isFinite(conflict.start) ? conflict.start : model.span[0];
+      figure.replaceChildren(plan(objects, shapes, [conflict.lon, conflict.lat], t),
+        element("figcaption", {}, `At first contact, on the ground. ${place(conflict.lon, conflict.lat)}`,
+          conflict.isBeyond ? `: beyond ${MERCATOR_END.toFixed(2)}°, where the map ends.` : ""));
+    }
+  }
+
+  periods({ periods, error_s: error }) {
+    const rows = periods.slice(0, MOST_PERIODS).map(([a, b]) => element("tr", {},
+      element("td", {}, element("button", { type: "button", class: "link", click: () => this.on.goTo(Number.isFinite(a) ? a : b) },
+        period(a, b, null))),
+      element("td", { class: "number" }, duration(b - a))));
+    return element("div", {},
+      element("table", {}, element("caption", {}, periods.length > 1 ? `${periods.length} periods (UTC)` : "Period (UTC)"),
+        element("thead", { class: "unseen" }, element("tr", {}, element("th", {}, "From and to"), element("th", {}, "Length"))),
+        element("tbody", {}, ...rows)),
+      periods.length > MOST_PERIODS ? element("p", { class: "soft" }, `and ${periods.length - MOST_PERIODS} more`) : null,
+      element("p", { class: "soft" }, `Each end is right to within ${bound(error, "s")}.`));
+  }
+
+  facts(conflict, objects) {
+    const found = objects.flatMap((object, i) => {
+      const key = [conflict.a, conflict.b][i];
+      if (!object) return fact(key, "is no more");
+      return fact(key, object.name ? `${object.name}, ` : "", `${object.kind}, ${heights(object.floor, object.ceiling)}`);
+    });
+    return conflict.is_current ? found : [...found, ...fact("State", "one of them has changed since")];
+  }
+
+  acknowledgement(conflict, mayAcknowledge) {
+    const { acknowledged_by: who, acknowledged_for: why } = conflict;
+    const problem = element("p", { class: "problem", role: "alert" });
+    const send = async (event, reason) => {
+      event.preventDefault();
+      problem.textContent = "";
+      try {
+        await this.on.acknowledge(conflict, reason);
+      } catch (error) {
+        problem.textContent = error.message;
+      }
+    };
+    if (who !== null) {
+      const until = conflict.acknowledged_until ? `, until ${conflict.acknowledged_until.slice(0, 16).replace("T", " ")} UTC` : "";
+      return element("section", { class: "acknowledge" },
+        element("p", {}, `Acknowledged by ${who}${until}: ${why}`),
+        mayAcknowledge ? element("button", { type: "button", click: (event) => send(event, null) }, "Take back") : null, problem);
+    }
+    if (!mayAcknowledge) return "";
+    const reason = element("input", { id: "reason", name: "reason", required: true, maxlength: 2000, autocomplete: "off" });
+    return element("form", { class: "acknowledge", submit: (event) => send(event, reason.value) },
+      element("label", { for: "reason" }, "Acknowledge, because"),
+      element("div", { class: "line" }, reason, element("button", { type: "submit" }, "Acknowledge")), problem);
+  }
+
+  stages(said) {
+    if (!said.stages) return [];
+    return [element("details", {},
+      element("summary", {}, "What each stage left"),
+      element("ol", {}, ...said.stages.map(({ asks, says, left, pairs }) => element("li", {},
+        `${sentence(asks)} `, element("span", { class: "soft" }, says ?? `${left} of ${pairs} pairs of pieces`)))),
+      said.closest ? element("p", {}, `Closest: ${metres(said.closest.m)}, within ${bound(said.closest.error_m, "m")}`,
+        said.closest.at ? `, at ${moment(Date.parse(said.closest.at) / 1000)} UTC` : "", ".") : null,
+      element("p", { class: "soft" }, `Run ${said.run?.run_id ?? "–"}, method ${said.run?.method ?? said.settings.method}, `,
+        `tolerance ${metres(said.settings.tolerance_m)}, separation ${metres(said.settings.separation_m)}.`))];
+  }
+}
+
+const sentence = (text) => {
+  const said = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.?!]$/.test(said) ? said : `${said}.`;
+};

@@ -1,0 +1,73 @@
+// Instants (Unix seconds, UTC), lengths and places as people read them.
+
+const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
+
+const two = (n) => String(n).padStart(2, "0");
+
+function parts(t) {
+  const date = new Date(Math.floor(t * 1000 + 0.5));
+  return Number.isNaN(date.getTime()) ? null : date;
+}
+
+export function day(t) {
+  const date = parts(t);
+  return date ? `${date.getUTCDate()} ${MONTHS[date.getUTCMonth()]} ${date.getUTCFullYear()}` : "";
+}
+
+export function clock(t, withSeconds = true) {
+  const date = parts(t);
+  if (!date) return "";
+  const minutes = `${two(date.getUTCHours())}:${two(date.getUTCMinutes())}`;
+  return withSeconds ? `${minutes}:${two(date.getUTCSeconds())}` : minutes;
+}
+
+// With the day where it is another one than that of the one before it.
+export function moment(t, before = null) {
+  if (t === -Infinity) return "since ever";
+  if (t === Infinity) return "for ever";
+  return before !== null && Number.isFinite(before) && day(before) === day(t) ? clock(t) : `${day(t)} ${clock(t)}`;
+}
+
+export function period(start, end, before = null) {
+  if (start === -Infinity && end === Infinity) return "always";
+  if (start === -Infinity) return `until ${moment(Math.ceil(end), before)}`;
+  if (end === Infinity) return `from ${moment(start, before)} on`;
+  return `${moment(start, before)} – ${moment(Math.ceil(end), start)}`; // outward, as in tables
+}
+
+export function duration(s) {
+  if (!Number.isFinite(s)) return "";
+  if (s < 60) return `${s < 10 ? s.toFixed(1) : Math.round(s)} s`;
+  if (s < 3600) return `${Math.floor(s / 60)} min ${two(Math.floor(s % 60))} s`;
+  if (s < 172800) return `${Math.floor(s / 3600)} h ${two(Math.floor((s % 3600) / 60))} min`;
+  return `${(s / 86400).toFixed(1)} days`;
+}
+
+// A bound, rounded up to two digits.
+export function bound(value, unit) {
+  if (value === null) return "not known";
+  if (value === 0) return `0 ${unit}`;
+  const [scale, name] = unit === "s" && value < 0.1 ? (value < 1e-4 ? [1e6, "µs"] : [1e3, "ms"]) : [1, unit];
+  const scaled = value * scale;
+  const digit = 10 ** (Math.floor(Math.log10(scaled)) - 1);
+  return `${Number((Math.ceil(scaled / digit - 1e-9) * digit).toPrecision(2))} ${name}`;
+}
+
+export function metres(m) {
+  if (Math.abs(m) >= 10000) return `${(m / 1000).toFixed(1)} km`;
+  return `${m >= 100 ? Math.round(m) : Number(m.toPrecision(3))} m`;
+}
+
+export function heights(floor, ceiling) {
+  if (floor === null && ceiling === null) return "all heights";
+  if (floor === null) return `below ${ceiling} m`;
+  if (ceiling === null) return `above ${floor} m`;
+  return `${floor} to ${ceiling} m`;
+}
+
+export function place(lon, lat) {
+  const turned = ((((lon + 180) % 360) + 360) % 360) - 180;
+  return `${Math.abs(lat).toFixed(4)}° ${lat < 0 ? "S" : "N"} ${Math.abs(turned).toFixed(4)}° ${turned < 0 ? "W" : "E"}`;
+}
+
+export const counted = (n, word) => `${n.toLocaleString("en")} ${word}${n === 1 ? "" : "s"}`;

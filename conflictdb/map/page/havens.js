@@ -1,0 +1,182 @@
+// What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
+
+import { mercatorX, mercatorY } from "./map.js";
+import { colour } from "./theme.js";
+
+const DOT_PX = 3; // a haven that is smaller is a dot
+const MOST_NAMES = 80; // more would cover the map
+const NEAR_PX = 8; // how near a click must be
+
+export class Havens {
+  constructor(canvas, view) {
+    this.canvas = canvas;
+    this.view = view;
+    this.context = canvas.getContext("2d");
+    this.tracks = [];
+    this.areas = [];
+    this.shown = []; // of each track that was drawn: x, y, reach in pixels
+    this.t = 0;
+    this.marks = { hidden: new Set(), inConflict: new Set(), chosen: new Set() };
+    view.map.on("render", () => this.draw());
+  }
+
+  // Paths in units of the world, once; between waypoints they are straight but for what `bend` says, in those units.
+  take(tracks, areas) {
+    this.areas = areas;
+    this.tracks = tracks.map((track) => {
+      const { points } = track.motion;
+      const [x, y] = [new Float64Array(points.length), new Float64Array(points.length)];
+      const bend = new Float64Array(points.length);
+      points.forEach(({ lon, lat }, i) => {
+        x[i] = mercatorX(lon);
+        if (i > 0) x[i] = x[i - 1] + shortest(x[i] - x[i - 1]);
+        y[i] = mercatorY(lat);
+        if (i > 0) bend[i - 1] = bent(points[i - 1], points[i], track.motion.scene.motion);
+      });
+      return { ...track, x, y, bend };
+    });
+  }
+
+  // Where a reference point is, in units of the world, within a share of a pixel of the truth.
+  place(track, t, pixel) {
+    const { motion, x, y, bend } = track;
+    const i = motion.legAt(t);
+    if (i < 0) return null;
+    if (bend[i] > 0.3 * pixel) {
+      const [lon, lat] = motion.place(t);
+      return [mercatorX(lon), mercatorY(lat)];
+    }
+    const [from, to] = [motion.points[i].t, motion.points[i + 1].t];
+    const share = (t - from) / (to - from);
+    return [x[i] + share * (x[i + 1] - x[i]), y[i] + share * (y[i + 1] - y[i])];
+  }
+
+  resize(width, height) {
+    const ratio = window.devicePixelRatio || 1;
+    const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (this.canvas.width !== w || this.canvas.height !== h) {
+      this.canvas.width = w;
+      this.canvas.height = h;
+    }
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.context.clearRect(0, 0, width, height);
+  }
+
+  draw() {
+    const frame = this.view.frame();
+    const { context, marks } = this;
+    this.resize(frame.width, frame.height);
+    this.shown = [];
+    const kinds = { plain: [], inConflict: [], chosen: [] };
+    const reach = { w: frame.width / frame.size, h: frame.height / frame.size };
+    for (const track of this.tracks) {
+      if (marks.hidden.has(track.key)) continue;
+      const place = this.place(track, this.t, 1 / frame.size);
+      if (place === null) continue;
+      // The reach of the haven: metres there are this much longer on the map.
+      const reachPx = track.motion.reachM * Math.cosh(2 * Math.PI * (0.5 - place[1])) / frame.metresPerPixel;
+      const margin = (reachPx + 2) / frame.size;
+      if (place[1] < frame.top - margin || place[1] > frame.top + reach.h + margin) continue;
+      // On each turn of the world that is in view.
+      let x = place[0] - Math.floor(place[0] - (frame.left - margin));
+      for (; x < frame.left + reach.w + margin; x += 1) {
+        const kind = marks.chosen.has(track.key) ? "chosen" : marks.inConflict.has(track.key) ? "inConflict" : "plain";
+        const one = { track, x: (x - frame.left) * frame.size, y: (place[1] - frame.top) * frame.size, reachPx, turn: x - place[0] };
+        kinds[kind].push(one);
+        this.shown.push(one);
+      }
+    }
+    const tones = { plain: "haven", inConflict: "conflict", chosen: "conflict" };
+    for (const [kind, some] of Object.entries(kinds)) {
+      if (!some.length) continue;
+      context.fillStyle = context.strokeStyle = colour(tones[kind]);
+      context.lineWidth = kind === "chosen" ? 2.5 : 1.5;
+      this.drawAll(some, frame, kind);
+    }
+    this.drawNames(frame);
+  }
+
+  drawAll(some, frame, kind) {
+    const { context } = this;
+    context.beginPath();
+    for (const one of some) {
+      if (one.reachPx < DOT_PX) continue;
+      const ring = one.track.motion.haven(this.t);
+      ring.forEach(([lon, lat], i) => {
+        const x = (mercatorX(lon) + one.turn + turnsBetween(one, lon, frame) - frame.left) * frame.size;
+        const y = (mercatorY(lat) - frame.top) * frame.size;
+        if (i === 0) context.moveTo(x, y);
+        else context.lineTo(x, y);
+      });
+      context.closePath();
+    }
+    context.globalAlpha = kind === "plain" ? 0.25 : 0.3;
+    context.fill();
+    context.globalAlpha = 1;
+    context.stroke();
+    const size = kind === "plain" ? DOT_PX : DOT_PX + 1;
+    for (const { x, y, reachPx } of some) if (reachPx < DOT_PX) context.fillRect(x - size / 2, y - size / 2, size, size);
+  }
+
+  // Names of havens, and of areas that are there, where there is room: those in conflict first.
+  drawNames(frame) {
+    const { context, marks, t } = this;
+    const rank = ({ key }) => (marks.chosen.has(key) ? 0 : marks.inConflict.has(key) ? 1 : 2);
+    const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y: y - Math.min(reachPx, 60) - 9 }));
+    for (const area of this.areas) {
+      const isThere = (area.start ?? -Infinity) <= t && (area.end ?? Infinity) >= t;
+      if (!isThere || marks.hidden.has(area.key)) continue;
+      const [west, south, east, north] = area.box;
+      const place = mercatorX((west + east) / 2);
+      const y = (mercatorY(Math.max(-85, Math.min(85, (south + north) / 2))) - frame.top) * frame.size;
+      for (let x = place - Math.floor(place - frame.left); x < frame.left + frame.width / frame.size; x += 1) {
+        const widthPx = ((east - west) / 360) * frame.size;
+        if (widthPx > 24) named.push({ object: area, x: (x - frame.left) * frame.size, y });
+      }
+    }
+    const near = named.filter(({ x, y }) => x > 0 && y > 8 && x < frame.width && y < frame.height - 8);
+    const some = near.filter(({ object }) => near.length <= MOST_NAMES || rank(object) < 2).slice(0, MOST_NAMES);
+    some.sort((a, b) => rank(a.object) - rank(b.object));
+    context.font = `12px ${colour("font")}`;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineJoin = "round";
+    const taken = [];
+    for (const { object, x, y } of some) {
+      const text = object.key.length > 24 ? `${object.key.slice(0, 23)}…` : object.key;
+      const half = context.measureText(text).width / 2 + 3;
+      const box = [x - half, y - 8, x + half, y + 8];
+      if (taken.some((o) => box[0] < o[2] && o[0] < box[2] && box[1] < o[3] && o[1] < box[3])) continue;
+      taken.push(box);
+      context.strokeStyle = colour("sea");
+      context.lineWidth = 3;
+      context.strokeText(text, x, y);
+      context.fillStyle = rank(object) < 2 ? colour("conflict-ink") : colour("ink-soft");
+      context.fillText(text, x, y);
+    }
+  }
+
+  // The object whose haven is at a pixel, or next to it.
+  at({ x, y }) {
+    const found = this.shown
+      .map((one) => ({ one, d: Math.hypot(one.x - x, one.y - y) }))
+      .filter(({ one, d }) => d < Math.max(one.reachPx, NEAR_PX))
+      .sort((a, b) => a.d - b.d);
+    return found[0]?.one.track ?? null;
+  }
+}
+
+const shortest = (turn) => (Math.abs(turn) > 0.5 ? turn - Math.round(turn) : turn);
+
+// Longitudes of a ring run on from those of its reference point, which may be a turn away from what `place` gives.
+function turnsBetween(one, lon, frame) {
+  const middle = frame.left + one.x / frame.size - one.turn;
+  return -Math.round(mercatorX(lon) - middle);
+}
+
+// By how much a leg may leave the straight line, in time or space, on the map: units of the world.
+function bent(from, to, motion) {
+  const lat = (Math.max(Math.abs(from.lat), Math.abs(to.lat)) * Math.PI) / 180;
+  const way = Math.hypot(to.lat - from.lat, (motion === "great_circle" ? 1 : 0) * (to.lon - from.lon)) * Math.PI / 180;
+  return (way * way * (1 / Math.cos(lat) ** 2)) / 8 / (2 * Math.PI) + (Math.abs(lat) > 1.5 ? 1 : 0);
+}

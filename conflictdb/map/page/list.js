@@ -1,0 +1,119 @@
+// The list of conflicts, by first contact. Only rows in view are elements: there may be tens of thousands.
+
+import { element } from "./dom.js";
+import { bound, clock, day, duration, moment } from "./format.js";
+
+const ROW = 60; // height of a row, pixels, as style.css has it
+const MORE = 6; // rows beyond the view, above and below
+
+export class List {
+  constructor(container, onChoose) {
+    this.container = container;
+    this.rows = container.querySelector("ul");
+    this.onChoose = onChoose;
+    this.conflicts = [];
+    this.shown = new Map();
+    this.chosen = null;
+    this.t = 0;
+    container.addEventListener("scroll", () => this.render(), { passive: true });
+    new ResizeObserver(() => this.render()).observe(container);
+    this.rows.addEventListener("keydown", (event) => {
+      const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+      if (by) {
+        event.preventDefault();
+        this.focus(Number(event.target.closest("li")?.dataset.n ?? -1) + by);
+      }
+    });
+  }
+
+  take(conflicts) {
+    const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
+    this.conflicts = conflicts;
+    this.several = conflicts.some((c) => Number.isFinite(c.start) && day(c.start) !== day(this.firstDay()));
+    this.rows.replaceChildren();
+    this.shown.clear();
+    this.rows.style.height = `${conflicts.length * ROW}px`;
+    this.render();
+    if (focused >= 0) this.focus(Math.min(focused, conflicts.length - 1));
+  }
+
+  firstDay() {
+    return this.conflicts.find((c) => Number.isFinite(c.start))?.start ?? 0;
+  }
+
+  show(t, chosen) {
+    this.t = t;
+    this.chosen = chosen;
+    for (const [n, row] of this.shown) this.mark(row, this.conflicts[n]);
+  }
+
+  reveal(id) {
+    const n = this.conflicts.findIndex((c) => c.id === id);
+    const { scrollTop, clientHeight } = this.container;
+    if (n >= 0 && (n * ROW < scrollTop || (n + 1) * ROW > scrollTop + clientHeight)) {
+      this.container.scrollTop = Math.max(0, n * ROW - clientHeight / 3);
+      this.render();
+    }
+    return n;
+  }
+
+  focus(n) {
+    if (n < 0 || n >= this.conflicts.length) return;
+    this.reveal(this.conflicts[n].id);
+    this.shown.get(n)?.querySelector("button").focus();
+  }
+
+  render() {
+    const first = Math.max(0, Math.floor(this.container.scrollTop / ROW) - MORE);
+    const last = Math.min(this.conflicts.length, Math.ceil((this.container.scrollTop + this.container.clientHeight) / ROW) + MORE);
+    for (const [n, row] of this.shown) {
+      if (n < first || n >= last) {
+        row.remove();
+        this.shown.delete(n);
+      }
+    }
+    for (let n = first; n < last; n += 1) {
+      if (!this.shown.has(n)) {
+        const row = this.row(n);
+        // In their order, which is that of the keyboard.
+        const after = [...this.rows.children].find((other) => Number(other.dataset.n) > n) ?? null;
+        this.rows.insertBefore(row, after);
+        this.shown.set(n, row);
+      }
+    }
+  }
+
+  row(n) {
+    const conflict = this.conflicts[n];
+    const lasts = conflict.periods.reduce((sum, [a, b]) => sum + (b - a), 0);
+    const facts = [
+      conflict.verdict,
+      Number.isFinite(lasts) ? duration(lasts) : "without end",
+      `± ${bound(conflict.error_s, "s")}`,
+      conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
+    ].filter(Boolean).join(" · ");
+    const when = conflict.start === -Infinity ? "since ever"
+      : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
+    const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
+      element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
+        element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
+        element("span", { class: "keys" }, conflict.a, element("span", { class: "soft" }, " and "), conflict.b),
+        element("span", { class: "when" }, when),
+        element("span", { class: "facts" }, facts),
+        element("span", { class: "tags" },
+          conflict.isBeyond ? element("span", { class: "tag" }, "beyond the map") : null,
+          conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
+          conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
+    row.style.transform = `translateY(${n * ROW}px)`;
+    this.mark(row, conflict);
+    return row;
+  }
+
+  mark(row, conflict) {
+    const isOn = conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
+    row.classList.toggle("on", isOn);
+    const button = row.firstElementChild;
+    if (this.chosen === conflict.id) button.setAttribute("aria-current", "true");
+    else button.removeAttribute("aria-current");
+  }
+}

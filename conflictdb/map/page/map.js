@@ -1,0 +1,165 @@
+// The map: land, areas, paths and conflict regions. What is on, chosen or hidden is a state of a feature, so that moving
+// in time asks for no tile again.
+
+import * as maplibregl from "../vendor/maplibre-gl.mjs";
+import { colour, theme } from "./theme.js";
+
+const state = (name) => ["boolean", ["feature-state", name], false];
+// Hidden: nothing; else what holds for a feature that is chosen, on at the time that is shown, or neither.
+const byState = (chosen, on, off) => ["case", state("hidden"), 0, state("chosen"), chosen, state("on"), on, off];
+
+// What each layer looks like in the colours of the theme.
+const looks = () => ({
+  sea: { "background-color": colour("sea") },
+  land: { "fill-color": colour("land"), "fill-antialias": false },
+  coast: { "line-color": colour("coast"), "line-width": 0.8 },
+  areas: { "fill-color": colour("object"), "fill-opacity": byState(0.28, 0.14, 0.03) },
+  "areas-edge": {
+    "line-color": colour("object"), "line-width": ["case", state("chosen"), 2, 1],
+    "line-opacity": byState(1, 0.75, 0.25),
+  },
+  tracks: {
+    "line-color": colour("object"), "line-width": ["case", state("chosen"), 2, 1],
+    "line-opacity": byState(0.95, 0.4, 0.12),
+  },
+  conflicts: { "fill-color": colour("conflict"), "fill-opacity": byState(0.55, 0.45, 0.1) },
+  "conflicts-edge": {
+    "line-color": colour("conflict"), "line-width": ["case", state("chosen"), 2.5, 1.2],
+    "line-opacity": byState(1, 0.95, 0.35),
+  },
+  "first-contacts": {
+    "circle-color": colour("conflict"), "circle-radius": ["case", state("chosen"), 5, 2.5],
+    "circle-opacity": byState(1, 0.9, 0.4), "circle-stroke-color": colour("paper"),
+    "circle-stroke-width": ["case", state("hidden"), 0, 1],
+  },
+});
+
+const KINDS = ["areas", "tracks", "conflicts"];
+
+// Layers from below to above: id, type, source, layer of its tiles.
+const LAYERS = [
+  ["land", "fill", "land", null],
+  ["coast", "line", "land", null],
+  ["areas", "fill", "areas", "areas"],
+  ["areas-edge", "line", "areas", "areas"],
+  ["tracks", "line", "tracks", "tracks"],
+  ["conflicts", "fill", "conflicts", "conflicts"],
+  ["conflicts-edge", "line", "conflicts", "conflicts"],
+  ["first-contacts", "circle", "conflicts", "first_contacts"],
+];
+
+const MERCATOR_M = 2 * Math.PI * 6378137;
+const FINE_LAND_DEG = 30; // a scene that is smaller shows the finer coast around it
+
+export class MapView {
+  // Shows a scene: `source` gives shapes and land, box is [west, south, east, north].
+  constructor(container, source, box, version) {
+    this.source = source;
+    this.states = new Map(KINDS.map((kind) => [kind, new Map()]));
+    this.map = new maplibregl.Map({
+      container,
+      style: this.style(box, version),
+      bounds: [[box[0], Math.max(box[1], -85)], [box[2], Math.min(box[3], 85)]],
+      fitBoundsOptions: { padding: 48, maxZoom: 12 },
+      dragRotate: false,
+      pitchWithRotate: false,
+      touchPitch: false,
+      maxPitch: 0,
+      maxZoom: 19,
+      attributionControl: false,
+      fadeDuration: 0,
+      refreshExpiredTiles: false,
+    });
+    this.map.touchZoomRotate.disableRotation();
+    this.map.keyboard.disableRotation();
+    this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
+    this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 100 }), "bottom-left");
+    this.map.getCanvas().setAttribute("aria-label", "Map");
+    theme.onChange(() => this.paint());
+    this.isReady = false; // for states of features
+    this.map.once("style.load", () => { this.isReady = true; });
+    this.loaded = new Promise((resolve) => this.map.once("load", resolve));
+  }
+
+  style(box, version) {
+    const around = [box[0] - 5, box[1] - 5, box[2] + 5, box[3] + 5];
+    const isSmall = around[2] - around[0] < FINE_LAND_DEG && around[3] - around[1] < FINE_LAND_DEG
+      && around[0] > -180 && around[2] < 180 && around[1] > -90 && around[3] < 90;
+    const paint = looks();
+    const sources = Object.fromEntries(KINDS.map((kind) => [kind, this.source.shapes(kind, version)]));
+    // The finer land where the scene is, the coarser one everywhere else.
+    sources.land = this.source.land("50m", [-180, -90, 180, 90], isSmall ? around : null);
+    const layers = LAYERS.map(([id, type, from, layer]) => ({
+      id, type, source: from, paint: paint[id], ...(layer && sources[from].type === "vector" && { "source-layer": layer }),
+    }));
+    if (isSmall) {
+      sources["near-land"] = this.source.land("10m", around, null);
+      layers.splice(2, 0, ...["land", "coast"].map((id) => ({
+        ...layers.find((one) => one.id === id), id: `near-${id}`, source: "near-land",
+      })));
+    }
+    return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: paint.sea }, ...layers] };
+  }
+
+  paint() {
+    const paint = looks();
+    for (const { id } of this.map.getStyle()?.layers ?? []) {
+      for (const [name, value] of Object.entries(paint[id.replace("near-", "")] ?? {})) {
+        this.map.setPaintProperty(id, name, value);
+      }
+    }
+  }
+
+  // Asks for shapes again, of another state of the scene.
+  renew(version, kinds = KINDS) {
+    for (const kind of kinds) this.map.getSource(kind)?.setTiles?.([this.source.tilesAt(kind, version)]);
+  }
+
+  // Sets which features of a kind are on, hidden and chosen; asks MapLibre only where that is new.
+  show(kind, wanted) {
+    if (!this.isReady) return;
+    const known = this.states.get(kind);
+    const layers = kind === "conflicts" ? ["conflicts", "first_contacts"] : [kind];
+    for (const [id, { on = false, hidden = false, chosen = false }] of wanted) {
+      const mark = (on ? 1 : 0) + (hidden ? 2 : 0) + (chosen ? 4 : 0);
+      if ((known.get(id) ?? 0) !== mark) {
+        known.set(id, mark);
+        for (const sourceLayer of layers) this.map.setFeatureState({ source: kind, sourceLayer, id }, { on, hidden, chosen });
+      }
+    }
+  }
+
+  // Where pixels are: of a place in units of the world (0 to 1, Web Mercator), for what is drawn above the map.
+  frame() {
+    const { map } = this;
+    const size = 512 * 2 ** map.getZoom();
+    const centre = map.getCenter();
+    const { clientWidth: width, clientHeight: height } = map.getContainer();
+    return {
+      size, width, height,
+      left: mercatorX(centre.lng) - width / 2 / size,
+      top: mercatorY(centre.lat) - height / 2 / size,
+      metresPerPixel: MERCATOR_M / size,
+    };
+  }
+
+  // Goes to a box (degrees; east may be beyond 180), or to a place in it.
+  goTo([west, south, east, north], padding) {
+    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
+  }
+
+  conflictAt(point) {
+    const around = [[point.x - 4, point.y - 4], [point.x + 4, point.y + 4]];
+    return this.map.queryRenderedFeatures(around, { layers: ["first-contacts", "conflicts"] })
+      .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & 2))
+      .map(({ id }) => id);
+  }
+}
+
+const clamp = (lat) => Math.min(85, Math.max(-85, lat));
+
+export const mercatorX = (lon) => lon / 360 + 0.5;
+
+export function mercatorY(lat) {
+  return 0.5 - Math.asinh(Math.tan((lat * Math.PI) / 180)) / (2 * Math.PI);
+}

@@ -1,0 +1,212 @@
+// A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
+
+import { Motion } from "./motion.js";
+
+export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
+export const VERDICTS = ["conflict", "grazing", "unresolved"];
+
+const decoder = new TextDecoder();
+
+function records({ columns, rows }) {
+  return rows.map((row) => Object.fromEntries(columns.map((name, i) => [name, row[i]])));
+}
+
+// Well-known binary, little-endian: a line of points with a measure, a ring of a polygon, or several polygons.
+function points(view, at) {
+  const count = view.getUint32(at + 5, true);
+  return Array.from({ length: count }, (_, n) => ({
+    lon: view.getFloat64(at + 9 + 24 * n, true),
+    lat: view.getFloat64(at + 17 + 24 * n, true),
+    t: view.getFloat64(at + 25 + 24 * n, true),
+  }));
+}
+
+function ring(view, at) {
+  const count = view.getUint32(at + 9, true);
+  return Array.from({ length: count }, (_, n) => [
+    view.getFloat64(at + 13 + 16 * n, true), view.getFloat64(at + 21 + 16 * n, true),
+  ]);
+}
+
+function rings(view, at) {
+  const found = [];
+  let place = at + 9;
+  for (let n = view.getUint32(at + 5, true); n > 0; n -= 1) {
+    found.push(ring(view, place));
+    place += 13 + 16 * found[found.length - 1].length;
+  }
+  return found;
+}
+
+// Tracks from what conflictdb/map/content.py packs.
+export function unpackTracks(buffer, scene) {
+  const view = new DataView(buffer);
+  const length = view.getUint32(0, true);
+  const { rows } = JSON.parse(decoder.decode(new Uint8Array(buffer, 4, length)));
+  let at = 4 + length;
+  return rows.map(([id, key, name, floor, ceiling, grow, pathSize, outlineSize, outlinesSize]) => {
+    const path = points(view, at);
+    at += pathSize;
+    const outline = outlineSize === null ? null : ring(view, at);
+    at += outlineSize ?? 0;
+    const outlines = outlinesSize === null ? null : rings(view, at);
+    at += outlinesSize ?? 0;
+    const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene);
+    return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, motion };
+  });
+}
+
+function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north }) {
+  return { kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north] };
+}
+
+// A latitude beyond which the map shows nothing, of what an object reaches.
+function reachesBeyond(object) {
+  if (object.kind === "area") return object.box[1] < -MERCATOR_END || object.box[3] > MERCATOR_END;
+  return object.motion.points.some(({ lat }) => Math.abs(lat) > MERCATOR_END);
+}
+
+export class Model {
+  constructor(scene) {
+    this.scene = scene;
+    this.areas = [];
+    this.tracks = [];
+    this.objects = new Map();
+    this.conflicts = [];
+    this.beyond = 0;
+  }
+
+  takeObjects(areas, tracks) {
+    this.areas = records(areas).map(areaOf);
+    this.tracks = unpackTracks(tracks, this.scene);
+    this.objects = new Map([...this.areas, ...this.tracks].map((object) => [object.key, object]));
+    this.beyond = [...this.areas, ...this.tracks].filter(reachesBeyond).length;
+    this.span = this.spanOfAll();
+  }
+
+  takeConflicts(conflicts) {
+    this.conflicts = records(conflicts).map((c) => ({
+      ...c,
+      periods: c.starts.map((start, i) => [start ?? -Infinity, c.ends[i] ?? Infinity]),
+      start: c.starts[0] ?? -Infinity,
+      end: c.ends[c.ends.length - 1] ?? Infinity,
+      isBeyond: c.lat !== null && Math.abs(c.lat) > MERCATOR_END,
+    }));
+    this.span = this.spanOfAll();
+  }
+
+  // From when to when something moves, or begins or ends: what the timeline shows.
+  spanOfAll() {
+    let [from, to] = [Infinity, -Infinity];
+    const take = (t) => {
+      if (t !== null && Number.isFinite(t)) {
+        from = Math.min(from, t);
+        to = Math.max(to, t);
+      }
+    };
+    for (const track of this.tracks) {
+      take(track.start);
+      take(track.end);
+    }
+    for (const { periods } of this.conflicts) for (const [a, b] of periods) { take(a); take(b); }
+    if (from > to) for (const area of this.areas) { take(area.start); take(area.end); }
+    if (from > to) [from, to] = [Date.now() / 1000 - 43200, Date.now() / 1000 + 43200];
+    return to - from < 60 ? [from - 1800, to + 1800] : [from, to];
+  }
+
+  // The box that holds all there is, as narrow as it can be: it may reach across the date line (east > 180).
+  box() {
+    const spans = [];
+    let [south, north] = [90, -90];
+    const take = (west, south0, east, north0) => {
+      spans.push([west, east]);
+      south = Math.min(south, south0);
+      north = Math.max(north, north0);
+    };
+    for (const { box } of this.areas) take(...box);
+    for (const { motion } of this.tracks) {
+      let lon = motion.points[0].lon;
+      let [west, east, low, high] = [lon, lon, 90, -90];
+      motion.points.forEach((p, i) => {
+        if (i > 0) {
+          const turn = p.lon - motion.points[i - 1].lon;
+          lon += Math.abs(turn) > 180 ? turn - 360 * Math.round(turn / 360) : turn;
+        }
+        [west, east] = [Math.min(west, lon), Math.max(east, lon)];
+        [low, high] = [Math.min(low, p.lat), Math.max(high, p.lat)];
+      });
+      take(west, low, east, high);
+    }
+    if (!spans.length) return [-170, -60, 170, 75];
+    const [west, east] = narrowest(spans);
+    return [west, south, east, north];
+  }
+
+  active(t) {
+    return this.conflicts.filter((c) => c.periods.some(([a, b]) => t >= a && t <= b));
+  }
+}
+
+// The smallest span of longitudes that holds all of some, [west, east] with west within +-180.
+export function narrowest(spans) {
+  const sorted = spans
+    .map(([west, east]) => {
+      const turn = 360 * Math.floor((west + 180) / 360);
+      return [west - turn, east - turn];
+    })
+    .sort((a, b) => a[0] - b[0]);
+  // The widest gap between what comes before, all around, and the next one.
+  let reached = Math.max(...sorted.map(([, east]) => east)) - 360;
+  let [west, gap] = [sorted[0][0], -Infinity];
+  for (const [start, end] of sorted) {
+    if (start - reached > gap) {
+      gap = start - reached;
+      west = start;
+    }
+    reached = Math.max(reached, end);
+  }
+  return gap <= 0 ? [-180, 180] : [west, west + 360 - gap];
+}
+
+// What a filter leaves. Words are of keys and names, in any case; a height counts where both objects may be.
+export class Filter {
+  constructor() {
+    this.text = "";
+    this.verdicts = new Set(VERDICTS);
+    this.from = -Infinity;
+    this.to = Infinity;
+    this.floor = -Infinity;
+    this.ceiling = Infinity;
+    this.open = false; // only what is not acknowledged
+    this.now = false; // only what is on at the time that is shown
+  }
+
+  isNothing() {
+    const plain = new Filter();
+    return this.text === "" && this.verdicts.size === VERDICTS.length && !this.open && !this.now
+      && ["from", "to", "floor", "ceiling"].every((name) => this[name] === plain[name]);
+  }
+
+  names(object) {
+    const wanted = this.text.trim().toLowerCase();
+    if (wanted === "") return true;
+    return object !== undefined
+      && (object.key.toLowerCase().includes(wanted) || (object.name ?? "").toLowerCase().includes(wanted));
+  }
+
+  leavesObject(object) {
+    return (object.start ?? -Infinity) <= this.to && (object.end ?? Infinity) >= this.from
+      && (object.floor ?? -Infinity) < this.ceiling && (object.ceiling ?? Infinity) > this.floor;
+  }
+
+  leaves(conflict, model, t) {
+    const pair = [model.objects.get(conflict.a), model.objects.get(conflict.b)];
+    const floor = Math.max(this.floor, ...pair.map((object) => object?.floor ?? -Infinity));
+    const ceiling = Math.min(this.ceiling, ...pair.map((object) => object?.ceiling ?? Infinity));
+    return this.verdicts.has(conflict.verdict)
+      && conflict.periods.some(([a, b]) => a <= this.to && b >= this.from && (!this.now || (t >= a && t <= b)))
+      && floor < ceiling
+      && !(this.open && conflict.acknowledged_by !== null)
+      && pair.some((object, i) => this.names(object ?? { key: [conflict.a, conflict.b][i], name: null }));
+  }
+}

@@ -1,0 +1,80 @@
+// Where the page has its scene from: the server of `conflictdb map`.
+
+class Refused extends Error {}
+
+async function answered(response) {
+  if (response.ok) return response;
+  let said = `${response.status} ${response.statusText}`;
+  try {
+    said = (await response.json()).error ?? said;
+  } catch {
+    // It said nothing that could be read.
+  }
+  throw new Refused(said);
+}
+
+export class ServerSource {
+  isLive = true;
+
+  async scene() {
+    const { secret, ...scene } = await (await answered(await fetch("/api/scene"))).json();
+    this.secret = secret;
+    return scene;
+  }
+
+  async conflicts() {
+    return (await answered(await fetch("/api/conflicts"))).json();
+  }
+
+  async areas() {
+    return (await answered(await fetch("/api/areas"))).json();
+  }
+
+  async tracks() {
+    return (await answered(await fetch("/api/tracks"))).arrayBuffer();
+  }
+
+  // Why two objects are in conflict, and the shapes of those that are areas.
+  async pair(a, b) {
+    return (await answered(await fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
+  }
+
+  async acknowledge(a, b, reason) {
+    await answered(await fetch("/api/acknowledge", {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Conflictdb-Secret": this.secret },
+      body: JSON.stringify({ a, b, reason }),
+    }));
+  }
+
+  // A source of MapLibre for one of areas, tracks and conflicts, in one state of the scene.
+  shapes(kind, version) {
+    return { type: "vector", tiles: [this.tilesAt(kind, version)], minzoom: 0, maxzoom: 16 };
+  }
+
+  tilesAt(kind, version) {
+    return `${location.origin}/tiles/${kind}/{z}/{x}/{y}?v=${version}`;
+  }
+
+  // Land in a box, but not in another one.
+  land(detail, box, but) {
+    const asked = new URLSearchParams({ box: box.join(), ...(but && { but: but.join() }) });
+    return { type: "geojson", data: `${location.origin}/land/${detail}?${asked}` };
+  }
+
+  // Calls `told` with "objects" or "conflicts" when these changed, and `state` with whether changes are heard of.
+  watch(told, state) {
+    const events = new EventSource("/api/events");
+    let wasLost = false;
+    events.addEventListener("open", () => {
+      state(true);
+      if (wasLost) told("objects"); // whatever happened meanwhile
+      wasLost = false;
+    });
+    events.addEventListener("error", () => {
+      state(false);
+      wasLost = true;
+    });
+    for (const what of ["objects", "conflicts"]) events.addEventListener(what, () => told(what));
+  }
+}

@@ -1,0 +1,47 @@
+// Light and dark: what the system says, or what was chosen here; colours are those of style.css.
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const CHOICES = ["system", "light", "dark"];
+const heard = new Set();
+
+function stored() {
+  try {
+    return localStorage.getItem("theme");
+  } catch {
+    return null; // a file without a place to store anything
+  }
+}
+
+let choice = CHOICES.includes(stored()) ? stored() : "system";
+
+function apply() {
+  const isDark = choice === "dark" || (choice === "system" && dark.matches);
+  document.documentElement.dataset.theme = isDark ? "dark" : "light";
+  for (const listener of heard) listener();
+}
+
+export const theme = {
+  get choice() {
+    return choice;
+  },
+  next() {
+    choice = CHOICES[(CHOICES.indexOf(choice) + 1) % CHOICES.length];
+    try {
+      localStorage.setItem("theme", choice);
+    } catch {
+      // It holds for this visit.
+    }
+    apply();
+  },
+  onChange(listener) {
+    heard.add(listener);
+  },
+};
+
+// A colour by its name in style.css.
+export function colour(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}
+
+dark.addEventListener("change", apply);
+apply();

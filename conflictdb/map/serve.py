@@ -1,0 +1,82 @@
+"""Runs the page's server until it is interrupted."""
+
+import ipaddress
+import secrets
+import socket
+from collections.abc import Callable
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Self
+
+import uvicorn
+
+from conflictdb.errors import ConflictDBError
+from conflictdb.map.app import application
+from conflictdb.map.guard import Access, local_hosts
+
+if TYPE_CHECKING:
+    import psycopg
+
+
+class PageServer(uvicorn.Server):
+    """Shows a scene at an address, to this machine alone, or else to who has the token in `address`.
+
+    Port 0 is any that is free. Raises ConflictDBError if it cannot listen there.
+    """
+
+    def __init__(self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]", host: str, port: int) -> None:
+        self._listener = _listening(host, port)
+        bound, port = self._listener.getsockname()[:2]
+        token = None if ipaddress.ip_address(bound).is_loopback else secrets.token_urlsafe(24)
+        shown = f"[{host}]" if ":" in host else host
+        self.address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+        app = application(scene, connect, Access(local_hosts(port), token))
+        self._end_streams = app.state.changes.end
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http="h11",
+                ws="none",
+                loop="asyncio",
+                log_config=None,
+                access_log=False,
+                server_header=False,
+                timeout_graceful_shutdown=1,
+            )
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._listener.close()
+
+    def serve_until_interrupted(self) -> None:
+        """Answer until SIGINT or SIGTERM, which is raised again, or until `end`."""
+        self.run(sockets=[self._listener])
+
+    def end(self) -> None:
+        """Have it end soon; from any thread."""
+        # Who listens for changes first: it would wait for them.
+        self._end_streams()
+        self.should_exit = True
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End at a signal."""
+        self._end_streams()
+        super().handle_exit(sig, frame)
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+            listener.listen()  # whoever is told the address may ask at once
+        except OSError:
+            listener.close()
+            raise
+    except OSError as error:
+        raise ConflictDBError(f"cannot listen on {host}, port {port}: {error}") from error
+    return listener

@@ -1,0 +1,264 @@
+"""The server of `conflictdb map`: what it answers, and to whom."""
+
+import gzip
+import hashlib
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import shapely
+from commands import runner
+from map_page import Client, served_page
+from piecework import load
+from tiles import decode
+
+import conflictdb
+from conflictdb.map import land
+from conflictdb.model import Area, Scene
+
+VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
+HOSTILE = "<img src=x onerror=alert(1)>"
+READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
+READS += ["/tiles/areas/0/0/0", "/land/50m", "/page/app.js", "/vendor/maplibre-gl.css", "/api/events"]
+
+
+@contextmanager
+def killed_at_last(process: subprocess.Popen[str]) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        process.kill()
+
+
+@pytest.fixture
+def strait(dsn: str) -> Iterator[Client]:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    with served_page(dsn, "strait") as address:
+        yield Client(address)
+
+
+def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
+    scene = strait.read("/api/scene")
+    assert (scene["scene"], scene["motion"], scene["objects"], scene["is_current"]) == ("strait", "rhumb", 11, True)
+    found = strait.read("/api/conflicts")
+    rows = [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
+    with conflictdb.connect(dsn) as db:
+        known = db.conflicts("strait")
+    assert [(row["a"], row["b"], row["verdict"]) for row in rows] == [(c.a_key, c.b_key, str(c.verdict)) for c in known]
+    for row, conflict in zip(rows, known, strict=True):
+        starts, ends = zip(*[(start.timestamp(), end.timestamp()) for start, end in conflict.periods], strict=True)
+        assert (row["starts"], row["ends"]) == (pytest.approx(starts, abs=1e-6), pytest.approx(ends, abs=1e-6))
+        assert (row["lon"], row["lat"]) == pytest.approx(conflict.first_contact_deg)
+    assert sorted(row[1] for row in strait.read("/api/areas")["rows"]) == ["CABLE", "DIVING", "FIRING", "RESERVE"]
+    status, packed, _ = strait.ask("GET", "/api/tracks")
+    length = int.from_bytes(packed[:4], "little")
+    head = json.loads(packed[4 : 4 + length])
+    assert (status, len(head["rows"])) == (200, 7)
+    assert len(packed) == 4 + length + sum(size or 0 for row in head["rows"] for size in row[6:])
+    pair = strait.read("/api/pair?a=CABLE&b=SUB-1")
+    assert (pair["explanation"]["verdict"], list(pair["footprints"])) == ("conflict", ["CABLE"])
+    assert sorted(decode(strait.ask("GET", "/tiles/conflicts/6/33/19")[1])) == ["conflicts", "first_contacts"]
+
+
+def test_mistakes_are_told(strait: Client) -> None:
+    for path, status in [
+        ("/api/pair?a=CABLE&b=nobody", 400),
+        ("/api/nothing", 404),
+        ("/page/../../model.py", 404),
+        ("/vendor/vendor.json", 404),
+        ("/tiles/havens/0/0/0", 404),
+        ("/tiles/areas/2/9/0", 400),
+        ("/land/1m", 404),
+        ("/land/50m?box=1,2,3", 400),
+        ("/land/50m?box=1,2,inf,nan", 400),
+    ]:
+        assert strait.ask("GET", path)[0] == status, path
+
+
+def test_another_site_reads_nothing(strait: Client) -> None:
+    """A browser sends these headers for it, and whoever made the site cannot take them away."""
+    for path in READS:
+        for headers in (
+            {"Host": "evil.example"},
+            {"Host": f"127.0.0.1.evil.example:{strait.url.port}"},
+            {"Host": "127.0.0.1:1"},
+            {"Host": None},
+            {"Origin": "http://evil.example"},
+            {"Origin": "null"},
+            {"Origin": f"http://localhost:{strait.url.port}"},
+            {"Sec_Fetch_Site": "cross-site"},
+            {"Sec_Fetch_Site": "same-site"},
+            {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "script"},
+        ):
+            status, body, found = strait.ask("GET", path, **headers)
+            assert status in (400, 403), (path, headers)
+            assert len(body) < 100
+            assert "Access-Control-Allow-Origin" not in found
+    # Nothing is allowed to it, either, when it asks beforehand.
+    assert strait.ask("OPTIONS", "/api/acknowledge", Origin="http://evil.example")[0] == 403
+
+
+def test_a_link_of_another_site_leads_to_the_page_alone(strait: Client) -> None:
+    link = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "document", "Sec_Fetch_Mode": "navigate"}
+    assert strait.ask("GET", "/", **link)[0] == 200
+    assert strait.ask("GET", "/api/scene", **link)[0] == 403
+    assert strait.ask("GET", "/", **{**link, "Sec_Fetch_Dest": "iframe"})[0] == 403
+
+
+def test_every_answer_says_what_browsers_may_do_with_it(strait: Client) -> None:
+    for path in [*READS[:-1], "/nothing"]:
+        headers = strait.ask("GET", path)[2]
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Cache-Control"] == "no-store"
+
+
+def test_only_the_page_acknowledges(strait: Client, dsn: str) -> None:
+    secret = strait.read("/api/scene")["secret"]
+    asked = {"a": "CABLE", "b": "SUB-1", "reason": HOSTILE}
+    good = {"X_Conflictdb_Secret": secret, "Content_Type": "application/json", "Origin": f"http://{strait.host}"}
+
+    def reasons() -> list[str | None]:
+        return [row[16] for row in strait.read("/api/conflicts")["rows"] if row[16] is not None]
+
+    for wrong, status in [
+        ({"X_Conflictdb_Secret": None}, 403),
+        ({"X_Conflictdb_Secret": secret[:-1]}, 403),
+        ({"X_Conflictdb_Secret": "\xe9"}, 403),
+        ({"Content_Type": "text/plain"}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Sec_Fetch_Site": "cross-site"}, 403),
+    ]:
+        assert strait.ask("POST", "/api/acknowledge", asked, **{**good, **wrong})[0] == status, wrong
+    assert reasons() == []
+    for body, status in [
+        (b"{", 400),
+        (b"[]", 400),
+        ({"a": "CABLE", "b": 1}, 400),
+        ({**asked, "reason": 5}, 400),
+        ({**asked, "reason": " "}, 400),
+        ({**asked, "a": "nobody"}, 400),
+        (b" " * 70_000, 413),
+    ]:
+        assert strait.ask("POST", "/api/acknowledge", body, **good)[0] == status, body
+    assert reasons() == []
+    assert strait.ask("POST", "/api/acknowledge", asked, **good)[0] == 200
+    assert reasons() == [HOSTILE]
+    assert strait.ask("POST", "/api/acknowledge", {**asked, "reason": None}, **good)[0] == 200
+    assert reasons() == []
+
+
+def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[Any]) -> None:
+    """The page says so; and if it asked all the same, the database would refuse."""
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    conn.execute("CREATE ROLE map_reader LOGIN IN ROLE conflictdb_reader")
+    conn.commit()
+    try:
+        with served_page(psycopg.conninfo.make_conninfo(dsn, options="-c role=map_reader"), "strait") as address:
+            client = Client(address)
+            scene = client.read("/api/scene")
+            assert scene["may_acknowledge"] is False
+            assert len(client.read("/api/conflicts")["rows"]) == 7
+            assert client.ask("GET", "/tiles/areas/0/0/0")[0] == 200
+            headers = {"X_Conflictdb_Secret": scene["secret"], "Content_Type": "application/json"}
+            asked = {"a": "CABLE", "b": "SUB-1", "reason": "none"}
+            assert client.ask("POST", "/api/acknowledge", asked, **headers)[0] == 503
+    finally:
+        conn.execute("DROP ROLE map_reader")
+        conn.commit()
+
+
+def test_elsewhere_the_page_needs_its_token(dsn: str, conn: psycopg.Connection[Any]) -> None:
+    load(conn, Scene("s"), [Area("A", shapely.box(0, 0, 1, 1))], [])
+    with served_page(dsn, "s", host="0.0.0.0") as address:  # noqa: S104
+        client = Client(address)
+        token = client.url.query.removeprefix("token=")
+        assert len(token) >= 32
+        for path in READS:
+            assert client.ask("GET", path)[0] == 403, path
+        assert client.ask("GET", "/?token=" + token[:-1])[0] == 403
+        assert client.ask("GET", "/api/scene?token=" + token)[0] == 403  # it opens the page alone
+        status, _, headers = client.ask("GET", "/?token=" + token, Host="ship.example:80")
+        assert status == 200
+        cookie, *attributes = headers["Set-Cookie"].split("; ")
+        assert sorted(attributes) == ["HttpOnly", "SameSite=Strict"]
+        assert client.ask("GET", "/api/scene", Cookie=cookie, Host="ship.example:80")[0] == 200
+        assert client.ask("GET", "/api/scene", Cookie=cookie, Origin="http://evil.example")[0] == 403
+        assert client.ask("GET", "/api/scene", Cookie=cookie[:-1])[0] == 403
+
+
+def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a scene it is the demo's, which is made."""
+    with (
+        subprocess.Popen(
+            [sys.executable, "-m", "conflictdb", "--dsn", dsn, "map", "--port", "0"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process,
+        killed_at_last(process),
+    ):
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        client = Client(address)
+        assert len(client.read("/api/conflicts")["rows"]) == 7
+        with socket.create_connection(("127.0.0.1", client.url.port or 0)) as listens:
+            listens.sendall(f"GET /api/events HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode())
+            assert b"200 OK" in listens.recv(1000)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(10) == 0
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+    run = runner(dsn, capsys)
+    taken = run("map", "--scene", "nothing", "--port", "0")
+    assert (taken.code, taken.out) == (4, "")
+    assert "nothing" in taken.err
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        used = run("map", "--port", str(other.getsockname()[1]))
+    assert used.code == 1
+    assert "cannot listen on 127.0.0.1" in used.err
+
+
+def test_what_is_shipped_is_what_it_says() -> None:
+    """Every file of others has its version, its licence and its hash."""
+    listed = json.loads((VENDOR / "vendor.json").read_text())
+    files_of = {name: package["sha256"] for name, package in listed.items()}
+    for hashes in files_of.values():
+        for name, expected in hashes.items():
+            content = (VENDOR / name).read_bytes()
+            plain = gzip.decompress(content) if name.endswith(".gz") else content
+            assert hashlib.sha256(plain).hexdigest() == expected, name
+    notices = {package["notice"] for package in listed.values()}
+    known = {"vendor.json", *notices, *(name for hashes in files_of.values() for name in hashes)}
+    assert {path.name for path in VENDOR.iterdir()} == known
+    assert all((VENDOR / name).stat().st_size > 500 for name in notices)
+
+
+def test_land_is_cut() -> None:
+    everything = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD))
+    assert everything.geom_type == "MultiPolygon"
+    # Jutland, not the sea west of it.
+    assert shapely.contains_xy(everything, [9.0, 5.0], [56.2, 56.0]).tolist() == [True, False]
+    box = (5.0, 54.0, 12.0, 60.0)
+    near = shapely.from_geojson(land.geojson(land.FINE, box))
+    assert shapely.box(*box).contains(shapely.box(*near.bounds))
+    rest = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD, box))
+    assert rest.intersection(shapely.box(*box)).area < 1e-2
+    assert shapely.contains_xy(rest, 100.0, 60.0)

@@ -1,0 +1,65 @@
+"""The page of `conflictdb map` of a database, served in a thread."""
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from http.client import HTTPConnection, HTTPMessage
+from threading import Thread
+from typing import Any
+from urllib.parse import urlsplit
+
+from conflictdb.db import store
+from conflictdb.map.serve import PageServer
+
+WAIT_S = 30.0
+
+
+@contextmanager
+def served_page(dsn: str, scene: str, host: str = "127.0.0.1") -> Iterator[str]:
+    """Serve the page of a scene, and give its address."""
+    with PageServer(scene, lambda: store.connect(store.map_dsn(dsn)), host, 0) as server:
+        thread = Thread(target=server.serve_until_interrupted, name="page", daemon=True)
+        thread.start()
+        try:
+            until_s = time.monotonic() + WAIT_S
+            while not server.started:
+                assert time.monotonic() < until_s
+                time.sleep(0.01)
+            yield server.address
+        finally:
+            server.end()
+            thread.join(WAIT_S)
+        assert not thread.is_alive()
+
+
+class Client:
+    """Asks a page's server, as a browser would or as it must not."""
+
+    def __init__(self, address: str) -> None:
+        self.url = urlsplit(address)
+        self.host = f"127.0.0.1:{self.url.port}"
+
+    def ask(
+        self, method: str, path: str, body: object = None, /, **headers: str | None
+    ) -> tuple[int, bytes, HTTPMessage]:
+        """Return status, body and headers of an answer; a header of None is not sent."""
+        sent: Mapping[str, str | None] = {"Host": self.host, **{k.replace("_", "-"): v for k, v in headers.items()}}
+        connection = HTTPConnection("127.0.0.1", self.url.port, timeout=WAIT_S)
+        try:
+            connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            text = b"" if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
+            for name, value in {**sent, "Content-Length": str(len(text))}.items():
+                if value is not None:
+                    connection.putheader(name, value)
+            connection.endheaders(text)
+            answer = connection.getresponse()
+            return answer.status, answer.read(), answer.headers
+        finally:
+            connection.close()
+
+    def read(self, path: str) -> Any:
+        """Return the JSON of an answer."""
+        status, body, _ = self.ask("GET", path)
+        assert status == 200, body
+        return json.loads(body)
