@@ -67,7 +67,7 @@ COMMENT ON FUNCTION _conflict_region(
     bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
 'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a '
 'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
-'not find it out: great circles, and what could not be cut or solved.';
+'not find it out: next to a pole on great circles, and what could not be cut or solved.';
 
 CREATE OR REPLACE FUNCTION _known_conflicts(
     p_scene_id bigint, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea,

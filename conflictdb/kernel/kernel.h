@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 12
+#define KERNEL_ABI 13
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -284,10 +284,10 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
  * which is no wider than a micrometre is nothing.
  *
  * ring : (REGION_PER_VERTEX v + REGION_MORE count, 2) v the vertices of all pieces of the pairs: plane metres, within half a
- *     turn, counter-clockwise, each ring with its first vertex again at its end
+ *     turn of a Mercator plane, counter-clockwise, each ring with its first vertex again at its end
  * ring_offset : (2 count + 1,) rings 2 i and 2 i + 1 of pair i, the second where it lies across the seam. Both are empty
  *     where they do not come so near.
- * is_known : (count,) whether that is known: not where a piece cannot be or goes around the earth, nor in a gnomonic plane
+ * is_known : (count,) whether that is known: not where a piece cannot be or goes around the earth
  */
 KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
                             int64_t *ring_offset, int8_t *is_known);

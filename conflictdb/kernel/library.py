@@ -17,7 +17,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 12
+ABI: Final = 13
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",

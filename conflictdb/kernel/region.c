@@ -1,7 +1,7 @@
 /* Where pairs meet during a time: what both sweep meanwhile, and that in common.
  *
  * What a haven sweeps lies in the convex hull of its places at both ends of the time, grown by what vertices may leave
- * it between (mover_sweep) and by half of the distance at which pairs are wanted apart. Mercator planes only.
+ * it between (mover_sweep) and by half of the distance at which pairs are wanted apart.
  *
  * Where what is answered changes, EDITION of pipeline/regions.py goes up: databases then write regions anew.
  */
@@ -105,7 +105,7 @@ static Polygon *common(Bench *bench, const KernelPairs *pairs, int64_t i, bool g
 static Polygon *meet(Bench *bench, const KernelPairs *pairs, int64_t i, Encounter *pair) {
     const Scene *scene = bench->scene;
     bool stand = scene->bodies[pairs->a[i]].motion == STANDS_STILL && scene->bodies[pairs->b[i]].motion == STANDS_STILL;
-    if (scene->plane.projection != KERNEL_MERCATOR || !border_meet(scene, pairs, i, pair)) return NULL;
+    if (!border_meet(scene, pairs, i, pair)) return NULL;
     Polygon *found = stand ? common(bench, pairs, i, false) : NULL;
     return found && found->count > 0 ? found : common(bench, pairs, i, true);
 }
@@ -120,14 +120,18 @@ static double *write_ring(const KernelPlane *plane, const Polygon *polygon, doub
     return next;
 }
 
-/* Write the one or two rings of a polygon, which the seam may cut; ends: where both do. False where it goes around the
- * earth. */
+/* Write the one or two rings of a polygon, which the seam of a Mercator plane may cut; ends: where both do. False where it
+ * goes around the earth. */
 static bool write_rings(const KernelPlane *plane, Polygon *polygon, Polygon *room, double *ring, double *ends[2]) {
     double half_m = PI * plane->radius_m, west = INFINITY, east = -INFINITY;
     for (int64_t i = 0; i < polygon->count; i++) west = fmin(west, polygon->x[i]), east = fmax(east, polygon->x[i]);
     /* A side along the seam may lie beyond it by rounding. */
     double home_m = -2.0 * half_m * floor((west + LEAST_SIDE_M + half_m) / (2.0 * half_m));
     if (polygon->count == 0) return true;
+    if (plane->projection == KERNEL_GNOMONIC) {
+        ends[0] = ends[1] = write_ring(plane, polygon, 0.0, ring);
+        return true;
+    }
     if (east - west > 2.0 * half_m) return false;
     if (east + home_m <= half_m + LEAST_SIDE_M) {
         ends[0] = ends[1] = write_ring(plane, polygon, home_m, ring);

@@ -34,7 +34,7 @@ def regions(
     Of two that stand still and overlap it is what they have in common. Rings are closed: plane metres within half a
     turn (m, 2), and their offsets (2 n + 1,). Rings 2 i and 2 i + 1 are those of pair i, the second where it lies
     across the seam, both without vertices where they come no nearer. And (n,) whether that is known: not where a piece
-    cannot be or goes around the earth, nor in a gnomonic plane.
+    cannot be or goes around the earth.
 
     low_s, high_s : (n,) seconds after zero_us (n,), within what both pieces have
     """

@@ -20,7 +20,7 @@ from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import COVER
 
 # Goes up where the regions of the same answers become others: what a database holds is then written anew.
-EDITION: Final = 1
+EDITION: Final = 2
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
 # About so many corners are added to a region at most. Of a track around the earth there were 12 million, more than
@@ -30,6 +30,13 @@ _MOST_CORNERS = 20_000
 _HEAD: Final = b"\x01" + np.array([3 | 0x2000_0000, SRID, 1], "<u4").tobytes()
 # Of a cross product, relative to its terms: of sides that are rounded once, and of three roundings more.
 _ROUNDING: Final = 1e-15
+# Sides on great circles are cut to this, metres of the plane, as in sql/11_plane.sql: so they leave the line by 50 m at
+# 60 degrees.
+_SIDE_M: Final = 25_000.0
+# Beyond this latitude, and where longitudes differ by more along such a side, a pole may be within.
+_HIGHEST_DEG: Final = 89.5
+_LARGEST_STEP_DEG: Final = 90.0
+_BEYOND_M: Final = 1e8  # five times as far as a gnomonic plane reaches
 _SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
 
 
@@ -83,7 +90,8 @@ def regions_of(
     """Return where n pairs of objects interfere: valid, cut at the seam.
 
     Of two areas it is what they have in common; else a superset, what both sweep during their contacts. Not known it
-    is in a gnomonic plane, and of objects that could not be cut: the database finds it out from the hulls of pieces.
+    is next to a pole, on great circles, and of objects that could not be cut: the database finds it out from the hulls
+    of pieces.
 
     a, b : (m,) the prepared pieces of each contact
     seconds : (m,) from when to when after the start of what they share; infinite of areas that are there for ever
@@ -92,7 +100,7 @@ def regions_of(
     pieces = prepared.pieces
     count = np.diff(offset)
     is_known = count > 0
-    if plane.turn_m == 0.0 or not is_known.any():
+    if not is_known.any():
         return Polygons.none(len(count))
     group = np.repeat(np.arange(len(count)), count)
     has_cover = (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
@@ -107,8 +115,9 @@ def regions_of(
     filled = np.flatnonzero((np.diff(ring_offset) > 0) & is_known[owner])
     owner = owner[filled]
 
-    # Nearly all are one ring that is convex in degrees too, and so valid.
-    alone = filled[np.bincount(owner, minlength=len(count))[owner] == 1]
+    # Nearly all are one ring that is convex in degrees too, and so valid; great circles are bent there.
+    is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (plane.turn_m > 0.0)
+    alone = filled[is_alone]
     xy, at = ragged_take(ring_offset, ring, alone)
     lonlat = _degrees(plane, xy)
     convex = np.flatnonzero(_are_convex(lonlat, at))
@@ -138,7 +147,7 @@ def _unknown(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
 def _degrees(plane: Plane, xy: Floats) -> Floats:
     """Return longitude and latitude of places in the plane (n, 2); rounded, the seam stays the seam."""
     lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
-    on_seam = np.abs(lon) > 180.0 - _SEAM_DEG
+    on_seam = np.abs(np.abs(lon) - 180.0) < _SEAM_DEG
     return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
 
 
@@ -186,11 +195,16 @@ def _in_degrees(
     filled = np.flatnonzero(count)
     parts = _polygons(ring[offset[0] : offset[-1]], count[filled])
     _put(found, parts, owner[filled])
+    # Parts are put together in the plane, where their sides are straight: not in degrees.
+    return _straight_in_degrees(plane, found) if plane.turn_m else _on_great_circles(plane, found)
+
+
+def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return polygons (n,) of the plane in longitude and latitude, valid."""
 
     def degrees(xy: Floats) -> Floats:
         return _degrees(plane, xy)
 
-    # Parts are put together in the plane, where their sides are straight: not in degrees.
     in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), SRID)
     # Long sides of thin parts may cross in degrees, where they bend: with more corners they run as in the plane.
     crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
@@ -201,6 +215,44 @@ def _in_degrees(
     straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)
     found[crossed] = shapely.set_srid(straight, SRID)
     return np.asarray(found)
+
+
+def _on_great_circles(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return polygons (n,) of a gnomonic plane in longitude and latitude, cut at the seam; None next to a pole."""
+    lonlat, of = shapely.get_coordinates(
+        shapely.transform(shapely.segmentize(found, _SIDE_M), lambda xy: _degrees(plane, xy)), return_index=True
+    )
+    # Longitudes jump at the meridian that is opposite to the centre's: it is reached across a pole.
+    jumps = (np.abs(np.diff(lonlat[:, 0])) > _LARGEST_STEP_DEG) & (of[1:] == of[:-1])
+    is_known = ~shapely.is_missing(found)
+    is_known[of[1:][jumps]] = False
+    is_known[of[np.abs(lonlat[:, 1]) > _HIGHEST_DEG]] = False
+    furthest = np.zeros(len(found))
+    np.maximum.at(furthest, of, np.abs(lonlat[:, 0]))
+    result = np.full(len(found), None, dtype=object)
+    within = is_known & (furthest <= 180.0)
+    result[within] = _straight_in_degrees(plane, shapely.segmentize(found[within], _SIDE_M))
+    for k in np.flatnonzero(is_known & (furthest > 180.0)).tolist():
+        sides = shapely.segmentize(shapely.intersection(found[k], _sides_of_seam(plane)), _SIDE_M)
+        parts = []
+        for side in _straight_in_degrees(plane, sides[~shapely.is_empty(sides)]):
+            west, _, east, _ = side.bounds
+            home = -360.0 * np.round(0.5 * (west + east) / 360.0)
+            moved = shapely.transform(side, lambda at, by=home: at + np.array([by, 0.0]))
+            parts += [part for part in shapely.get_parts(moved).tolist() if part.geom_type == "Polygon"]
+        result[k] = shapely.set_srid(shapely.MultiPolygon(parts) if len(parts) > 1 else parts[0], SRID)
+    return result
+
+
+def _sides_of_seam(plane: Plane) -> NDArray[np.object_]:
+    """Return what is on either side of the meridian 180 in a gnomonic plane, where it is a line: (2,) polygons."""
+    lat = np.linspace(-89.0, 89.0, 179)
+    places = np.stack(plane.to_plane(np.full(len(lat), 180.0), lat), axis=1)
+    places = places[np.isfinite(places[:, 0])]  # what is not beyond the horizon of the plane
+    one, other = places[np.argsort(np.hypot(*places.T))[:2]]
+    along = (other - one) / np.hypot(*(other - one)) * _BEYOND_M
+    aside = np.array([-along[1], along[0]])
+    return shapely.polygons([[one - along, one + along, one + along + by, one - along + by] for by in (aside, -aside)])
 
 
 def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b2a86100ab7752b4fe00830746944a16068d518682af1250725cacadd45433d7"
+routines_sha256 = "65debe6a86eed1ec9c2ce870c6b88dc158d9db2444b422ff52e74bfb563f0d2c"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

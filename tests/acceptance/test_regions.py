@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import oracle
+import oracle_circle
 import pytest
 import shapely
 from numpy.typing import NDArray
-from workloads import GROWING, HIGH_LATITUDE, PAPER, SEAM, Workload, throw
+from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, PAPER, SEAM, Workload, throw
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
@@ -85,6 +86,57 @@ def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, 
                 assert common.difference(around).area < 1e-3, (k, at)
                 checked += not common.is_empty
     assert checked > 5
+
+
+@pytest.mark.parametrize(
+    "workload",
+    [OCEAN, GROWING_CIRCLES, ARCTIC, replace(OCEAN, name="seam", longitudes=(179.0, 179.0))],
+    ids=lambda workload: workload.name,
+)
+def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload) -> None:
+    """Also across the seam; next to a pole none is known. Held to an oracle in a plane of its own, about the region."""
+    scene, areas, tracks = throw(replace(workload, window=6.0), 5, 12, 16, tolerance_m=0.0)
+    answer = found(scene, areas, tracks)
+    where = regions_of(answer)
+    checked, cut = 0, 0
+    for k in range(len(answer)):
+        if where[k] is None:
+            assert workload.name == ARCTIC.name
+            continue
+        assert where[k].is_valid
+        assert where[k].geom_type in ("Polygon", "MultiPolygon")
+        assert shapely.get_srid(where[k]) == 4326
+        west, south, east, north = where[k].bounds
+        assert -180.0 <= west < east <= 180.0
+        assert -90.0 < south < north < 90.0
+        cut += west == -180.0 and east == 180.0
+        chart = oracle_circle.Chart.about(oracle_circle.space(shapely.get_coordinates(where[k])))
+        parts = [
+            shapely.transform(part, lambda at, chart=chart: chart.plane(oracle_circle.space(at)))
+            for part in shapely.get_parts(where[k])
+        ]
+        around = shapely.union_all([part.buffer(ROUNDED_M) for part in parts])
+        pair = [
+            (areas if kind[k] == Kind.AREA.code else tracks)[number[k]]
+            for kind, number in ((answer.a_kind, answer.a_id), (answer.b_kind, answer.b_id))
+        ]
+        for start, end in answer.period_us[answer.period_offset[k] : answer.period_offset[k + 1]].tolist():
+            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > SINCE_EVER_US else [0]:
+                first, second = (
+                    shapely.union_all(
+                        [
+                            phase.place(at, np.zeros(1))[0]
+                            for phase in oracle_circle.phases(chart, one)
+                            if phase.start_us <= at <= phase.end_us
+                        ]
+                    )
+                    for one in pair
+                )
+                common = first.intersection(second)
+                assert common.difference(around).area < 1e-3, (k, at)
+                checked += not common.is_empty
+    assert checked > 5
+    assert cut > 0 or workload.name != "seam"
 
 
 @pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda workload: workload.name)
