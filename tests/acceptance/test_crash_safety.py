@@ -1,10 +1,14 @@
-"""kill -9 in the middle of a detection: the old conflicts are still there, marks too, and the next run is right."""
+"""kill -9 in the middle of a detection, of it or of the server's process that serves it.
 
+The old conflicts are still there, marks too, and the next run is right.
+"""
+
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +16,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from own_server import OwnServer, own_server
 from verdicts import Pair, Reported, by_pair, solved
 from workloads import PAPER, throw
 
@@ -52,18 +57,20 @@ with store.connect(sys.argv[1]) as conn:
 """
 # What counts as few changed objects: none, so that there are two transactions, or as many as the scene has.
 TWO_TRANSACTIONS, ONE_TRANSACTION = -1, 100
-PLACES = [
-    pytest.param("changed_areas", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+EVERYWHERE = [
+    ("changed_areas", TWO_TRANSACTIONS),
     ("replace_pieces", TWO_TRANSACTIONS),
-    pytest.param("begin_write", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    ("begin_write", TWO_TRANSACTIONS),
     ("pieces", TWO_TRANSACTIONS),
     ("progress", TWO_TRANSACTIONS),
-    pytest.param("stage", TWO_TRANSACTIONS, marks=pytest.mark.slow),
+    ("stage", TWO_TRANSACTIONS),
     ("end_write", TWO_TRANSACTIONS),
-    pytest.param("changed_areas", ONE_TRANSACTION, marks=pytest.mark.slow),
+    ("changed_areas", ONE_TRANSACTION),
     ("pieces", ONE_TRANSACTION),
     ("end_write", ONE_TRANSACTION),
 ]
+SELDOM = {"changed_areas", "begin_write", "stage"}
+PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at for at in EVERYWHERE]
 
 
 @pytest.fixture(scope="module")
@@ -126,30 +133,26 @@ def assert_same_but_for_what_changed(
     assert all(pair in stale for pair in before if removed & set(pair)), "and say that they are not current"
 
 
-@pytest.mark.parametrize(("place", "few"), PLACES)
-def test_killed_detection_leaves_the_old_conflicts(
-    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, place: str, few: int, changed: Any
-) -> None:
+def begin(conn: psycopg.Connection[Any], changed: Any) -> tuple[dict[Pair, Reported], int]:
+    """Have a scene that was detected, and then changed; returns its conflicts, and how many runs there were."""
     scene, areas, tracks, areas_after, tracks_after = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     before = view(conn, scene)
     assert_equal(before, solved(scene, areas, tracks))
-    runs_before = len(store.runs(conn, scene.name, 100))
-
+    runs_before = len(store.runs(conn, scene.name, 1000))
     store.replace_scene(conn, scene, areas_after, tracks_after, merge=False)
     conn.commit()
-    victim = start_victim(dsn, scene.name, place, tmp_path, few)
-    try:
-        wait_until_at(victim, place)
-    finally:
-        victim.send_signal(signal.SIGKILL)
-        victim.communicate()
-    wait_until_alone(conn)
+    return before, runs_before
 
+
+def assert_nothing_lost(
+    conn: psycopg.Connection[Any], changed: Any, before: dict[Pair, Reported], runs_before: int
+) -> None:
+    scene, areas, _, areas_after, tracks_after = changed
     gone = {area.key for area in areas} - {area.key for area in areas_after}
     assert_same_but_for_what_changed(view(conn, scene), before, store.conflicts(conn, scene.name), gone)
-    assert len(store.runs(conn, scene.name, 100)) == runs_before, "a killed run is not a run"
+    assert len(store.runs(conn, scene.name, 1000)) == runs_before, "a killed run is not a run"
 
     run = detect(conn, scene.name, jobs=1)
     after = view(conn, scene)
@@ -161,6 +164,52 @@ def test_killed_detection_leaves_the_old_conflicts(
     anew = detect(conn, scene.name, jobs=1, full=True)
     assert (anew.opened, anew.changed, anew.closed) == (0, 0, 0)
     assert view(conn, scene) == after, "what changed only, or everything: the same to the last digit"
+
+
+@pytest.mark.parametrize(("place", "few"), PLACES)
+def test_killed_detection_leaves_the_old_conflicts(
+    dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, place: str, few: int, changed: Any
+) -> None:
+    known = begin(conn, changed)
+    victim = start_victim(dsn, changed[0].name, place, tmp_path, few)
+    try:
+        wait_until_at(victim, place)
+    finally:
+        victim.send_signal(signal.SIGKILL)
+        victim.communicate()
+    wait_until_alone(conn)
+    assert_nothing_lost(conn, changed, *known)
+
+
+@pytest.fixture(scope="module")
+def mortal(server_dsn: str) -> Iterator[OwnServer]:
+    """A server of the module's own; that there is one for tests makes sure that its programs are there."""
+    with own_server() as server:
+        yield server
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("place", "few"), EVERYWHERE)
+def test_killed_backend_leaves_the_old_conflicts(
+    mortal: OwnServer, tmp_path: Path, place: str, few: int, changed: Any
+) -> None:
+    """All sessions of the server end, and it recovers."""
+    with store.connect(mortal.dsn) as conn:
+        known = begin(conn, changed)
+        victim = start_victim(mortal.dsn, changed[0].name, place, tmp_path, few)
+        try:
+            wait_until_at(victim, place)
+            query = "SELECT pid FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+            for (pid,) in conn.execute(query).fetchall():
+                os.kill(pid, signal.SIGKILL)
+            with pytest.raises(psycopg.OperationalError):
+                conn.execute("SELECT pg_sleep(60)")
+        finally:
+            victim.kill()
+            victim.communicate()
+    mortal.await_answer()
+    with store.connect(mortal.dsn) as conn:
+        assert_nothing_lost(conn, changed, *known)
 
 
 def test_killed_detection_does_not_keep_others_waiting(

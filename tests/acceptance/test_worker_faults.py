@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
@@ -23,6 +24,7 @@ import psycopg
 import pytest
 import shapely
 from own_server import OwnServer, own_server
+from psycopg.conninfo import make_conninfo
 from verdicts import by_pair, solved
 from workloads import PAPER, throw
 
@@ -37,6 +39,7 @@ LONGEST_S = 0.25
 MOST_S = 60.0
 # Short, though long enough for what a worker does outside of a detection.
 LIMIT_MS = 300
+LIMITS = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
 # Room for a server with one scene, and for some of the log of what is written.
 DISK_MB = 400
 
@@ -63,16 +66,23 @@ class Site:
                 subprocess.Popen([sys.executable, "-m", "conflictdb", *words], stdout=log, stderr=subprocess.STDOUT)
             )
 
-    def change(self) -> None:
-        """Move one area; it is committed."""
-        key = self.rng.choice(sorted(self.areas))
+    def moved(self, but: str = "") -> Area:
+        """Return one of the areas, another than that of a key, at another place."""
+        area = self.areas[self.rng.choice(sorted(self.areas.keys() - {but}))]
         by = self.rng.uniform(-0.1, 0.1)
-        moved = replace(
-            self.areas[key], footprint=shapely.transform(self.areas[key].footprint, lambda lonlat: lonlat + by)
-        )
-        with store.connect(self.server.dsn) as conn:
+        return replace(area, footprint=shapely.transform(area.footprint, lambda lonlat: lonlat + by))
+
+    def change(self, but: str = "") -> None:
+        """Move one area, another than that of a key; it is committed, whatever limits sessions have by default."""
+        moved = self.moved(but)
+        with store.connect(make_conninfo(self.server.dsn, options=" ".join(f"-c {name}=0" for name in LIMITS))) as conn:
             store.replace_scene(conn, self.scene, [moved], [], merge=True)
-        self.areas[key] = moved
+        self.areas[moved.key] = moved
+
+    def await_current(self) -> None:
+        """Wait until workers have seen to all that is committed."""
+        with psycopg.connect(self.server.dsn, autocommit=True) as conn:
+            conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
         """Return the processes that serve workers, as soon as there is one: they may be about to connect again."""
@@ -85,8 +95,8 @@ class Site:
 
     def check(self) -> None:
         """Wait until the scene is current; hold all of it to what was acknowledged, and to what is true of that."""
+        self.await_current()
         with psycopg.connect(self.server.dsn, autocommit=True) as conn:
-            conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
             assert conn.execute("SELECT * FROM conflictdb.queue").fetchall() == []
             twice = """SELECT object_kind, object_id, part, turn, span FROM conflictdb.piece
                        GROUP BY 1, 2, 3, 4, 5 HAVING count(*) > 1"""
@@ -173,21 +183,49 @@ def lose_connections(site: Site) -> None:
 
 def limit_times(site: Site) -> None:
     """Sessions that begin now have short limits, and a lock keeps the detection for longer than these."""
-    limits = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
     waits = "SELECT FROM pg_stat_activity WHERE application_name = %s AND wait_event_type = 'Lock'"
     with psycopg.connect(site.server.dsn, autocommit=True) as conn:
-        for name in limits:
-            conn.execute(f"ALTER DATABASE conflictdb SET {name} = '{LIMIT_MS}'".encode())
-        lose_connections(site)
-        with conn.transaction():
-            conn.execute("LOCK conflictdb.piece")
-            site.change()
-            end = time.monotonic() + MOST_S
-            while not conn.execute(waits, [store.WORKER_NAME]).rowcount:
-                assert time.monotonic() < end
-                conn.execute("SELECT pg_stat_clear_snapshot(), pg_sleep(0.05)")
-            conn.execute("SELECT pg_sleep(%s)", [2e-3 * LIMIT_MS])
-        conn.execute("ALTER DATABASE conflictdb RESET ALL")
+        try:
+            for name in LIMITS:
+                conn.execute(f"ALTER DATABASE conflictdb SET {name} = '{LIMIT_MS}'".encode())
+            lose_connections(site)
+            with conn.transaction():
+                conn.execute("LOCK conflictdb.piece")
+                site.change()
+                end = time.monotonic() + MOST_S
+                while not conn.execute(waits, [store.WORKER_NAME]).rowcount:
+                    assert time.monotonic() < end
+                    conn.execute("SELECT pg_stat_clear_snapshot(), pg_sleep(0.05)")
+                conn.execute("SELECT pg_sleep(%s)", [2e-3 * LIMIT_MS])
+        finally:
+            conn.execute("ALTER DATABASE conflictdb RESET ALL")
+
+
+def detect_twice(site: Site) -> None:
+    """Two people detect all of the scene at once, while workers detect what changed."""
+
+    def once() -> None:
+        with store.connect(site.server.dsn) as conn:
+            detect(conn, "s", full=True, jobs=1, say=lambda _: None)
+
+    with ThreadPoolExecutor(2) as pool:
+        both = [pool.submit(once) for _ in range(2)]
+        site.change()
+        for one in both:
+            one.result(MOST_S)
+
+
+def edit_for_long(site: Site) -> None:
+    """An edit is not committed before workers have seen to later ones: neither waits for the other."""
+    with psycopg.connect(site.server.dsn) as conn:
+        moved = site.moved()
+        conn.execute(
+            "UPDATE conflictdb.area SET footprint = ST_GeomFromWKB(%s, 4326) WHERE key = %s",
+            [shapely.to_wkb(moved.footprint), moved.key],
+        )
+        site.change(but=moved.key)
+        site.await_current()
+    site.areas[moved.key] = moved
 
 
 def put_clock_back(site: Site) -> None:
@@ -198,7 +236,10 @@ def put_clock_back(site: Site) -> None:
             conn.execute(f"UPDATE conflictdb.run SET {column} = {column} + interval '1 hour'".encode())
 
 
-FAULTS = [kill_worker, end_worker, kill_backend, crash_server, lose_connections, limit_times, put_clock_back]
+FAULTS = [
+    *(kill_worker, end_worker, kill_backend, crash_server, lose_connections),
+    *(limit_times, put_clock_back, detect_twice, edit_for_long),
+]
 
 
 def rounds(site: Site, fault: Callable[[Site], None], count: int) -> None:
