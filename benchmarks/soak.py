@@ -4,9 +4,9 @@
 
 In a sea of constant density (made_scenes.py) each editor keeps to a pace of its own over a connection of its own: it
 moves a track, moves an area, gives a track other heights, or removes an area and puts it back later, each edit by one
-call and one commit. An edit waits from its commit until somebody who listens (NOTIFY) sees that its mark is gone. At
-the end a detection in full must find nothing else; then the tables are vacuumed, and as much is edited again: by then
-they have the room that edits need, and must not grow further.
+call and one commit. An edit waits from its commit until somebody who listens (NOTIFY) sees that its mark is gone. Then
+the tables are vacuumed, and as much is edited again: by then they have the room that edits need, and those that hold no
+history must not grow further. At the end a detection in full must find nothing else.
 """
 
 import argparse
@@ -67,6 +67,9 @@ PERIODS: Final = """
 SELECT c.a_key, c.b_key, c.verdict, c.periods::text, ST_AsBinary(c.region) FROM conflictdb.conflicts c
 WHERE c.scene = %s ORDER BY c.a_key, c.b_key
 """
+# What became of conflicts, and runs. They grow until they are old enough to be pruned; even then the last event of each
+# conflict stays, and its run.
+HISTORY: Final = ("conflict_event", "run")
 SIZES: Final = """
 SELECT c.relname, pg_total_relation_size(c.oid) FROM pg_class c
 WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r' ORDER BY c.relname
@@ -85,11 +88,13 @@ class Lags:
 
     since : edits from then on count, as of `time.monotonic`
     waited_s : of those that are current
+    edits : how many are current, also those that do not count
     done : marks of edits with the instants of their commits, from all editors
     """
 
     since: float
     waited_s: list[float] = field(default_factory=list)
+    edits: int = 0
     done: "queue.SimpleQueue[tuple[int, float]]" = field(default_factory=queue.SimpleQueue)
     _waiting: dict[int, float] = field(default_factory=dict)
 
@@ -102,6 +107,7 @@ class Lags:
         marked = {mark for (mark,) in conn.execute("SELECT change_id FROM conflictdb.change").fetchall()}
         now = time.monotonic()
         for mark in self._waiting.keys() - marked:
+            self.edits += 1
             if (committed_at := self._waiting.pop(mark)) >= self.since:
                 self.waited_s.append(now - committed_at)
         return not self._waiting and not marked
@@ -185,13 +191,15 @@ def worker(dsn: str) -> Iterator[tuple["subprocess.Popen[bytes]", IO[bytes]]]:
 class Soaked:
     """What came of editing for a while.
 
-    waited_s : how long each edit waited until it was current
+    waited_s : how long each edit waited until it was current, but for those of the beginning
+    edits : how many there were, those of the beginning too
     late_s : how far behind their pace editors were at the worst
     runs : how many detections the workers did
     errors : whatever an editor or a worker complained of
     """
 
     waited_s: list[float]
+    edits: int
     late_s: float
     runs: int
     errors: list[str]
@@ -223,7 +231,7 @@ def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float) -> S
                 runs += told["event"] == "run"
                 if told["event"] not in {"run", "conflictdb: working; Ctrl-C ends", "conflictdb: stopped"}:
                     errors.append(line)
-        return Soaked(lags.waited_s, max(one.late_s for one in crew), runs, errors)
+        return Soaked(lags.waited_s, lags.edits, max(one.late_s for one in crew), runs, errors)
 
 
 def _crew(dsn: str, keys: dict[str, list[str]], rate: float, editors: int, until: float, lags: Lags) -> list[Editor]:
@@ -287,13 +295,17 @@ def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, min
     with conflictdb.connect(dsn) as db, psycopg.connect(dsn, autocommit=True) as conn:
         load(db, Scene(SCENE), sea(objects, 1))
         db.detect(SCENE)
-        load_before = os.getloadavg()[0]
+        load_before, new = os.getloadavg()[0], sizes(conn)
         first = soak(dsn, rate, editors, workers, 60.0 * minutes)
         before = sizes(conn)
         second = soak(dsn, rate, editors, workers, 60.0 * minutes)
         after = sizes(conn)
         waited_s = np.array(first.waited_s + second.waited_s)
-        grown = {name: size / before[name] - 1.0 for name, size in after.items() if size >= SMALL_BYTES}
+        grown = {
+            name: size / before[name] - 1.0
+            for name, size in after.items()
+            if size >= SMALL_BYTES and name not in HISTORY
+        }
         return {
             "objects": objects,
             "editors": editors,
@@ -310,7 +322,7 @@ def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, min
             "drift": drift(db),
             "grown": max(grown.values(), default=0.0),
             "grown_most": max(grown, key=lambda name: grown[name], default=""),
-            "run_bytes": after["run"] - before["run"],
+            "history_bytes": sum(after[name] - new[name] for name in HISTORY) / (first.edits + second.edits),
             "load": max(load_before, os.getloadavg()[0]),
             "told": "; ".join(first.errors + second.errors),
         }
@@ -318,7 +330,7 @@ def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, min
 
 HEADS: Final = [
     *("objects", "editors", "workers", "minutes", "edits", "edits a s", "runs", "lag: median, s", "99 %, s"),
-    *("longest, s", "errors", "drift", "grown most", "load"),
+    *("longest, s", "errors", "drift", "grown most", "history, bytes an edit", "load"),
 ]
 
 
@@ -333,7 +345,8 @@ def table(rows: list[dict[str, Any]]) -> str:
                 *(f"{row['edits_a_s']:.1f}", f"{row['runs']:,}"),
                 *(f"{row[name]:.2f}" for name in ("median_s", "p99_s", "longest_s")),
                 *(str(row["errors"]), str(row["drift"])),
-                *(f"{row['grown_most']} {100.0 * row['grown']:+.1f} %", f"{row['load']:.1f}"),
+                *(f"{row['grown_most']} {100.0 * row['grown']:+.1f} %", f"{row['history_bytes']:,.0f}"),
+                f"{row['load']:.1f}",
             ]
             for row in rows
         ],
