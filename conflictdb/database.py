@@ -397,7 +397,6 @@ class Database:
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
-        attached.follow(self.connection, scene, again=True)
         # Not above: the solvers bring scipy, which takes longer to import than everything else.
         from conflictdb.db import detect
 

@@ -51,14 +51,17 @@ COMMENT ON FUNCTION _globe() IS 'What PROJ makes longitude and latitude on the s
 CREATE OR REPLACE FUNCTION _plane(
     p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS text
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
-    -- Without exponents, which PROJ takes for "east". A scene without objects has no centre yet.
-    SELECT CASE p_motion WHEN 'great_circle' THEN
-        format('+proj=gnom +lon_0=%s +lat_0=%s +R=%s +no_defs',
-               _exact_numeric(coalesce(p_centre_lon, 0)), _exact_numeric(coalesce(p_centre_lat, 0)), _sphere_m())
-    ELSE p_earth END;
-END;
+-- Not in SQL: format, which is only stable, keeps that from becoming a part of queries, and it is planned at each call.
+LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_motion = 'great_circle' THEN
+        -- Without exponents, which PROJ takes for "east". A scene without objects has no centre yet.
+        RETURN format('+proj=gnom +lon_0=%s +lat_0=%s +R=%s +no_defs', _exact_numeric(coalesce(p_centre_lon, 0)),
+                      _exact_numeric(coalesce(p_centre_lat, 0)), _sphere_m());
+    END IF;
+    RETURN p_earth;
+END
+$$;
 COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
 'The plane of a scene, where its tracks and edges are straight: the earth of a Mercator plane, or what PROJ makes a '
 'gnomonic one of.';

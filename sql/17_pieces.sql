@@ -15,6 +15,22 @@ $$;
 COMMENT ON FUNCTION _pending(bigint) IS
 'How many marks of areas and of tracks of a scene wait for detection; beyond a thousand a thousand.';
 
+CREATE OR REPLACE FUNCTION _area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
+    area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
+    ceiling_m double precision, footprint bytea
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Adding 0 keeps the scene from the index, by which all of its objects would be read.
+    SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
+           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
+           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
+    FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
+END;
+COMMENT ON FUNCTION _area_row(bigint, bigint) IS
+'An area of a scene without nulls: infinite instants and heights (metres) stand for unbounded. For queries, which it '
+'becomes a part of.';
+
 CREATE OR REPLACE FUNCTION _changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
@@ -22,21 +38,16 @@ CREATE OR REPLACE FUNCTION _changed_areas(
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
-           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
-    -- From the marks to their objects, whatever the planner believes of their number; adding 0 keeps the scene from the
-    -- index, by which all of its objects would be read.
+    -- From the marks to their objects, whatever the planner believes of their number.
+    SELECT a.*
     FROM (SELECT DISTINCT c.object_id FROM change c
           WHERE c.scene_id = p_scene_id AND c.object_kind = 0 AND c.object_id > p_after
           ORDER BY c.object_id OFFSET 0) c
-    JOIN area a ON a.area_id = c.object_id
-    WHERE a.scene_id + 0 = p_scene_id
+    CROSS JOIN LATERAL _area_row(p_scene_id, c.object_id) a
     ORDER BY c.object_id LIMIT p_most;
 END;
 COMMENT ON FUNCTION _changed_areas(bigint, bigint, bigint) IS
-'The marked areas of a scene after a number, so many at most, without nulls, for COPY: infinite instants and heights '
-'(metres) stand for unbounded.';
+'The marked areas of a scene after a number, so many at most, as _area_row has them, for COPY.';
 
 CREATE OR REPLACE FUNCTION _footprints(p_area_ids bigint[]) RETURNS TABLE (area_id bigint, footprint bytea)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -44,6 +55,22 @@ BEGIN ATOMIC
     SELECT a.area_id, ST_AsBinary(a.footprint, 'NDR') FROM area a WHERE a.area_id = ANY (p_area_ids);
 END;
 COMMENT ON FUNCTION _footprints(bigint[]) IS 'The footprints of some areas as WKB, longitude and latitude in degrees.';
+
+CREATE OR REPLACE FUNCTION _track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
+    track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
+    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
+           t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
+           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
+           coalesce(array_send(t.ceilings_m), '')
+    FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
+END;
+COMMENT ON FUNCTION _track_row(bigint, bigint) IS
+'A track of a scene without nulls: infinite heights (metres) stand for unbounded, empty outlines for none per '
+'waypoint, empty floors and ceilings (array_send) for none per leg. For queries, which it becomes a part of.';
 
 CREATE OR REPLACE FUNCTION _changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
@@ -53,22 +80,16 @@ CREATE OR REPLACE FUNCTION _changed_tracks(
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
-           t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
-           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), '')
-    -- From the marks to their objects, whatever the planner believes of their number; adding 0 keeps the scene from the
-    -- index, by which all of its objects would be read.
+    -- As of areas.
+    SELECT t.*
     FROM (SELECT DISTINCT c.object_id FROM change c
           WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id > p_after
           ORDER BY c.object_id OFFSET 0) c
-    JOIN track t ON t.track_id = c.object_id
-    WHERE t.scene_id + 0 = p_scene_id
+    CROSS JOIN LATERAL _track_row(p_scene_id, c.object_id) t
     ORDER BY c.object_id LIMIT p_most;
 END;
 COMMENT ON FUNCTION _changed_tracks(bigint, bigint, bigint) IS
-'The marked tracks of a scene after a number, so many at most, without nulls, for COPY: infinite heights (metres) '
-'stand for unbounded, empty outlines for none per waypoint, empty floors and ceilings (array_send) for none per leg.';
+'The marked tracks of a scene after a number, so many at most, as _track_row has them, for COPY.';
 
 CREATE OR REPLACE FUNCTION _begin_pieces(
     p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean

@@ -10,17 +10,19 @@ BEGIN
     FOREACH v_name IN ARRAY
         ARRAY['statement_timeout', 'idle_in_transaction_session_timeout', 'transaction_timeout'] LOOP
         -- Before version 17 there is no limit of whole transactions.
-        IF current_setting(v_name, true) IS NOT NULL THEN
+        IF current_setting(v_name, true) <> '0' THEN
             PERFORM set_config(v_name, '0', true);
         END IF;
     END LOOP;
     PERFORM set_config('lock_timeout', least(ceil(1000 * coalesce(p_lock_timeout_s, 0)), 2147483647)::integer::text,
                        true);
-    BEGIN
-        PERFORM set_config('client_connection_check_interval', '1s', true);
-    EXCEPTION WHEN invalid_parameter_value THEN
-        NULL; -- This system cannot tell: before version 15 all but Linux.
-    END;
+    IF current_setting('client_connection_check_interval') <> '1s' THEN
+        BEGIN
+            PERFORM set_config('client_connection_check_interval', '1s', true);
+        EXCEPTION WHEN invalid_parameter_value THEN
+            NULL; -- This system cannot tell: before version 15 all but Linux.
+        END;
+    END IF;
 END
 $$;
 COMMENT ON FUNCTION _lift_limits(double precision) IS

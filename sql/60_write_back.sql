@@ -134,23 +134,30 @@ $$;
 COMMENT ON FUNCTION _count_conflicts(bigint) IS 'How many conflicts a scene has, and how many of these are unresolved.';
 
 CREATE OR REPLACE FUNCTION _begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
-LANGUAGE sql VOLATILE
-BEGIN ATOMIC
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_run_id bigint;
+BEGIN
     -- Its reference to the scene keeps that from being removed meanwhile, which conflicts do without.
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, conflicts, unresolved, opened,
                      changed, closed)
         SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
-               (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
-               + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id),
+               -- Few changes say how many objects they added: counting takes longer than they do.
+               coalesce(last.objects + (p_run ->> 'more_objects')::bigint,
+                        (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
+                        + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id)),
                coalesce(last.conflicts, 0), coalesce(last.unresolved, 0), 0, 0, 0
         FROM jsonb_populate_record(NULL::run, p_run) r
-        LEFT JOIN LATERAL (SELECT o.conflicts, o.unresolved FROM run o
+        LEFT JOIN LATERAL (SELECT o.objects, o.conflicts, o.unresolved FROM run o
                            WHERE o.scene_id = p_scene_id AND o.error IS NULL ORDER BY o.run_id DESC LIMIT 1) last
             ON true
-        RETURNING run_id;
-END;
+        RETURNING run_id INTO v_run_id;
+    RETURN v_run_id;
+END
+$$;
 COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
-'Records a run that begins to write, with the conflicts there were before it (p_run: columns of run); returns it.';
+'Records a run that begins to write, with the conflicts there were before it (p_run: columns of run, and more_objects: '
+'by how many it has more than the last one, if that is known); returns it.';
 
 CREATE OR REPLACE FUNCTION _write_run(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
@@ -189,6 +196,8 @@ BEGIN
     -- When it began to write: the same for all parts of a run.
     SELECT r.finished_at INTO v_at FROM run r WHERE r.run_id = _write_run.run_id;
 
+    -- Beginning the statement takes longer than writing a row: it waits for one.
+    IF cardinality(p_digest) > 0 THEN
 WITH member AS MATERIALIZED (
         -- Each object is looked up once. OFFSET 0, and 0 that is added: by its number.
         SELECT d.kind, d.id, n.key, n.first_version
@@ -312,6 +321,7 @@ WITH member AS MATERIALIZED (
     UPDATE run r SET opened = r.opened + v_opened, changed = r.changed + v_changed, closed = r.closed + v_closed,
                      conflicts = r.conflicts + v_opened - v_closed, unresolved = r.unresolved + v_unresolved
         WHERE r.run_id = _write_run.run_id;
+    END IF;
     IF v_first_event IS NOT NULL THEN
         PERFORM _notify_events(p_scene_id, v_scene_name, run_id, v_first_event);
     END IF;

@@ -91,6 +91,8 @@ class Pieces:
     @classmethod
     def concatenate(cls, batches: Sequence["Pieces"]) -> Self:
         """Return the pieces of all batches in one; at least one batch."""
+        if len(batches) == 1:
+            return cls(*(getattr(batches[0], column.name) for column in fields(cls)))
         columns: dict[str, Any] = {}
         for column in fields(cls):
             parts = [getattr(batch, column.name) for batch in batches]

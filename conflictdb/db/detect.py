@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.db import store
+from conflictdb.db import attached, store
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import Method
 from conflictdb.model import Scene
@@ -96,6 +96,8 @@ def detect(
 ) -> Run:
     """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
 
+    Objects are brought in step with the tables that are attached to the scene first.
+
     Parameters
     ----------
     conn : psycopg connection without an open transaction
@@ -150,10 +152,13 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
     started = time.perf_counter()
     store.require_idle(conn, "a detection")
     store.require_writable(conn)
-    scene_id = store.scene_id(conn, scene)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
+    begun: store.Begun | None = None
     try:
-        taken = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+        begun = _begin(conn, scene, full, way)
+        scene_id = begun.scene_id
+        if begun.few is not None:
+            return _detect_few(conn, begun, begun.few, record, way, started)
         if full:
             store.mark_all(conn, scene_id)
         pending = _pending(conn, scene_id, way)
@@ -163,23 +168,70 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             with store.translated():
                 conn.commit()
             followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
-            if followed != taken + 1 or store.read_settings(conn, scene_id) != settings:
+            if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
                 # Another detection came in between, or other settings: whatever is still marked becomes ours now.
                 pending = _pending(conn, scene_id, way)
                 settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
-        return _refresh_conflicts(conn, scene_id, settings, record, way, started)
+        source = _SceneSource(conn, scene_id, way.memory)
+        staged = store.begin_write(conn, scene_id, record)
+        return _refresh_conflicts(conn, staged, source, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
         is_removed = False
         with suppress(ConflictDBError, psycopg.Error):
             conn.rollback()
             if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
+                scene_id = store.scene_id(conn, scene) if begun is None else begun.scene_id
                 is_removed = not store.is_scene(conn, scene_id)
                 if not is_removed:
                     store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
         if is_removed:
             raise StoreError(f"scene {scene!r} was removed while it was detected") from error
         raise
+
+
+def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> store.Begun:
+    """Begin the first transaction; before that, objects are brought in step with tables that are attached."""
+    few = -1 if full else _FEW_OBJECTS
+    again: bool | None = not way.only_pending
+    while True:
+        begun = store.begin_detection(conn, scene, few, way.lock_timeout_s, way.say, again)
+        if not begun.is_behind:
+            return begun
+        with store.translated():
+            conn.rollback()
+        attached.follow(conn, scene, again=again is True)
+        again = None
+
+
+def _detect_few(
+    conn: psycopg.Connection[Any],
+    begun: store.Begun,
+    few: store.Few,
+    record: store.RunRecord,
+    way: _Way,
+    started: float,
+) -> Run:
+    """Do all of a detection of few changed objects in the open transaction, and commit."""
+    if way.only_pending and not (few.area_ids or few.track_ids):
+        raise _NothingPending
+    clock = time.perf_counter()
+    settings, scene_id = begun.settings, begun.scene_id
+    areas = store.some_areas(conn, scene_id, few.area_ids) if few.area_ids else AreaBatch.of([])
+    tracks = store.some_tracks(conn, scene_id, few.track_ids) if few.track_ids else TrackBatch.of([])
+    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    record = replace(record, method=settings.method, settings=_told(settings))
+    if few.known_objects is not None:
+        record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
+    record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
+    source = _FewSource(conn, scene_id, way.memory, few.srid, pieces)
+    staged = store.begin_write(conn, scene_id, record)
+    return _refresh_conflicts(conn, staged, source, settings, record, way, started)
+
+
+def _told(settings: Scene) -> dict[str, Any]:
+    """Return settings as a run records them."""
+    return {name: value for name, value in asdict(settings).items() if name != "name"}
 
 
 def _pending(conn: psycopg.Connection[Any], scene_id: int, way: _Way) -> store.Pending:
@@ -203,11 +255,10 @@ def _refresh_pieces(
     """Make the pieces of the changed objects anew."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
-    wanted = {name: value for name, value in asdict(settings).items() if name != "name"}
     made = _made_pieces(conn, scene_id, pending, settings, memory)
     store.replace_pieces(conn, scene_id, made, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
-    return settings, replace(record, method=settings.method, settings=wanted, counted={"pieces_s": took_s})
+    return settings, replace(record, method=settings.method, settings=_told(settings), counted={"pieces_s": took_s})
 
 
 def _made_pieces(
@@ -246,29 +297,53 @@ class _SceneSource:
             yield self._with_pieces(found.a, found.b)
 
     def _with_pieces(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
-        """Return pieces by their ids, and the pairs as rows of them: in an order that does not depend on the ids."""
+        """Return pieces by their ids, and the pairs as rows of them."""
         pieces = store.pieces(self._conn, self._scene_id, np.unique(np.concatenate([a, b])))
-        by_id = np.argsort(pieces.piece_id)
-        first, second = (by_id[np.searchsorted(pieces.piece_id, ids, sorter=by_id)] for ids in (a, b))
-        a, b = np.minimum(first, second), np.maximum(first, second)
-        order = np.lexsort((b, a))
-        return pieces, PieceRows(a[order]), PieceRows(b[order])
+        return pieces, *_rows_of(pieces, a, b)
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return store.footprints(self._conn, area_ids)
 
 
+def _rows_of(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[PieceRows, PieceRows]:
+    """Return pairs of ids as pairs of rows of pieces, in an order that does not depend on the ids."""
+    by_id = np.argsort(pieces.piece_id)
+    first, second = (by_id[np.searchsorted(pieces.piece_id, ids, sorter=by_id)] for ids in (a, b))
+    a, b = np.minimum(first, second), np.maximum(first, second)
+    order = np.lexsort((b, a))
+    return PieceRows(a[order]), PieceRows(b[order])
+
+
+class _FewSource(_SceneSource):
+    """The pieces of few changed objects, which it stores, and all they may meet."""
+
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory, srid: int, pieces: Pieces) -> None:
+        super().__init__(conn, scene_id, memory)
+        self._srid, self._pieces = srid, pieces
+
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        if not len(self._pieces):
+            return
+        # One more tells that there are too many to hold at once.
+        most = self._pairs_at_once + 1
+        pieces, a, b = store.put_pieces(self._conn, self._scene_id, self._srid, self._pieces, most)
+        if len(a) < most:
+            yield pieces, *_rows_of(pieces, a, b)
+        else:
+            del pieces, a, b
+            yield from super().candidates()
+
+
 def _refresh_conflicts(
     conn: psycopg.Connection[Any],
-    scene_id: int,
+    staged: store.Staged,
+    source: _SceneSource,
     settings: Scene,
     record: store.RunRecord,
     way: _Way,
     started: float,
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
-    source = _SceneSource(conn, scene_id, way.memory)
-    staged = store.begin_write(conn, scene_id, record)
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
     chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
     for found, of_chunk in chunks:

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db import attached, detect, probes, schema, store
+from conflictdb.db import detect, probes, schema, store
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.pipeline.memory import MEMORY_MB
 
@@ -218,7 +218,6 @@ class Worker:
             self.state.scene = scene
             changed_at_s = looked_at_s - waited_s
             try:
-                attached.follow(connection, scene, again=False)
                 run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
             except LockTimeout as error:
                 well &= self._passed_over(scene, error, say_after_s, changed_at_s)

@@ -30,12 +30,11 @@ Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some objects; what cannot be cut is covered."""
-    return Pieces.concatenate(
-        [
-            *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
-            *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
-        ]
-    )
+    made = [
+        *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
+        *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
+    ]
+    return Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
@@ -55,18 +54,19 @@ def _pieces(
     every = np.arange(len(batch))
 
     def cut_some(rows: NDArray[np.int64]) -> Pieces:
-        return cut(scene, plane, batch.take(rows))
+        return cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows))
 
     def cover(rows: NDArray[np.int64]) -> Pieces:
         return covers(plane, batch.take(rows))
 
-    made = isolated(every, cut_some, cover, f"{kind} in row")
-    found = [cut_some(every[:0])]
-    for rows, pieces in made:
+    found = []
+    for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
         unsound = rows[~np.isin(ids[rows], _sound(pieces, ids[rows]))]
-        found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
         if unsound.size:
+            found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
             found.append(cover(unsound))
+        else:
+            found.append(pieces)
     return found
 
 

@@ -631,6 +631,9 @@ FUNCTION _area_before()
 FUNCTION _area_feature(p_area area)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
+FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
+    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -661,6 +664,9 @@ FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
 FUNCTION _begin_attached()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
+FUNCTION _begin_detection(p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean, OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT motion text, OUT earth text, OUT method text, OUT tolerance_m double precision, OUT separation_m double precision, OUT nearest_m double precision, OUT centre_lon double precision, OUT centre_lat double precision, OUT srid integer, OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
 FUNCTION _begin_load()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
@@ -668,7 +674,7 @@ FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean, p_is_full boolean,
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
-    RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashagg=off SET jit=off;
@@ -995,7 +1001,7 @@ FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, 
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
-    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+    RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1014,6 +1020,9 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT met bytea)
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1102,6 +1111,12 @@ FUNCTION _shown(p_span tstzrange)
 FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1149,6 +1164,9 @@ FUNCTION _track_before()
 
 FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+
+FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

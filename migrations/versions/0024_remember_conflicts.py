@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "65debe6a86eed1ec9c2ce870c6b88dc158d9db2444b422ff52e74bfb563f0d2c"
+routines_sha256 = "37ec79e103fca839ef8265837458ca6a019a7098b810647906834ff16ff0747a"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

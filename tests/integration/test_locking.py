@@ -16,7 +16,7 @@ from verdicts import Pair, Reported, by_pair, solved
 
 from conflictdb.cli.codes import FAILED
 from conflictdb.db import detect, store
-from conflictdb.db.store import connection, locking
+from conflictdb.db.store import connection, few, locking
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
@@ -167,16 +167,16 @@ def test_a_snapshot_from_before_the_end_of_another_detection_is_taken_anew(
     within: list[str] = []
 
     def slowly(connection: Conn, routine: str, *arguments: object) -> tuple[Any, ...]:
-        if connection is conn and routine == "_take_scene" and len(within) < 2:
+        if connection is conn and routine == "_begin_detection" and len(within) < 2:
             within.append(routine)
             store.replace_scene(other, SCENE, [AREA], [track("B", 57.0, 1_000_000), TRACKS[1]], merge=False)
             detect.detect(other, SCENE.name, jobs=1)
         return connection_call(connection, routine, *arguments)
 
     connection_call = connection.call
-    monkeypatch.setattr(locking, "call", slowly)
+    monkeypatch.setattr(few, "call", slowly)
     run = detect.detect(conn, SCENE.name, jobs=1)
-    assert within == ["_take_scene"] * 2
+    assert within == ["_begin_detection"] * 2
     assert (run.candidate_pairs, run.opened, run.changed) == (0, 0, 0), "the other one has done it all"
     moved = [track("B", 57.0, 1_000_000), TRACKS[1]]
     assert by_pair(store.conflicts(conn, SCENE.name)) == solved(SCENE, [AREA], moved)
@@ -217,16 +217,19 @@ def stepped(dsn: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Stepped]:
     """Two detections, a and b, before their first transactions."""
     both = {name: Stepped(dsn) for name in "ab"}
     by_thread = {one.thread: one for one in both.values()}
-    begin_locked = store.begin_locked
 
-    def gated(*arguments: Any) -> int:
-        one = by_thread.get(threading.current_thread())
-        if one is not None:
-            one.at_gate.release()
-            assert one.go.acquire(timeout=WAIT_S)
-        return begin_locked(*arguments)
+    def gated(begin: Callable[..., Any]) -> Callable[..., Any]:
+        def wait(*arguments: Any) -> Any:
+            one = by_thread.get(threading.current_thread())
+            if one is not None:
+                one.at_gate.release()
+                assert one.go.acquire(timeout=WAIT_S)
+            return begin(*arguments)
 
-    monkeypatch.setattr(store, "begin_locked", gated)
+        return wait
+
+    for begin_one in (store.begin_detection, store.begin_locked):
+        monkeypatch.setattr(store, begin_one.__name__, gated(begin_one))
     monkeypatch.setattr(detect, "_FEW_OBJECTS", -1)  # two transactions, however few objects changed
     return both
 
@@ -355,10 +358,12 @@ def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn,
 @pytest.mark.parametrize(
     ("place", "is_one_transaction"),
     [
+        ("begin_detection", False),
         ("begin_locked", False),
         ("begin_write", False),
         ("end_write", False),
-        ("begin_locked", True),
+        ("begin_detection", True),
+        ("put_pieces", True),
         ("end_write", True),
     ],
 )
@@ -372,6 +377,8 @@ def test_a_scene_may_be_removed_while_it_is_detected(
 ) -> None:
     """At once but while the detection writes, which says what has become of the scene."""
     another = store.set_scene(conn, Scene("another"))
+    # Few changes are written from the beginning of their one transaction on.
+    waits = is_one_transaction or place == "end_write"
     whole = getattr(store, place)
     removals: list[threading.Thread] = []
 
@@ -384,13 +391,13 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         if not removals:
             removals.append(threading.Thread(target=remove))
             removals[0].start()
-            removals[0].join(1.0 if place == "end_write" else WAIT_S)
-            assert removals[0].is_alive() == (place == "end_write")
+            removals[0].join(0.5 if waits else WAIT_S)
+            assert removals[0].is_alive() == waits
         return result
 
     monkeypatch.setattr(store, place, meanwhile)
     monkeypatch.setattr(detect, "_FEW_OBJECTS", 100 if is_one_transaction else -1)
-    if place == "end_write":
+    if waits:
         assert detect.detect(conn, SCENE.name, jobs=1).conflicts == 1
     else:
         with pytest.raises(StoreError, match="scene 's' was removed while it was detected"):
@@ -406,4 +413,4 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         conn.execute("SET LOCAL ROLE conflictdb_editor")
         conn.execute("DELETE FROM conflictdb.scene")
     left = conn.execute("SELECT scene_id FROM conflictdb.scene_lock").fetchall()
-    assert left == ([] if place == "end_write" else [(scene_id,)]), "no lock stays but one that was held"
+    assert left == ([] if waits else [(scene_id,)]), "no lock stays but one that was held"

@@ -360,22 +360,21 @@ def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str, monkeypatc
 
 def test_what_another_has_done_meanwhile_is_no_run(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it came before the first transaction or between the two."""
-    begin_locked = store.begin_locked
-    for place in (1, 2):
+    for place, begin in enumerate((store.begin_detection, store.begin_locked), 1):
         calls: list[int] = []
 
-        def meanwhile(conn: Any, *arguments: Any, place: int = place, calls: list[int] = calls) -> int:
-            calls.append(len(calls) + 1)
-            if calls[-1] == place:
+        def meanwhile(conn: Any, *arguments: Any, begin: Any = begin, calls: list[int] = calls) -> Any:
+            calls.append(1)
+            if len(calls) == 1:
                 with store.connect(dsn) as other:
                     detect.detect(other, "strait", jobs=1)
-            return begin_locked(conn, *arguments)
+            return begin(conn, *arguments)
 
         with connect(dsn) as db:
             db.load(STRAIT, "strait")
             store.set_scene(db.connection, Scene("strait", tolerance_m=float(place)))
         with monkeypatch.context() as patch, store.connect(dsn) as conn:
-            patch.setattr(store, "begin_locked", meanwhile)
+            patch.setattr(store, begin.__name__, meanwhile)
             patch.setattr(detect, "_FEW_OBJECTS", -1)  # two transactions, however few objects changed
             assert detect.detect_pending(conn, "strait", jobs=1) is None
             assert len(store.runs(conn, "strait", 9)) == place, "the other one's"

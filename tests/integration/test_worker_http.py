@@ -9,6 +9,7 @@ import urllib.error
 import urllib.request
 from contextlib import suppress
 from http.client import HTTPMessage
+from typing import Any
 
 import psycopg
 import pytest
@@ -71,14 +72,14 @@ def test_metrics_count_detections_and_failures(dsn: str, monkeypatch: pytest.Mon
     worker = Worker(lambda: store.connect(dsn), lambda scene, *_: reports.append(scene), jobs=1)
     metrics = Metrics(worker.state)
     worker.report = metrics.counted(worker.report)
-    whole = store.pending
+    whole = store.put_pieces
 
-    def sometimes(conn: psycopg.Connection[object], scene_id: int) -> store.Pending:
+    def sometimes(conn: psycopg.Connection[object], scene_id: int, *more: Any) -> Any:
         if scene_id == store.scene_id(conn, bad):
             raise ValueError("no luck")
-        return whole(conn, scene_id)
+        return whole(conn, scene_id, *more)
 
-    monkeypatch.setattr(store, "pending", sometimes)
+    monkeypatch.setattr(store, "put_pieces", sometimes)
     assert not worker.once()
     assert sorted(reports) == sorted(["good", bad])
     with served((HERE, 0), worker.state, metrics, 60.0) as port:

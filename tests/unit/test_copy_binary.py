@@ -216,3 +216,12 @@ def test_rows_are_their_parts_one_after_the_other() -> None:
     ragged = np.arange(10, 20, dtype=np.uint8), np.array([1, 1, 4])
     assert interleaved([fixed, ragged, np.empty((2, 0), np.uint8)]).tolist() == [0, 1, 2, 3, 11, 12, 13]
     assert interleaved([fixed[:0]]).tolist() == []
+
+
+def test_arrays_of_few_values_are_those_of_many() -> None:
+    """Whether they are written one by one or by the kernel, nulls and all."""
+    strings = [None if i % 7 == 3 else bytes([i]) * (i % 5) for i in range(100)]
+    many = copy_binary.array([copy_binary.Ragged.of(strings)], "bytea").sent
+    few = [copy_binary.array([copy_binary.Ragged.of(strings[i : i + 4])], "bytea").sent for i in range(0, 100, 4)]
+    head = 20  # dimensions, nulls, type, length, lower bound
+    assert many[head:] == b"".join(sent[head:] for sent in few)

@@ -38,6 +38,7 @@ from conflictdb.db.store.detection import (
     pending,
     replace_pieces,
 )
+from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
 from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.db.store.objects import (
     LoadCounts,
@@ -107,7 +108,9 @@ __all__ = [
     "AttachedWork",
     "Attachment",
     "AttachmentPreview",
+    "Begun",
     "Candidates",
+    "Few",
     "Holder",
     "LoadCounts",
     "Pending",
@@ -128,6 +131,7 @@ __all__ = [
     "attachment_failed",
     "attachments",
     "attachments_to_follow",
+    "begin_detection",
     "begin_locked",
     "begin_snapshot",
     "begin_write",
@@ -168,6 +172,7 @@ __all__ = [
     "pieces_meeting",
     "plan_of",
     "preview_attachment",
+    "put_pieces",
     "read_attached",
     "read_scene",
     "read_settings",
@@ -185,6 +190,8 @@ __all__ = [
     "seconds_to_comparison",
     "service",
     "set_scene",
+    "some_areas",
+    "some_tracks",
     "stage",
     "take_over_attached",
     "tile",

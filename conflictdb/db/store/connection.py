@@ -75,7 +75,7 @@ def call_each(
     """Yield the rows of a routine of the schema conflictdb, read as they are asked for; a transaction must be open."""
     with translated(), psycopg.ServerCursor(conn, f"conflictdb_{next(_CURSORS)}", row_factory=tuple_row) as cursor:
         cursor.itersize = rows_at_once
-        cursor.execute(_query(routine, arguments), arguments, binary=True)
+        cursor.execute(query_of(routine, arguments), arguments, binary=True)
         yield from cursor
 
 
@@ -96,11 +96,12 @@ def _rows(
     with translated(), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
         if any(isinstance(argument, Array) for argument in arguments):
             cursor.adapters.register_dumper(Array, ArrayDumper)
-        cursor.execute(_query(routine, arguments), arguments, prepare=False, binary=True)
+        cursor.execute(query_of(routine, arguments), arguments, prepare=False, binary=True)
         return cursor.fetchall()
 
 
-def _query(routine: str, arguments: Sequence[object]) -> bytes:
+def query_of(routine: str, arguments: Sequence[object]) -> bytes:
+    """Return the statement that calls a routine of the schema conflictdb, with a parameter for each argument."""
     # Names of routines come from this package only, values are always parameters.
     return f"SELECT * FROM conflictdb.{routine}({', '.join(['%s'] * len(arguments))})".encode()  # noqa: S608
 
@@ -166,12 +167,15 @@ def join(conn: psycopg.Connection[Any]) -> None:
             conn.execute("SELECT", prepare=False)  # any statement begins it
 
 
-def begin_snapshot(conn: psycopg.Connection[Any]) -> None:
-    """Begin a transaction that sees one state of the database throughout; commit or roll back ends it."""
+def begin_snapshot(conn: psycopg.Connection[Any], first: str = "") -> None:
+    """Begin a transaction that sees one state of the database throughout; commit or roll back ends it.
+
+    first : a statement that goes along, whose answer is not asked for
+    """
     require_idle(conn, "a snapshot")
     begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
     with translated():
-        conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ".encode(), prepare=False)
+        conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ; {first}".encode(), prepare=False)
         _use_utf8(conn)
 
 

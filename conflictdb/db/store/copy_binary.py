@@ -7,14 +7,16 @@ COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WK
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from itertools import pairwise
+from typing import Any, Final, cast
 
 import numpy as np
 import psycopg
 from numpy.typing import ArrayLike, NDArray
+from psycopg.pq.abc import PGresult
 
-from conflictdb.db.store.connection import call, translated
-from conflictdb.db.store.parameters import Array
+from conflictdb.db.store.connection import call, query_of, translated
+from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.kernel.rows import Part, interleaved
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 
@@ -26,6 +28,8 @@ _EPOCH_US: Final = 946_684_800_000_000
 _SIGNATURE: Final = b"PGCOPY\n\xff\r\n\0"
 _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
+_NULL: Final = struct.pack(">i", -1)  # in place of the length of a value
+_FEW: Final = 32  # rows that take less time one by one than the kernel takes to be told of
 _ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of what is sent
 _CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
 
@@ -36,9 +40,11 @@ _OID: Final = {
     "bytea": 17,
     "bigint": 20,
     "smallint": 21,
+    "integer": 23,
     "text": 25,
     "tid": 27,
     "double precision": 701,
+    "tstzrange": 3910,
     "timestamptz": 1184,
     "tstzmultirange": 4534,
 }
@@ -240,8 +246,28 @@ def array(columns: Sequence[Column], of: str) -> Array:
     count = sum(map(length, columns))
     if not count:
         return Array(struct.pack(">iii", 0, 0, _OID[of]))
-    values = b"".join(interleaved(fields(column)).tobytes() for column in columns)
+    values = b"".join(_with_lengths(column) for column in columns)
     return Array(struct.pack(">iiiii", 1, 1, _OID[of], count, 1) + values)
+
+
+def _with_lengths(column: Column) -> bytes:
+    """Return the values of a column one after the other, the length of each (-1 null) before it."""
+    if not isinstance(column, np.ndarray):
+        return _few_with_lengths(column) if length(column) <= _FEW else interleaved(fields(column)).tobytes()
+    n, width = column.shape
+    values = np.empty((n, 4 + width), np.uint8)
+    values[:, :4] = np.frombuffer(struct.pack(">i", width), np.uint8)
+    values[:, 4:] = column
+    return values.tobytes()
+
+
+def _few_with_lengths(column: Ragged) -> bytes:
+    """Return as `_with_lengths` the values of a few rows, one by one."""
+    data, offset = column.data.tobytes(), column.offset.tolist()
+    values = [struct.pack(">i", end - start) + data[start:end] for start, end in pairwise(offset)]
+    if column.is_null is not None:
+        values = [_NULL if is_null else value for value, is_null in zip(values, column.is_null.tolist(), strict=True)]
+    return b"".join(values)
 
 
 def length(column: Column) -> int:
@@ -295,6 +321,30 @@ def receive_arrays(
         values = np.frombuffer(sent[_ARRAY_HEADER:], [("length", ">i4"), ("value", f">{kind}")])
         columns[name] = _native(values["value"])
     return columns
+
+
+def few(
+    conn: psycopg.Connection[Any],
+    routine: str,
+    arguments: Sequence[object],
+    dtype: Sequence[tuple[str, str]],
+    ragged: Sequence[str] = (),
+) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
+    """Return the rows of a set-returning routine as `receive` does: sooner, if they are few.
+
+    Arguments may be arrays (`array`).
+    """
+    with translated(), psycopg.Cursor(conn) as cursor:
+        cursor.adapters.register_dumper(Array, ArrayDumper)
+        cursor.execute(query_of(routine, arguments), arguments, prepare=False, binary=True)
+        sent = cast("PGresult", cursor.pgresult)
+        rows, value = range(sent.ntuples), sent.get_value
+        columns = [[value(row, column) or b"" for row in rows] for column in range(len(dtype) + len(ragged))]
+    fixed_width = {
+        name: _native(np.frombuffer(b"".join(column), dtype=f">{kind}"))
+        for (name, kind), column in zip(dtype, columns[: len(dtype)], strict=True)
+    }
+    return fixed_width, dict(zip(ragged, columns[len(dtype) :], strict=True))
 
 
 def decoded(

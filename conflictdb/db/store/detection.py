@@ -23,12 +23,14 @@ from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
 from conflictdb.results import Kind
 
-_AREA_COLUMNS = [
+AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
 ]  # fmt: skip
-_TRACK_COLUMNS = [
+AREA_STRINGS = ["footprint"]
+TRACK_COLUMNS = [
     ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
 ]  # fmt: skip
+TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
 
 # Before the numbers of all objects.
 _FIRST: Final = -(2**63)
@@ -61,9 +63,12 @@ def changed_areas(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> AreaBatch:
     """Return the areas of a scene that changed since the last detection: so many at most after a number."""
-    columns, strings = copy_binary.receive(
-        conn, "_changed_areas", [scene_id, after, most], _AREA_COLUMNS, ["footprint"]
-    )
+    sent = copy_binary.receive(conn, "_changed_areas", [scene_id, after, most], AREA_COLUMNS, AREA_STRINGS)
+    return area_batch(*sent)
+
+
+def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> AreaBatch:
+    """Return areas of the columns of their rows (_area_row)."""
     footprint = np.empty(len(columns["area_id"]), dtype=object)
     footprint[:] = shapely.from_wkb(strings["footprint"])
     return AreaBatch(
@@ -89,8 +94,12 @@ def changed_tracks(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> TrackBatch:
     """Return the tracks of a scene that changed since the last detection: so many at most after a number."""
-    names = ["path", "outline", "outlines", "floors", "ceilings"]
-    columns, strings = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], _TRACK_COLUMNS, names)
+    sent = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], TRACK_COLUMNS, TRACK_STRINGS)
+    return track_batch(*sent)
+
+
+def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> TrackBatch:
+    """Return tracks of the columns of their rows (_track_row)."""
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
     outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
@@ -144,7 +153,7 @@ def replace_pieces(
         for kind in Kind:
             rows = _by_place(pieces, np.flatnonzero(pieces.kind == kind.code))
             if rows.size:
-                copy_binary.send(conn, table, _piece_columns(pieces.take(rows), scene_id, srid, kind))
+                copy_binary.send(conn, table, piece_columns(pieces.take(rows), scene_id, srid, kind))
     if is_compared:
         (count,) = call(conn, "_compare_pieces", scene_id)
     call(conn, "_end_pieces", scene_id, count)
@@ -164,7 +173,8 @@ def _by_place(pieces: Pieces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return rows[np.argsort(cells[:, 0] | (cells[:, 1] << np.uint64(1)), kind="stable")]
 
 
-def _piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:
+def piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:
+    """Return the columns of rows of the table `piece`; those of areas have less."""
     n = len(pieces)
     shape_xy, shape_offset = copy_binary.closed_rings(pieces.shape_xy, pieces.shape_offset)
     columns: dict[str, copy_binary.Column] = {

@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import psycopg
 
 from conflictdb.db.store.connection import begin_snapshot, call, call_many, transaction
 from conflictdb.errors import LockTimeout, StoreError
 
+_T = TypeVar("_T")
 Say = Callable[[str], object]
 
 # A detection that waits for another one says so after this time, and looks whether it is still the same one.
@@ -48,18 +49,40 @@ def begin_locked(
 
     Raises LockTimeout, without an open transaction, if somebody else keeps it for `lock_timeout_s` (None: no limit).
     """
+
+    def take(wait_s: float) -> int | None:
+        (taken,) = call(conn, "_take_scene", scene_id, wait_s)
+        return None if taken is None else int(taken)
+
+    return begin_taking(conn, take, lambda: scene_id, scene, lock_timeout_s, say)
+
+
+def begin_taking(
+    conn: psycopg.Connection[Any],
+    take: Callable[[float], _T | None],
+    scene_id: Callable[[], int],
+    scene: str,
+    lock_timeout_s: float | None,
+    say: Say,
+) -> _T:
+    """Begin a transaction as `begin_locked` does, with a routine that takes the lock of a scene; return what it does.
+
+    take : told how long to wait, seconds; None if the lock cannot be had
+    scene_id : the number of the scene, asked for where it has to be waited for
+    """
     start = time.monotonic()
     said = ""
     while True:
         left_s = SAY_AFTER_S if lock_timeout_s is None else max(0.0, start + lock_timeout_s - time.monotonic())
-        taken = _begin(conn, scene_id, min(SAY_AFTER_S, left_s), lock_timeout_s)
+        taken = _begin(conn, take, min(SAY_AFTER_S, left_s), lock_timeout_s)
         if taken is not None:
             return taken
+        key = scene_id()
         with transaction(conn):
-            (had_none,) = call(conn, "_add_scene_lock", scene_id)
+            (had_none,) = call(conn, "_add_scene_lock", key)
         if had_none:
             continue
-        holder = _holder(conn, scene_id)
+        holder = _holder(conn, key)
         waited_s = time.monotonic() - start
         if lock_timeout_s is not None and waited_s >= lock_timeout_s:
             waited = f"waited {lock_timeout_s:g} s: " if lock_timeout_s > 0.0 else ""
@@ -70,14 +93,19 @@ def begin_locked(
             said = holder
 
 
-def _begin(conn: psycopg.Connection[Any], scene_id: int, wait_s: float, lock_timeout_s: float | None) -> int | None:
+def _begin(
+    conn: psycopg.Connection[Any],
+    take: Callable[[float], _T | None],
+    wait_s: float,
+    lock_timeout_s: float | None,
+) -> _T | None:
     """Begin the transaction; returns None, with none open, if somebody else keeps the lock for `wait_s`."""
     while True:
-        begin_snapshot(conn)
+        # First, and by itself: a limit that is changed holds from the next statement on.
+        limit = "NULL" if lock_timeout_s is None else f"'{float(lock_timeout_s)!r}'"
         try:
-            # First, and by itself: a limit that is changed holds from the next statement on.
-            call(conn, "_lift_limits", lock_timeout_s)
-            (taken,) = call(conn, "_take_scene", scene_id, wait_s)
+            begin_snapshot(conn, f"SELECT conflictdb._lift_limits({limit})")
+            taken = take(wait_s)
         except LockTimeout:
             conn.rollback()
             return None
@@ -88,8 +116,7 @@ def _begin(conn: psycopg.Connection[Any], scene_id: int, wait_s: float, lock_tim
             raise
         if taken is None:
             conn.rollback()
-            return None
-        return int(taken)
+        return taken
 
 
 def _holder(conn: psycopg.Connection[Any], scene_id: int) -> str:

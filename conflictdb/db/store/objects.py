@@ -90,7 +90,7 @@ def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
     """Return every scene, by name."""
     with transaction(conn):
-        return [SceneStatus(row[0], _scene(*row[1:10]), *row[10:]) for row in call_many(conn, "_scenes")]
+        return [SceneStatus(row[0], scene_of(*row[1:10]), *row[10:]) for row in call_many(conn, "_scenes")]
 
 
 def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
@@ -115,7 +115,7 @@ def read_scene(
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
     """Return the settings of a scene, None if there is none of that name."""
     with transaction(conn):
-        return next((_scene(*row) for row in call_many(conn, "_scene_named", name)), None)
+        return next((scene_of(*row) for row in call_many(conn, "_scene_named", name)), None)
 
 
 def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
@@ -126,7 +126,7 @@ def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
 
 def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     """Return the settings of the scene with that id, as the transaction sees them."""
-    return _scene(*call(conn, "_scene", scene_id))
+    return scene_of(*call(conn, "_scene", scene_id))
 
 
 def _areas(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None) -> list[Area]:
@@ -337,7 +337,7 @@ def _settings(scene: Scene) -> tuple[object, ...]:
     )
 
 
-def _scene(
+def scene_of(
     name: str,
     motion: str,
     earth: str,
@@ -348,5 +348,6 @@ def _scene(
     centre_lon: float | None,
     centre_lat: float | None,
 ) -> Scene:
+    """Return a scene with its settings as routines give them (_scene)."""
     centre = None if centre_lon is None or centre_lat is None else (centre_lon, centre_lat)
     return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, nearest_m, centre)

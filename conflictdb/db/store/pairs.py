@@ -3,7 +3,7 @@
 In the second transaction of a detection: `candidates`, and `pieces` of some of them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,13 @@ from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call_each
 from conflictdb.db.store.objects import decode_rings
 
-_PIECE_COLUMNS = [
+PIECE_COLUMNS = [
     ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("part", "i4"),
     ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"), ("ceiling_m", "f8"),
     ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"), ("end_lon_deg", "f8"),
     ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
+PIECE_STRINGS = ["hull", "shape", "shape_to"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +47,15 @@ def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> It
 
 def pieces(conn: psycopg.Connection[Any], scene_id: int, piece_ids: NDArray[np.int64]) -> Pieces:
     """Return some pieces of a scene; their order follows kind, key, part and turn, not the database's numbering."""
-    strings = ["hull", "shape", "shape_to"]
-    columns, wkb = copy_binary.receive(conn, "_pieces", [scene_id, piece_ids.tolist()], _PIECE_COLUMNS, strings)
-    return _decoded(columns, *(wkb[name] for name in strings)).take(np.argsort(columns["rank"]))
+    columns, strings = copy_binary.receive(
+        conn, "_pieces", [scene_id, piece_ids.tolist()], PIECE_COLUMNS, PIECE_STRINGS
+    )
+    return decoded(columns, strings).take(np.argsort(columns["rank"]))
 
 
-def _decoded(
-    columns: dict[str, NDArray[Any]], hulls: Sequence[bytes], shapes: Sequence[bytes], changed: Sequence[bytes]
-) -> Pieces:
+def decoded(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> Pieces:
+    """Return pieces of the columns of their rows (_pieces), in their order."""
+    hulls, shapes, changed = (strings[name] for name in PIECE_STRINGS)
     if any(changed):
         start, ring = copy_binary.vertices(shapes, copy_binary.WKB_POLYGON)
         end, _ = copy_binary.vertices([b or a for a, b in zip(shapes, changed, strict=True)], copy_binary.WKB_POLYGON)

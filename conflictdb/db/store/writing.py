@@ -64,12 +64,14 @@ class RunRecord:
 
     counted : pairs that remained after each stage and seconds each stage took, by the names of the columns of the table
         `run`, as far as it came; other names are left aside
+    more_objects : by how many the scene has more than after the last one; None: they are counted
     """
 
     method: str
     settings: Mapping[str, Any]
     started_at: datetime
     counted: Mapping[str, float] = field(default_factory=dict)
+    more_objects: int | None = None
 
     def digest_key(self) -> bytes:
         """Return a key for digests of what is found: what is not known of that follows from method and settings."""
@@ -79,9 +81,10 @@ class RunRecord:
     def as_json(self, **more: float) -> str:
         """Return it as the database takes it."""
         started_at = self.started_at.isoformat()
-        return json.dumps(
-            {"method": self.method, "settings": self.settings, "started_at": started_at, **self.counted, **more}
-        )
+        told: dict[str, Any] = {"method": self.method, "settings": self.settings, "started_at": started_at}
+        if self.more_objects is not None:
+            told["more_objects"] = self.more_objects
+        return json.dumps({**told, **self.counted, **more})
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,165 @@
+-- Detection where few objects changed: the same steps as where many did, in one transaction, with few calls, and by the
+-- indexes, whatever the statistics know. What these functions cost depends neither on the size of the scene nor on how
+-- many rows of its tables are dead: right after a detection in full those of `change` are.
+
+CREATE OR REPLACE FUNCTION _begin_detection(
+    p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean,
+    OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT motion text, OUT earth text, OUT method text,
+    OUT tolerance_m double precision, OUT separation_m double precision, OUT nearest_m double precision,
+    OUT centre_lon double precision, OUT centre_lat double precision, OUT srid integer, OUT area_ids bigint[],
+    OUT track_ids bigint[], OUT known_objects bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_marks tid[];
+    v_numbers bigint[];
+    v_are_new boolean;
+BEGIN
+    scene_id := _scene_id(p_scene);
+    taken := _take_scene(scene_id, p_wait_s);
+    IF taken IS NULL THEN
+        RETURN;
+    END IF;
+    is_behind := p_try_again IS NOT NULL
+                 AND EXISTS (SELECT FROM attachment a WHERE a.scene_id = _begin_detection.scene_id)
+                 AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again));
+    SELECT s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat,
+           _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+        INTO motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid
+        FROM scene s WHERE s.scene_id = _begin_detection.scene_id;
+    IF is_behind OR p_few < 0 THEN
+        RETURN;
+    END IF;
+    SELECT array_agg(m.place), array_agg(DISTINCT _object_number(m.object_kind, m.object_id)),
+           NOT bool_or(m.is_covered)
+        INTO v_marks, v_numbers, v_are_new
+        FROM (SELECT c.ctid AS place, c.object_kind, c.object_id, c.is_covered FROM change c
+              WHERE c.scene_id = _begin_detection.scene_id LIMIT p_few + 1) m;
+    IF cardinality(v_marks) > p_few THEN
+        RETURN;
+    END IF;
+    SELECT coalesce(array_agg(n) FILTER (WHERE n < 1::bigint << 62), '{}'),
+           coalesce(array_agg(n & ((1::bigint << 62) - 1)) FILTER (WHERE n >= 1::bigint << 62), '{}')
+        INTO area_ids, track_ids FROM unnest(v_numbers) n;
+    -- Who removes the scene waits for what is written from here on, or was first.
+    PERFORM FROM scene s WHERE s.scene_id = _begin_detection.scene_id FOR KEY SHARE;
+    -- OFFSET 0: each object's pieces are looked up.
+    WITH dropped AS (
+        DELETE FROM piece p WHERE p.ctid = ANY (ARRAY(
+            SELECT o.ctid FROM unnest(v_numbers) n
+            CROSS JOIN LATERAL (SELECT o.ctid FROM piece o
+                                WHERE o.object_kind = (n >> 62)::smallint AND o.object_id = n & ((1::bigint << 62) - 1)
+                                  AND o.scene_id + 0 = _begin_detection.scene_id OFFSET 0) o))
+            RETURNING p.object_kind, p.object_id
+    )
+    SELECT count(DISTINCT (d.object_kind, d.object_id)) INTO known_objects FROM dropped d;
+    UPDATE change c SET is_covered = true WHERE c.ctid = ANY (v_marks) AND NOT c.is_covered;
+    IF NOT v_are_new THEN
+        known_objects := NULL;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
+'Takes the lock of a scene as _take_scene does (taken is null if it cannot be had) and returns the settings. Is the '
+'scene behind tables that are attached to it (p_try_again: see _attachments_to_follow; null: not looked at), or has it '
+'more than p_few marks (less than 0: in any case), that is all, and the ids are null. Else the changed objects are '
+'returned, their pieces are dropped and their marks covered, for their new pieces follow in this transaction '
+'(_put_pieces). known_objects: how many of them the last detection knew, null where that cannot be told.';
+
+CREATE OR REPLACE FUNCTION _some_areas(
+    p_scene_id bigint, p_area_ids bigint[],
+    OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+BEGIN
+    RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n CROSS JOIN LATERAL _area_row(p_scene_id, n) a ORDER BY n;
+END
+$$;
+COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
+'Those of some areas that are in a scene, as _area_row has them, by number.';
+
+CREATE OR REPLACE FUNCTION _some_tracks(
+    p_scene_id bigint, p_track_ids bigint[],
+    OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
+    OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
+    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+BEGIN
+    RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n CROSS JOIN LATERAL _track_row(p_scene_id, n) t ORDER BY n;
+END
+$$;
+COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
+'Those of some tracks that are in a scene, as _track_row has them, by number.';
+
+CREATE OR REPLACE FUNCTION _put_pieces(
+    p_scene_id bigint, p_most bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[],
+    p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[],
+    p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamptz[],
+    p_leg_end timestamptz[], p_start_lon_deg double precision[], p_start_lat_deg double precision[],
+    p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[],
+    OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint,
+    OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
+    OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
+    OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
+    OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
+    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT met bytea
+) RETURNS SETOF record
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+#variable_conflict use_column
+DECLARE
+    v_made bigint[];
+    v_numbers bigint[];
+    v_a bigint[];
+    v_b bigint[];
+    v_met bigint[];
+BEGIN
+    WITH made AS (
+        INSERT INTO piece (scene_id, object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape,
+                           shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
+                           bearing_deg)
+            SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.part, m.turn, ST_GeomFromEWKB(m.hull), m.span,
+                   m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape), ST_GeomFromEWKB(m.shape_to), m.leg_start,
+                   m.leg_end, m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg
+            FROM unnest(p_object_kind, p_object_id, p_version, p_part, p_turn, p_hull, p_span, p_floor_m, p_ceiling_m,
+                        p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg, p_start_lat_deg, p_end_lon_deg,
+                        p_end_lat_deg, p_bearing_deg)
+                 m (object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape, shape_to,
+                    leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg)
+            RETURNING piece_id, object_kind, object_id
+    )
+    SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
+        INTO v_made, v_numbers FROM made m;
+    -- As _candidates finds them. OFFSET 0: each piece looks in the index, whatever the planner believes.
+    SELECT array_agg(c.a), array_agg(c.b) INTO v_a, v_b
+        FROM (SELECT a.piece_id AS a, b.piece_id AS b
+              FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
+              CROSS JOIN LATERAL (SELECT p.* FROM piece p
+                                  WHERE p.scene_id = a.scene_id AND p.hull && a.hull AND p.span && a.span
+                                    AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
+                                    AND (a.turn = 0 OR p.turn = 0)
+                                    AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id) OFFSET 0) b
+              -- A pair of two that changed is found from both sides, and taken from the first.
+              WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+                 OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)
+              LIMIT p_most) c;
+    v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
+    RETURN QUERY
+        SELECT p.*, coalesce(array_send(m.b), '')
+        FROM _pieces(p_scene_id, v_met) p
+        LEFT JOIN (SELECT c.a, array_agg(c.b) AS b FROM unnest(v_a, v_b) c (a, b) GROUP BY c.a) m ON m.a = p.piece_id
+        ORDER BY p.rank;
+END
+$$;
+COMMENT ON FUNCTION _put_pieces(
+    bigint, bigint, smallint[], bigint[], bigint[], integer[], smallint[], bytea[], tstzrange[], double precision[],
+    double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[], double precision[],
+    double precision[], double precision[], double precision[]) IS
+'Stores the pieces of the objects that _begin_detection returned, and does stage 1 for them: returns all pieces that '
+'have a candidate, as _pieces does, in the order of rank. met: of one that was stored the ids of its candidates '
+'(array_send), of each pair of two that were stored with the first; so many pairs at most.';
