@@ -273,7 +273,8 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
                 intervals = [((low - zero_us) / 1e6, (high - zero_us) / 1e6)]
             found += [(s + offset_s, e + offset_s) for s, e in intervals]
             if value < care_m and not on_earth and not found:
-                value, at = closest(Gap(p, other, zero_us, 0.0, care_m, on_earth=True), duration_s)
+                # No way is longer on the earth than in the plane; below 1e-5 m that is known better.
+                value, at = min((value, at), closest(Gap(p, other, zero_us, 0.0, care_m, on_earth=True), duration_s))
             if value < care_m:
                 least = min(least, (max(value + scene.separation_m, 0.0), at + offset_s))
     last_s = (end_us - epoch_us) / 1e6

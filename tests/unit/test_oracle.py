@@ -15,7 +15,7 @@ from pyproj import Geod
 from reference import data
 from workloads import PAPER, throw
 
-from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -183,3 +183,12 @@ def test_fifty_digits_distance_agrees_with_shapely() -> None:
             plane_m = shapely.distance(one.footprint, two.place(epoch_us, np.array([at_s]))[0])
             with mp.workdps(20):
                 assert separation(scene, area, track, mpf(at_s), epoch_us) == pytest.approx(plane_m, abs=1e-6)
+
+
+def test_a_least_separation_within_rounding_is_seen_as_such() -> None:
+    """Distances on the earth are known to 1e-5 m; those in the plane, which are no shorter, to 1e-8 m."""
+    area = Area("area", shapely.box(0.0, 60.0, 1.0, 61.0))
+    start = (-1e-12, 60.5)
+    away = Track("track", [start, (-1.0, 60.5)], [0, 3_600_000_000], [(0.0, 0.0)])
+    meeting = oracle.meeting(Scene("s"), area, away)
+    assert meeting.least_m == pytest.approx(np.radians(1e-12) * 6378137.0, rel=0.01)
