@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 13
+#define KERNEL_ABI 14
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -291,6 +291,16 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
  */
 KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
                             int64_t *ring_offset, int8_t *is_known);
+
+/* Put convex rings of one owner that follow each other together, while the hull of some is larger than their union by no
+ * more than a tenth. Room for as many rings and vertices as there are is enough.
+ *
+ * ring, ring_offset, owner : (vertex_count, 2), (count + 1,), (count,) closed, counter-clockwise; of fewer than three corners: none
+ * joined_ring, joined_offset, joined_owner : (w, 2), (joined_count + 1,), (joined_count,) closed, counter-clockwise
+ */
+KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset, const int64_t *owner,
+                           int64_t count, double *joined_ring, int64_t *joined_offset, int64_t *joined_owner,
+                           int64_t *joined_count);
 
 /* A part of rows of bytes, of one width, or ragged where there are offsets. */
 typedef struct {

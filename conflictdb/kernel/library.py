@@ -17,7 +17,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 13
+ABI: Final = 14
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -50,6 +50,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_convex_parts": (_POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
     "kernel_apart": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
+    "kernel_joined": (_POINTER, _COUNT, _POINTER, _POINTER, _COUNT, *[_POINTER] * 4),
 }
 _RETURNS: Final[dict[str, Any]] = {
     "kernel_fingerprint": ctypes.c_char_p,

@@ -1,4 +1,4 @@
-"""Where pairs of pieces meet during a time."""
+"""Where pairs of pieces meet during a time, and what they cover put together."""
 
 import ctypes
 from typing import Final
@@ -61,3 +61,20 @@ def regions(
     counts = [count for _, some in shares for count in some]
     offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))
     return np.concatenate([np.empty((0, 2)), *rings]), offset, is_known
+
+
+def joined(ring: Floats, offset: _Ints, owner: _Ints) -> tuple[Floats, _Ints, _Ints]:
+    """Return convex rings with those of one owner that follow each other put together, and their offsets and owners.
+
+    The hull of some takes their place while it is larger than their union by no more than a tenth.
+
+    ring, offset, owner : (v, 2), (n + 1,), (n,)  closed, counter-clockwise
+    """
+    ring = np.ascontiguousarray(ring, np.float64)
+    offset, owner = (np.ascontiguousarray(array, np.int64) for array in (offset, owner))
+    found, found_offset, found_owner = np.empty_like(ring), np.empty_like(offset), np.empty_like(owner)
+    count = ctypes.c_int64()
+    of_ring, where, of, *room = (one.ctypes.data for one in (ring, offset, owner, found, found_offset, found_owner))
+    check(library().kernel_joined(of_ring, len(ring), where, of, len(owner), *room, ctypes.byref(count)))
+    n = count.value
+    return found[: found_offset[n]].copy(), found_offset[: n + 1].copy(), found_owner[:n].copy()

@@ -1,6 +1,7 @@
 """Where objects interfere: regions hold all places of contact, held to the oracle, and little more."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import oracle
@@ -13,6 +14,7 @@ from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, PA
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.kernel.regions import joined
 from conflictdb.model import SINCE_EVER_US, Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -213,3 +215,38 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     (region,) = regions._in_degrees(plane_of(Scene("s")), ring, np.array([0, len(ring)]), np.array([0]), 1)
     assert shapely.is_valid(region)
     assert 10_000 < shapely.get_num_coordinates(region) < 30_000
+
+
+def test_parts_that_are_next_to_each_other_are_put_together_and_others_are_not() -> None:
+    """What comes out covers all of what went in, and is little larger: also of parts in a ring about nothing."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    around = [shapely.Point(2e3 * np.cos(a), 2e3 * np.sin(a)).buffer(150.0, quad_segs=3) for a in angle]
+    still = [shapely.box(x, 1e4 + x, x + 100.0, 1e4 + 2.0 * x + 50.0) for x in np.linspace(0.0, 3.0, 500)]
+    two_places = [shapely.box(5e4 * (i % 2), -1e4, 5e4 * (i % 2) + 10.0, -9e3) for i in range(20)]
+    for parts, most in ((around, 120), (still, 3), (two_places, 20)):
+        rings = [np.asarray(shapely.orient_polygons(part).exterior.coords) for part in parts]
+        offset = np.concatenate([[0], np.cumsum([len(one) for one in rings])])
+        owner = np.full(len(parts), 7)
+        ring, ends, owners = joined(np.concatenate(rings), offset, owner)
+        assert set(owners.tolist()) == {7}
+        assert len(owners) <= most
+        put = shapely.union_all([shapely.Polygon(ring[i:j]) for i, j in pairwise(ends.tolist())])
+        whole = shapely.union_all(parts)
+        assert whole.difference(put).area < 1e-6
+        assert put.area <= 1.12 * whole.area  # of each hull a tenth; they overlap
+
+
+def test_regions_of_many_contacts_have_few_corners() -> None:
+    """Of a haven that drifts beside another for hours, slower and faster: each contact had its own corners."""
+    outline = np.array([[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]])
+    rng = np.random.default_rng(5)
+    times = np.arange(60) * 60_000_000
+    tracks = [
+        Track(key, np.stack([np.cumsum(1e-6 * rng.random(60)), np.full(60, north)], axis=1), times, outline)
+        for key, north in (("A", 0.0), ("B", 0.0005))
+    ]
+    (region,) = regions_of(found(Scene("s", tolerance_m=0.0), [], tracks))
+    assert shapely.get_num_coordinates(region) < 60
+    west, _, east, _ = shapely.bounds(shapely.multipoints(np.concatenate([t.positions_deg for t in tracks])))
+    assert shapely.box(west - 4.6e-4, 0.0, east + 4.6e-4, 5e-4).buffer(1e-4).covers(region)
+    assert region.covers(shapely.box(west - 4e-4, 1e-4, west + 4e-4, 4e-4))

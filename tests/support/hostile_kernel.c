@@ -117,6 +117,25 @@ static void join_triangles(int64_t odd, int64_t calls[16]) {
     free(xy), free(of), free(corner), free(offset);
 }
 
+/* Put rings together; now and then one that crosses itself, or offsets that are none. */
+static void join_rings(int64_t odd, int64_t calls[16]) {
+    enum { CORNERS = 7 };
+    const int64_t n = below(20), vertices = n * CORNERS;
+    double *ring = block(2 * vertices, 8), *joined = block(2 * vertices, 8);
+    int64_t *offset = block(n + 1, 8), *owner = block(n, 8), *ends = block(n + 1, 8), *owners = block(n, 8), found = 0;
+    for (int64_t i = 0; i <= n; i++) offset[i] = below(odd) ? i * CORNERS : instant(-2, 200, 2);
+    for (int64_t i = 0; i < n; i++) {
+        owner[i] = i / 8;
+        shape(ring + 2 * i * CORNERS, CORNERS - 1, number(-1.0, 1.0, odd), number(-1.0, 1.0, odd), 1.0, odd);
+        for (int k = 0; k < 2; k++) ring[2 * (i + 1) * CORNERS - 2 + k] = ring[2 * i * CORNERS + k];
+    }
+    int64_t told = below(200) ? vertices : instant(-3, 20, 2);
+    KernelStatus status = kernel_joined(ring, told, offset, owner, n, joined, ends, owners, &found);
+    calls[status]++;
+    if (status == KERNEL_OK && (found > n || ends[found] > vertices)) abort();
+    free(ring), free(joined), free(offset), free(owner), free(ends), free(owners);
+}
+
 static double some_guess(void *of, int64_t pair, double low, double high, int32_t is_last) {
     return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
 }
@@ -200,6 +219,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[status]++;
     lay_rows(odd, calls);
     join_triangles(odd, calls);
+    join_rings(odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
