@@ -530,7 +530,9 @@ class Database:
         with self._transaction():
             return explanations.explain(self.connection, scene, a_key, b_key)
 
-    def probe(self, scene: str, plan: Area | Track, *, jobs: int = 1) -> Listing[Conflict]:
+    def probe(
+        self, scene: str, plan: Area | Track, *, jobs: int = 1, worker_timeout_s: float | None = None
+    ) -> Listing[Conflict]:
         """Return what a plan would be in conflict with, and when, without writing anything.
 
         By the stages that a detection runs, with the scene's settings, on the objects that the last detection saw. With
@@ -543,13 +545,20 @@ class Database:
             What is planned.
         jobs : int
             Threads to solve in. The answer does not depend on it.
+        worker_timeout_s : float, optional
+            Ask the workers, and wait so long at most; by default this program does what they would do. Their answer
+            lacks the nearest points.
 
         Raises
         ------
         InvalidInput
-            There is no such scene, or its plane cannot hold the plan.
+            There is no such scene, or its plane cannot hold the plan; or workers cannot be asked about one like it: a
+            track whose haven changes its shape, or with heights of its legs.
+        NotCurrent
+            No worker has answered in time.
         StoreError
-            A transaction is open: the answer must come from one state of the database.
+            A transaction is open: the answer must come from one state of the database, and workers see a question when
+            it is committed.
         """
         if not isinstance(plan, Area | Track):
             raise InvalidInput("probe", "plan", f"must be an Area or a Track; got {type(plan).__name__}")
@@ -557,7 +566,11 @@ class Database:
         # Not above: the stages take longer to import than everything else.
         from conflictdb.db import probes
 
-        found = probes.probe(self.connection, scene, plan, jobs=jobs)
+        if worker_timeout_s is None:
+            found = probes.probe(self.connection, scene, plan, jobs=jobs)
+        else:
+            timeout = timedelta(seconds=inputs.seconds("probe", "worker_timeout_s", worker_timeout_s))
+            found = probes.ask(self.connection, scene, plan, timeout)
         _warn_if_incomplete(found.state)
         return found
 

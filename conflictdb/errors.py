@@ -11,7 +11,7 @@ ConflictDBError
 |__ StoreError                 any other database error; psycopg.Error in __cause__
     |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
-    |__ NotCurrent             a scene did not become current in the time that somebody would wait
+    |__ NotCurrent             a scene did not become current, or a probe was not answered, in the time to wait
 
 IncompleteWarning is given with an answer that may lack something, because changes wait for detection.
 What a solver could not decide is not an error: it is a verdict (`unresolved`) in the result.

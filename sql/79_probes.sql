@@ -187,6 +187,38 @@ COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
 '(ZC015) when that takes longer than p_timeout (null: however long), (ZC016) a plan that cannot be, with the reason, '
 'and (ZC013) in a transaction that could never see the answer. Answers are kept for an hour, for the role that asked.';
 
+-- The same for Python.
+
+CREATE OR REPLACE FUNCTION _request_probe(
+    p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea,
+    p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision
+) RETURNS bigint
+LANGUAGE sql VOLATILE CALLED ON NULL INPUT
+BEGIN ATOMIC
+    SELECT CASE p_kind
+        WHEN 0 THEN request_probe(p_scene, ST_GeomFromWKB(p_footprint, 4326),
+                                  tstzrange(_instant_of(p_start_us), _instant_of(p_end_us)), p_floor_m, p_ceiling_m,
+                                  p_key)
+        ELSE request_track_probe(p_scene, ST_GeomFromWKB(p_path, 4326), ST_GeomFromWKB(p_outline), p_floor_m,
+                                 p_ceiling_m, p_grow_mps, p_key) END;
+END;
+COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, bytea, bytea, double precision,
+                                   double precision, double precision) IS
+'request_probe (kind 0) or request_track_probe (1): geometries as WKB, instants in microseconds since 1970.';
+
+CREATE OR REPLACE FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
+RETURNS TABLE (
+    key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision,
+    lat_deg double precision, closest_at timestamptz, closest_m double precision, closest_error_m double precision
+)
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    SELECT w.key, w.kind, w.verdict, multirange_send(w.periods), w.time_error_s, ST_X(w.first_contact_point),
+           ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
+    FROM wait_for_probe(p_probe_id, p_timeout) w;
+END;
+COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'What wait_for_probe returns; periods in binary.';
+
 -- What a worker does of it.
 
 CREATE OR REPLACE FUNCTION _next_probe(

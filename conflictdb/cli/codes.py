@@ -21,7 +21,7 @@ MEANING: Final = {
     INPUT_REFUSED: "input refused; nothing was changed",
     NO_SERVER: "no usable PostgreSQL with PostGIS",
     LEFT_OUT: "done, but objects were left out (--skip-invalid)",
-    CONFLICTS_FOUND: "there are conflicts (detect --fail-on-conflict)",
+    CONFLICTS_FOUND: "there are conflicts (--fail-on-conflict)",
     INTERRUPTED: "interrupted (Ctrl-C, SIGINT)",
     TERMINATED: "terminated (SIGTERM)",
 }

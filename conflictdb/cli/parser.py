@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
+from sys import float_info
 from typing import Any, Final, NoReturn
 
 import conflictdb
@@ -72,7 +73,7 @@ def build() -> Parser:
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
     for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
-    for add in (_plot, _report, _history, _acknowledge, _map, _attach, _schema, _server, _psql, _demo):
+    for add in (_plot, _report, _probe, _history, _acknowledge, _map, _attach, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -215,6 +216,47 @@ def _report(commands: Any) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="report to write: .html (one file) or .pdf")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to report on")
     _add_wait(parser)
+
+
+def _probe(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "probe",
+        "probing:probe",
+        "say what a plan would be in conflict with, and when",
+        "The plans of files, each by itself, or one that is given here. By the scene's settings, on the objects that "
+        "the last detection saw; writes nothing. An object that has the key of the plan is left out: the plan would "
+        "replace it.",
+    )
+    parser.add_argument("files", nargs="*", metavar="FILE", help="plans: scene files, positions, or areas")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to ask")
+    parser.add_argument("--footprint", metavar="WKT", help="an area: POLYGON or MULTIPOLYGON, longitude and latitude")
+    parser.add_argument(
+        "--from", dest="start", type=instant, metavar="T", help="since when it is there (ISO 8601 with offset)"
+    )
+    parser.add_argument("--to", dest="end", type=instant, metavar="T", help="until when")
+    parser.add_argument("--path", metavar="WKT", help="a track: LINESTRING, longitude and latitude")
+    parser.add_argument(
+        "--times", type=instants, metavar="T,T,…", help="when it is at each waypoint (ISO 8601 with offset)"
+    )
+    for side, where in (("fore", "ahead of"), ("aft", "behind"), ("port", "left of"), ("starboard", "right of")):
+        parser.add_argument(
+            f"--{side}-m", type=metres, default=0.0, metavar="M", help=f"how far its haven reaches {where} it, metres"
+        )
+    parser.add_argument("--floor-m", type=height, metavar="M", help="lowest height, metres (default: no bound)")
+    parser.add_argument("--ceiling-m", type=height, metavar="M", help="height it stays below (default: no bound)")
+    parser.add_argument("--key", type=name, help="what the plan is called (default: plan)")
+    parser.add_argument(
+        "--worker",
+        type=duration_s,
+        metavar="DURATION",
+        help="ask a worker, and wait so long at most (30s, 5m); exits with 1 if none has answered",
+    )
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    parser.add_argument(
+        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
+    )
+    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
 
 
 def _history(commands: Any) -> None:
@@ -630,11 +672,21 @@ def instant(text: str) -> datetime:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def instants(text: str) -> list[datetime]:
+    """Return ISO 8601 instants with offset, parted by commas."""
+    return [instant(part.strip()) for part in text.split(",")]
+
+
+def height(text: str) -> float:
+    """Return a height in metres, negative below the sea."""
+    return _number(text, "a number of metres", least=-float_info.max)
+
+
 def _number(text: str, rule: str, least: float) -> float:
     try:
         value = float(text)
     except ValueError:
-        value = -1.0
+        value = float("nan")
     if not least <= value < float("inf"):
         raise argparse.ArgumentTypeError(f"must be {rule}; got {text!r}")
     return value

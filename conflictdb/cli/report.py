@@ -84,7 +84,7 @@ def conflict_table(conflicts: Sequence[Conflict]) -> str:
     return table(header, rows, right=["PERIODS"])
 
 
-def approach_table(approaches: Sequence[Approach]) -> str:
+def approach_table(approaches: Sequence[Approach | Conflict]) -> str:
     """Return a table of closest approaches, one line per pair, times in UTC to the second."""
     several = len({approach.scene for approach in approaches}) > 1
     header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
@@ -94,7 +94,7 @@ def approach_table(approaches: Sequence[Approach]) -> str:
             approach.b_key,
             _verdict_text(approach),
             moment_text(approach.closest_at, up=False),
-            f"{approach.closest_m:.1f}",
+            None if approach.closest_m is None else f"{approach.closest_m:.1f}",
         ]
         for approach in approaches
     ]

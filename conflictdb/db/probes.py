@@ -7,6 +7,7 @@ asks in SQL leaves a request, which a worker answers (`answer`), a scene at a ti
 import logging
 import time
 from collections.abc import Iterator
+from datetime import timedelta
 from typing import Any, Final
 
 import numpy as np
@@ -59,6 +60,20 @@ def probe(
         with store.translated():
             conn.rollback()
     return Listing(state, found, Conflict)
+
+
+def ask(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, timeout: timedelta) -> Listing[Conflict]:
+    """Return what a worker says a plan would be in conflict with.
+
+    Raises what `probe` raises, InvalidInput for a plan that a question cannot hold, and NotCurrent if no worker answers
+    in time.
+    """
+    store.require_idle(conn, "a question to a worker")
+    probe_id = store.request_probe(conn, scene, plan)
+    with store.transaction(conn):
+        settings = store.read_settings(conn, store.scene_id(conn, scene))
+        state = store.scene_state(conn, scene)
+    return Listing(state, store.wait_for_probe(conn, settings, plan, probe_id, timeout), Conflict)
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:

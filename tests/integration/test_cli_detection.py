@@ -255,6 +255,41 @@ def test_history_is_printed_and_conflicts_acknowledged(run: Run) -> None:
     assert run(*known, "2000-01-01T00:00Z", "--at", "2000-01-01T00:00Z").code == 2
 
 
+def test_probe_says_what_a_plan_would_meet(run: Run) -> None:
+    run("detect", STRAIT)
+    box = "POLYGON((9.1 57.75, 9.4 57.75, 9.4 57.9, 9.1 57.9, 9.1 57.75))"
+    area = ("--footprint", box, "--from", "2026-06-01T08:00Z", "--to", "2026-06-01T12:00Z", "--floor-m", "-100")
+    ask = ("probe", "--scene", "strait")
+    rows = json.loads(run(*ask, *area, "--ceiling-m", "0", "--format", "json").out)
+    assert {(row["a_key"], row["b_key"]) for row in rows} == {("FIRING", "plan"), ("plan", "SUB-2"), ("plan", "FERRY")}
+    assert {row["verdict"] for row in rows} == {"conflict"}
+    path = ("--path", "LINESTRING(8.2 57.9, 9.2 58.1)", "--times", "2026-06-01T08:00Z, 2026-06-01T11:00Z")
+    sizes = ("--fore-m", "500", "--aft-m", "500", "--port-m", "300", "--starboard-m", "300")
+    told = run(*ask, *path, *sizes, "--key", "SUB-1", "--fail-on-conflict")
+    assert (told.code, told.out.count("\n")) == (10, 2)
+    assert re.search(r"CABLE +SUB-1 +conflict +2026-06-01 08:41:18", told.out)
+    assert run(*ask, *path, "--floor-m", "9000", "--fail-on-conflict").out == "no conflicts\n"
+    # The plans of a file: here the scene itself, each object in its own place.
+    whole = json.loads(run(*ask, STRAIT, "--format", "json").out)
+    assert {(row["a_key"], row["b_key"]) for row in whole} == EXPECTED
+    assert len(whole) == 2 * len(EXPECTED)
+    late = run(*ask, *path, "--worker", "50ms")
+    assert (late.code, "is not answered after" in late.err) == (1, True)
+    refused = {
+        "must be a Polygon or MultiPolygon as WKT": ("--footprint", "LINESTRING(0 0, 1 1)"),
+        "must be a LineString as WKT": ("--path", "LINE", "--times", "2026-06-01T08:00Z"),
+        "times": (*path[:3], "2026-06-01T08:00Z"),
+    }
+    for message, plan in refused.items():
+        wrong = run(*ask, *plan)
+        assert (wrong.code, message in wrong.err) == (4, True), wrong.err
+    assert run("probe", "--scene", "nowhere", *path).code == 4
+    for usage in ((), (*path, *area), path[:2], (*area, "--times", path[3]), (*area, "--fore-m", "5"), (STRAIT, *area)):
+        assert run(*ask, *usage).code == 2
+    for usage in ((*path, "--from", "2026-06-01T08:00Z"), (STRAIT, "--key", "K"), (STRAIT, "--floor-m", "1")):
+        assert run(*ask, *usage).code == 2
+
+
 def test_explain_says_why(run: Run) -> None:
     run("detect", STRAIT)
     told = run("explain", "--scene", "strait", "FERRY", "DIVING")

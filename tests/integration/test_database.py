@@ -22,7 +22,7 @@ from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
 from conflictdb.db.store import LoadCounts, replace_scene
-from conflictdb.db.store.reading import _periods
+from conflictdb.db.store.reading import decode_periods
 from conflictdb.io.scene_file import scene_text
 from conflictdb.results import Verdict
 
@@ -253,7 +253,7 @@ def test_conflicts_can_be_read_as_they_are_asked_for(dsn: str, tmp_path: Path) -
 def test_periods_are_read_as_the_server_has_them(conn: psycopg.Connection[Any], periods: str) -> None:
     wanted = conn.execute("SELECT lower(r), upper(r) FROM unnest(%s::tstzmultirange) r ORDER BY r", [periods])
     (sent,) = conn.execute("SELECT multirange_send(%s::tstzmultirange)", [periods]).fetchone() or ()
-    assert list(_periods(sent)) == wanted.fetchall()
+    assert list(decode_periods(sent)) == wanted.fetchall()
 
 
 # What only a database knows; for GeoJSON also whether its scenes are complete.

@@ -17,7 +17,7 @@ from workloads import ARCTIC, GROWING, PAPER, SEAM, throw
 
 from conflictdb import connect
 from conflictdb.db import detect, probes, store
-from conflictdb.errors import IncompleteWarning, InvalidInput, StoreError
+from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 from conflictdb.model import Area, Scene, Track, rectangle_outline_m
 from conflictdb.results import Conflict
 
@@ -168,6 +168,36 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
         assert refused(conn, ANSWER, ask(conn, bad, path)) == "ZC016"
         assert len(conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()) == 2
     assert conn.execute("SELECT count(*) FROM conflictdb.change").fetchone() == (0,)
+
+
+def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) -> None:
+    """All but the nearest points, which they do not tell; also of points and lines as havens."""
+    areas = [box("A", 0.4, -0.1, 0.6, 0.1, start_us=T0_US), box("N", 0.4, 0.11, 0.6, 0.2)]
+    load(conn, Scene("s", nearest_m=2000.0), areas, [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    crossing = track("P", (0.5, -1.0), (0.5, 1.0), floor_m=-10.0, ceiling_m=20.0)
+    plans = [
+        box("P", 0.3, -0.2, 0.45, 0.105, start_us=T0_US - 1, floor_m=-5.0),
+        box("T", 0.3, -0.2, 0.45, 0.105),
+        crossing,
+        replace(crossing, outline_m=np.array([[0.0, 0.0]]), grow_mps=0.5),
+        replace(crossing, outline_m=np.array([[-50.0, 0.0], [50.0, 10.0]])),
+    ]
+    with answering(dsn), connect(dsn) as db:
+        for plan in plans:
+            here = [replace(one, closest_a_deg=None, closest_b_deg=None) for one in said(list(db.probe("s", plan)))]
+            told = db.probe("s", plan, worker_timeout_s=60.0)
+            assert (said(list(told)), told.is_current) == (here, True)
+            assert here
+        changing = replace(crossing, outlines_m=np.array([crossing.outline_m, 2.0 * crossing.outline_m]))
+        with pytest.raises(InvalidInput, match="which a worker cannot be asked about"):
+            db.probe("s", changing, worker_timeout_s=60.0)
+        assert db.probe("s", changing)
+    with connect(dsn) as db:
+        with pytest.raises(NotCurrent, match="is not answered after"):
+            db.probe("s", crossing, worker_timeout_s=0.05)
+        with db.connection.transaction(), pytest.raises(StoreError, match="without an open transaction"):
+            db.probe("s", crossing, worker_timeout_s=1.0)
 
 
 def test_what_can_be_no_plan_is_refused_at_once(conn: Conn) -> None:

@@ -62,6 +62,8 @@ from conflictdb.db.store.probes import (
     pieces_meeting,
     plan_of,
     refuse_probe,
+    request_probe,
+    wait_for_probe,
 )
 from conflictdb.db.store.reading import (
     RunStatus,
@@ -180,6 +182,7 @@ __all__ = [
     "refuse_probe",
     "replace_pieces",
     "replace_scene",
+    "request_probe",
     "require_detecting",
     "require_idle",
     "require_writable",
@@ -200,6 +203,7 @@ __all__ = [
     "unacknowledge",
     "unmapped",
     "wait_for_change",
+    "wait_for_probe",
     "wait_until_current",
     "waiting_scenes",
     "worker_dsn",

@@ -16,6 +16,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, NotCur
 REFUSAL_CLASS: Final = "ZC"
 WRONG_SEQUENCE: Final = "ZC013"
 NOT_CURRENT: Final = "ZC014"
+NOT_ANSWERED: Final = "ZC015"
 
 # COPY sends and receives texts as UTF-8, and the connection must say so.
 _ENCODING: Final = "UTF8"
@@ -180,7 +181,7 @@ def begin_snapshot(conn: psycopg.Connection[Any], first: str = "") -> None:
 
 
 def _translation(error: psycopg.Error) -> ConflictDBError:
-    if error.sqlstate == NOT_CURRENT:
+    if error.sqlstate in (NOT_CURRENT, NOT_ANSWERED):
         return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag

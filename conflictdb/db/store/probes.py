@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any, cast
 
 import numpy as np
@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db.store.connection import call, call_many
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.db.store.objects import decode_paths, decode_rings
+from conflictdb.db.store.reading import decode_periods
+from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
-from conflictdb.model import Area, Track
-from conflictdb.results import Conflict, Kind
+from conflictdb.model import Area, Scene, Track
+from conflictdb.results import Conflict, Kind, Verdict
 from conflictdb.stage1_broad_phase import hulls_of
 
 # Of a plan without a key, which nobody sees.
@@ -96,6 +99,79 @@ def plan_of(request: ProbeRequest) -> Area | Track:
         ceiling_m=ceiling_m,
         grow_mps=request.grow_mps,
     )
+
+
+def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> int:
+    """Ask the workers about a plan, and return the number of the question, which they see once it is committed.
+
+    Raises InvalidInput for a plan that is refused, or is more than a question can hold.
+    """
+    area, track = (plan, None) if isinstance(plan, Area) else (None, plan)
+    path = outline = None
+    if track is not None:
+        seconds = track.times_us / 1e6
+        held = np.rint(seconds * 1e6) == track.times_us
+        if track.outlines_m is not None or track.floors_m is not None or not held.all():
+            rule = (
+                "has a haven that changes its shape, heights of its legs or times beyond the year 2242, which a worker "
+                "cannot be asked about: probe without one"
+            )
+            raise InvalidInput(f"track {track.key!r}", "plan", rule)
+        waypoints = np.column_stack([track.positions_deg, seconds])
+        path = copy_binary.lines_m(waypoints, copy_binary.offsets([len(waypoints)])).data.tobytes()
+        rings = copy_binary.closed_rings(track.outline_m, copy_binary.offsets([len(track.outline_m)]))
+        outline = copy_binary.polygons(*rings, 0).data.tobytes()
+    with transaction(conn):
+        (probe_id,) = call(
+            conn,
+            "_request_probe",
+            scene,
+            plan.key,
+            (Kind.AREA if area else Kind.TRACK).code,
+            shapely.to_wkb(area.footprint, byte_order=1) if area else None,
+            area.start_us if area else None,
+            area.end_us if area else None,
+            path,
+            outline,
+            plan.floor_m,
+            plan.ceiling_m,
+            track.grow_mps if track else None,
+        )
+    return int(probe_id)
+
+
+def wait_for_probe(
+    conn: psycopg.Connection[Any], scene: Scene, plan: Area | Track, probe_id: int, timeout: timedelta
+) -> list[Conflict]:
+    """Return the answer to a question, in the order of the keys.
+
+    Raises NotCurrent where there is none in time, InvalidInput where the plan cannot be.
+    """
+    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key
+    answer = []
+    with transaction(conn):
+        rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
+    for row in rows:
+        pair = sorted([mine, (Kind(row["kind"]), row["key"])], key=lambda one: (one[0].code, one[1].encode()))
+        closest_at = row["closest_at"]
+        answer.append(
+            Conflict(
+                scene=scene.name,
+                a_key=pair[0][1],
+                a_kind=pair[0][0],
+                b_key=pair[1][1],
+                b_kind=pair[1][0],
+                verdict=Verdict(row["verdict"]),
+                periods=decode_periods(row["periods"]),
+                time_error_s=row["time_error_s"],
+                method=scene.method,
+                first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
+                closest_at=None if closest_at is None else closest_at.astimezone(UTC),
+                closest_m=row["closest_m"],
+                closest_error_m=row["closest_error_m"],
+            )
+        )
+    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
 
 
 def answer_probe(

@@ -116,7 +116,7 @@ def each_conflict(
                 a_kind=_KINDS[a_kind],
                 b_key=b_key,
                 b_kind=_KINDS[b_kind],
-                periods=_periods(periods),
+                periods=decode_periods(periods),
                 verdict=_VERDICTS[verdict],
                 region=region,
                 first_contact_deg=None if lon_deg is None else (lon_deg, lat_deg),
@@ -224,7 +224,7 @@ def _typed(row: dict[str, Any], *instants: str) -> dict[str, Any]:
         "a_kind": _KINDS[row["a_kind"]],
         "b_kind": _KINDS[row["b_kind"]],
         "verdict": _VERDICTS[row["verdict"]],
-        "periods": _periods(row["periods"]),
+        "periods": decode_periods(row["periods"]),
     }
 
 
@@ -232,7 +232,7 @@ def _utc(instant: datetime | None) -> datetime | None:
     return None if instant is None else instant.astimezone(UTC)
 
 
-def _periods(sent: bytes) -> tuple[Period, ...]:
+def decode_periods(sent: bytes) -> tuple[Period, ...]:
     """Return the periods of a tstzmultirange as the server sends it in binary (multirange_send)."""
     if len(sent) == _ONE_BOUNDED.size:  # nearly all
         *_, start, _, end = _ONE_BOUNDED.unpack(sent)
