@@ -610,7 +610,8 @@ class Database:
         table : str
             Name of a table, view or foreign table, as in SQL: ``mission.ops``.
         mapped : mapping of str to str
-            For each field, a column or an SQL expression of the columns of a row.
+            For each field, a column or an SQL expression of the columns of a row; as ``where`` one that is true of the
+            rows that count, all if it is not given.
         every_s : float, optional
             How often to look for changes, seconds. By default triggers tell of them, which needs the owner of the
             table; views and foreign tables, which have none, are looked at every minute.

@@ -7,7 +7,8 @@ CREATE OR REPLACE FUNCTION _map_fields(p_kind smallint) RETURNS TABLE (field tex
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
-    FROM (VALUES (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
+    -- Which rows count at all is nothing of a row.
+    FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
                  (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
@@ -17,7 +18,8 @@ BEGIN ATOMIC
     WHERE coalesce(v.kind, p_kind) = p_kind;
 END;
 COMMENT ON FUNCTION _map_fields(smallint) IS
-'The fields that the map of an attachment may give (0 area, 1 track), and where attached_row has them.';
+'The fields that the map of an attachment may give (0 area, 1 track), and where attached_row has them; where is none: '
+'which rows there are.';
 
 CREATE OR REPLACE FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -96,8 +96,12 @@ DECLARE
     v_decoded text;
     v_joined text;
     v_null text;
+    v_where text := 'true';
     v_one record;
 BEGIN
+    IF p_map ? 'where' THEN
+        v_where := (_map_expression(p_who, 'where', p_table, p_map ->> 'where', 'boolean'::regtype)).expression;
+    END IF;
     FOR v_one IN
         SELECT f.field, f.attribute, m.value AS given, a.atttypid AS wanted
         FROM jsonb_each_text(p_map) m JOIN _map_fields(p_kind) f ON f.field = m.key
@@ -151,20 +155,21 @@ DECLARE
 BEGIN
     -- $1: the identities wanted, null: all; $2: hashes only, rows, or rows one by one so that one that fails is told.
     IF $2 = 'hashes' THEN
-        RETURN QUERY SELECT %1$s FROM %2$s AS t;
+        RETURN QUERY SELECT %1$s FROM %2$s AS t WHERE %8$s;
     ELSIF $2 = 'rows' AND $1 IS NULL THEN
-        RETURN QUERY SELECT %3$s FROM %2$s AS t;
+        RETURN QUERY SELECT %3$s FROM %2$s AS t WHERE %8$s;
     ELSIF $2 = 'rows' THEN
-        RETURN QUERY SELECT %3$s FROM (SELECT DISTINCT %4$s FROM unnest($1) i (i)) i JOIN %2$s AS t ON %5$s;
+        RETURN QUERY SELECT %3$s FROM (SELECT DISTINCT %4$s FROM unnest($1) i (i)) i JOIN %2$s AS t ON %5$s
+            WHERE %8$s;
         IF EXISTS (SELECT FROM unnest($1) i (i) WHERE array_position((i.i)::text[], NULL) IS NOT NULL) THEN
-            RETURN QUERY SELECT %3$s FROM %2$s AS t WHERE %6$s;
+            RETURN QUERY SELECT %3$s FROM %2$s AS t WHERE (%6$s) AND %8$s;
         END IF;
     ELSE
         DECLARE
             t record;
             v_row conflictdb.attached_row;
         BEGIN
-            FOR t IN SELECT t.* FROM %2$s AS t WHERE $1 IS NULL OR %7$s = ANY ($1) LOOP
+            FOR t IN SELECT t.* FROM %2$s AS t WHERE ($1 IS NULL OR %7$s = ANY ($1)) AND %8$s LOOP
                 BEGIN
                     SELECT %3$s INTO v_row;
                 EXCEPTION WHEN OTHERS THEN
@@ -176,7 +181,7 @@ BEGIN
         END;
     END IF;
 END
-$body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity));
+$body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_where));
     EXECUTE format('REVOKE ALL ON FUNCTION conflictdb_attached.rows_%s(text[], text) FROM PUBLIC', p_attachment_id);
     EXECUTE format('GRANT EXECUTE ON FUNCTION conflictdb_attached.rows_%s(text[], text) TO conflictdb_worker',
                    p_attachment_id);
@@ -289,8 +294,9 @@ COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
 'Attaches a table, view or foreign table to a scene: its rows become areas or tracks of it, and these follow the rows. '
 'The map gives for each field a column, or an SQL expression of the columns of a row. It is run with the rights of the '
 'role that calls this, which must own the table, for its triggers, or say p_every: how often to look for changes in '
-'their place; at views and foreign tables that is every minute. Returns the number of the attachment. Workers take the '
-'rows over as soon as this is committed; the view unmapped tells which cannot be.';
+'their place; at views and foreign tables that is every minute. The field where says which rows count. Returns the '
+'number of the attachment. Workers take the rows over as soon as this is committed; the view unmapped tells which '
+'cannot be.';
 
 CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

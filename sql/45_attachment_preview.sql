@@ -34,12 +34,16 @@ DECLARE
     c_most_rows CONSTANT integer := 10000;
     v_attachment attachment;
     v_identities text[];
+    v_where text := 'true';
     v_would text[];
     v_objects text[];
     v_unmapped text[];
 BEGIN
     BEGIN
         v_attachment := _register_attachment(p_scene, p_kind, p_table, p_map, p_every);
+        IF p_map ? 'where' THEN
+            v_where := (_map_expression('', 'where', p_table, p_map ->> 'where', 'boolean'::regtype)).expression;
+        END IF;
         v_would := ARRAY[
             format('create function conflictdb_attached.rows_%s, which reads %s with the rights of role %I',
                    v_attachment.attachment_id, p_table, current_user),
@@ -48,10 +52,12 @@ BEGIN
                                      string_agg(t.relation::regclass::text, ', ' ORDER BY NOT t.is_root, t.relation))
                        FROM _attached_tables(p_table) t)
                  ELSE format('compare all rows every %s', v_attachment.every) END,
-            format('make %ss of scene %L of all rows, one for each (%s)', p_kind, p_scene,
+            format('make %ss of scene %L of all rows%s, one for each (%s)', p_kind, p_scene,
+                   ' where ' || (p_map ->> 'where'),
                    (SELECT string_agg(quote_ident(c), ', ') FROM unnest(v_attachment.identity_columns) c))];
-        EXECUTE format('SELECT ARRAY(SELECT DISTINCT i.identity FROM (SELECT %s AS identity FROM %s t LIMIT $1) i '
-                       'ORDER BY 1 LIMIT $2)', _identity_of('t', v_attachment.identity_columns), p_table)
+        EXECUTE format('SELECT ARRAY(SELECT DISTINCT i.identity FROM (SELECT %s AS identity FROM %s t WHERE %s '
+                       'LIMIT $1) i ORDER BY 1 LIMIT $2)', _identity_of('t', v_attachment.identity_columns), p_table,
+                       v_where)
             INTO v_identities USING c_most_rows, p_objects;
         PERFORM _begin_attached();
         EXECUTE format('INSERT INTO pg_temp.staged_attached '

@@ -21,6 +21,9 @@ def attach(args: argparse.Namespace) -> int:
     for one in args.map:
         check(args, [(field in mapped, f"--map gives {field} twice") for field in one])
         mapped |= one
+    if args.where is not None:
+        check(args, [("where" in mapped, "--map gives where, and so does --where")])
+        mapped["where"] = args.where
     given = (args.scene, args.kind, args.table, mapped)
     with database(args) as db:
         with db.connection.transaction(force_rollback=args.dry_run):

@@ -412,6 +412,12 @@ def _attach(commands: Any) -> None:
         help="for each field, a column or an SQL expression of the columns of a row; may be repeated",
     )
     parser.add_argument(
+        "--where",
+        type=name,
+        metavar="EXPRESSION",
+        help="only rows of which this SQL expression of their columns is true",
+    )
+    parser.add_argument(
         "--every",
         type=duration_s,
         metavar="DURATION",

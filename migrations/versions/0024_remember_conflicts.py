@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "37ec79e103fca839ef8265837458ca6a019a7098b810647906834ff16ff0747a"
+routines_sha256 = "893db9c25d805e4c4a0d52fd7018b8671cf79b9c4ff56b5564374603c62ec358"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

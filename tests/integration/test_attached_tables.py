@@ -9,6 +9,7 @@ import pytest
 from conflictdb import connect
 from conflictdb.database import Database
 from conflictdb.db import attached, store
+from conflictdb.errors import InvalidInput
 
 OPS = """
 CREATE SCHEMA mission;
@@ -84,6 +85,49 @@ def test_rows_become_areas_in_longitude_and_latitude(db: Database) -> None:
     assert reasons(db) == []
     (one,) = db.attachments("s")
     assert (one.table, one.kind, one.objects, one.is_waiting, one.remark) == ("mission.ops", "area", 3, False, None)
+
+
+@pytest.mark.parametrize("every_s", [None, 1.0])
+def test_only_rows_that_count_are_objects(db: Database, every_s: float | None) -> None:
+    """They come and go as the condition becomes true and false; null is false."""
+    do(
+        db,
+        "ALTER TABLE mission.ops ADD state text DEFAULT 'approved'",
+        "UPDATE mission.ops SET state = NULL WHERE id = 2",
+    )
+    mapped = {**OPS_MAP, "where": "state = 'approved' AND depth_ft / nullif(id, 9) > 0"}
+    assert len(db.preview_attachment("s", "area", "mission.ops", mapped).objects) == 2
+    db.attach("s", "area", "mission.ops", mapped, every_s=every_s)
+
+    def follow() -> list[str]:
+        if every_s is not None:
+            do(db, "UPDATE conflictdb.attachment SET compared_at = NULL")
+        db.follow("s")
+        return keys(db)
+
+    assert follow() == ["1", "3"]
+    do(
+        db,
+        "UPDATE mission.ops SET state = 'draft' WHERE id = 3",
+        "UPDATE mission.ops SET state = 'approved' WHERE id = 2",
+    )
+    assert follow() == ["1", "2"]
+    # What cannot be mapped is told of rows that count alone.
+    do(
+        db,
+        "INSERT INTO mission.ops (id, state) VALUES (4, 'draft'), (5, 'approved')",
+        "DELETE FROM mission.ops WHERE id = 1",
+    )
+    do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 5")
+    assert follow() == ["2"]
+    assert [identity for identity, _ in reasons(db)] == ["{5}"]
+    do(db, "UPDATE mission.ops SET state = 'draft'")
+    assert (follow(), reasons(db)) == ([], [])
+    db.detach("s", "mission.ops")
+    for wrong, rule in (("id", "must be of type boolean"), ("random() > 1", "volatile"), ("no", "cannot be used")):
+        with pytest.raises(InvalidInput, match=rule):
+            db.attach("s", "area", "mission.ops", {**OPS_MAP, "where": wrong})
+        db.connection.rollback()
 
 
 def test_rows_of_waypoints_become_tracks(db: Database) -> None:
