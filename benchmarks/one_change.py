@@ -1,6 +1,6 @@
 """One change: what it takes from its commit until the conflicts are current.
 
-    ./.venv/bin/python benchmarks/one_change.py [--objects 5000 50000] [--changes 40] [--dsn DSN]
+    ./.venv/bin/python benchmarks/one_change.py [--objects 5000 50000] [--changes 50] [--dsn DSN]
 
 In a sea of constant density (made_scenes.py) a track is moved by a hundredth of a degree, and the scene detected, again
 and again: through the library on an open connection, before and right after a detection in full, and by a running
@@ -116,7 +116,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dsn", help="server that databases may be made on (default: the embedded one)")
     parser.add_argument("--objects", type=int, nargs="*", default=[5_000, 50_000])
-    parser.add_argument("--changes", type=int, default=40)
+    parser.add_argument("--changes", type=int, default=50)
     args = parser.parse_args()
     for objects in args.objects:
         with fresh_database(args.dsn) as dsn:

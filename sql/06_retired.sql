@@ -20,7 +20,7 @@ BEGIN
                OR NOT 'p_only_near' = ANY (p.proargnames) AND p.proname = '_approaches'
                OR NOT 'p_keys' = ANY (p.proargnames) AND p.proname IN ('_read_areas', '_read_tracks')
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
-               OR NOT 'places' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
+               OR NOT 'p_numbers' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
                OR 'p_first' = ANY (p.proargnames) AND p.proname = '_candidates'
                OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes', '_dirty_objects'))
     LOOP

@@ -70,8 +70,8 @@ COMMENT ON FUNCTION _conflict_region(
 'not find it out: next to a pole on great circles, and what could not be cut or solved.';
 
 CREATE OR REPLACE FUNCTION _known_conflicts(
-    p_scene_id bigint, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea,
-    OUT places bytea
+    p_scene_id bigint, p_numbers bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea,
+    OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- By the indexes, whatever the statistics know, planned once in a session; all of a scene in the order of their places.
@@ -85,9 +85,14 @@ DECLARE
     v_is_all boolean;
 BEGIN
     PERFORM _require_snapshot();
-    SELECT coalesce(array_agg(d.object_kind), '{}'), coalesce(array_agg(d.object_id), '{}') INTO v_kinds, v_ids
-        FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-              WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT c_few + 1) d;
+    IF p_numbers IS NULL THEN
+        SELECT coalesce(array_agg(d.object_kind), '{}'), coalesce(array_agg(d.object_id), '{}') INTO v_kinds, v_ids
+            FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
+                  WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT c_few + 1) d;
+    ELSE
+        SELECT coalesce(array_agg((n >> 62)::smallint), '{}'), coalesce(array_agg(n & ((1::bigint << 62) - 1)), '{}')
+            INTO v_kinds, v_ids FROM unnest(p_numbers) n;
+    END IF;
     v_is_few := cardinality(v_ids) <= c_few;
     v_is_all := NOT v_is_few AND _is_all_dirty(p_scene_id);
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
@@ -118,9 +123,10 @@ BEGIN
                                 AND m.object_kind = c.b_kind AND m.object_id = c.b_id))) k;
 END
 $$;
-COMMENT ON FUNCTION _known_conflicts(bigint) IS
+COMMENT ON FUNCTION _known_conflicts(bigint, bigint[]) IS
 'The conflicts of a scene that have a changed member: those that a detection replaces, and where they are for the rest '
-'of the transaction. Each column as the bytes of an array (array_send). A pair may come twice.';
+'of the transaction. p_numbers: which members changed; null: those with a covered mark. Each column as the bytes of an '
+'array (array_send). A pair may come twice.';
 
 CREATE OR REPLACE FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT

@@ -213,7 +213,7 @@ def _detect_few(
     started: float,
 ) -> Run:
     """Do all of a detection of few changed objects in the open transaction, and commit."""
-    if way.only_pending and not (few.area_ids or few.track_ids):
+    if way.only_pending and not few.numbers:
         raise _NothingPending
     clock = time.perf_counter()
     settings, scene_id = begun.settings, begun.scene_id
@@ -225,7 +225,7 @@ def _detect_few(
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
     source = _FewSource(conn, scene_id, way.memory, few.srid, pieces)
-    staged = store.begin_write(conn, scene_id, record)
+    staged = store.begin_write(conn, scene_id, record, few.numbers)
     return _refresh_conflicts(conn, staged, source, settings, record, way, started)
 
 

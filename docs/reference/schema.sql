@@ -889,7 +889,7 @@ FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _known_conflicts(p_scene_id bigint, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
+FUNCTION _known_conflicts(p_scene_id bigint, p_numbers bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)

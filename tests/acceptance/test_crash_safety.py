@@ -49,7 +49,9 @@ def stopping(name, *, after):
         return result
     setattr(store, name, run)
 
-for name in ("changed_areas", "replace_pieces", "begin_write", "pieces", "stage", "end_write"):
+for name in (
+    "begin_detection", "changed_areas", "replace_pieces", "begin_write", "pieces", "put_pieces", "stage", "end_write"
+):
     stopping(name, after=True)
 conflictdb.db.detect._FEW_OBJECTS = int(sys.argv[4])
 with store.connect(sys.argv[1]) as conn:
@@ -65,11 +67,11 @@ EVERYWHERE = [
     ("progress", TWO_TRANSACTIONS),
     ("stage", TWO_TRANSACTIONS),
     ("end_write", TWO_TRANSACTIONS),
-    ("changed_areas", ONE_TRANSACTION),
-    ("pieces", ONE_TRANSACTION),
+    ("begin_detection", ONE_TRANSACTION),
+    ("put_pieces", ONE_TRANSACTION),
     ("end_write", ONE_TRANSACTION),
 ]
-SELDOM = {"changed_areas", "begin_write", "stage"}
+SELDOM = {"begin_detection", "changed_areas", "begin_write", "stage"}
 PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at for at in EVERYWHERE]
 
 

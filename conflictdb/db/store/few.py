@@ -29,6 +29,7 @@ from conflictdb.db.store.pairs import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 
+_KIND_BIT: Final = 62  # above the numbers of all objects
 # What _put_pieces takes of a piece, in its order.
 _TYPES: Final = {
     "object_kind": "smallint",
@@ -65,6 +66,11 @@ class Few:
     area_ids: list[int]
     track_ids: list[int]
     known_objects: int | None
+
+    @property
+    def numbers(self) -> list[int]:
+        """One number for each object of any kind (_object_number)."""
+        return [*self.area_ids, *(number | Kind.TRACK.code << _KIND_BIT for number in self.track_ids)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,9 +45,12 @@ class KnownPairs:
         self._is_found = np.zeros(len(row), np.bool_)
 
     @classmethod
-    def read(cls, conn: psycopg.Connection[Any], scene_id: int) -> Self:
-        """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot."""
-        known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id], _COLUMNS)
+    def read(cls, conn: psycopg.Connection[Any], scene_id: int, numbers: list[int] | None = None) -> Self:
+        """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot.
+
+        numbers : of the objects that changed, if these are few (_object_number)
+        """
+        known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id, numbers], _COLUMNS)
         return cls(
             _numbers(known["a_kind"], known["a_id"]),
             _numbers(known["b_kind"], known["b_id"]),

@@ -136,10 +136,15 @@ class Staged:
     took_s: float = 0.0
 
 
-def begin_write(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord) -> Staged:
-    """Begin to write back what is found of a scene, in the second transaction of a detection."""
+def begin_write(
+    conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, numbers: list[int] | None = None
+) -> Staged:
+    """Begin to write back what is found of a scene, in the second transaction of a detection.
+
+    numbers : of the objects that changed, if these are few
+    """
     began = time.perf_counter()
-    known = KnownPairs.read(conn, scene_id)
+    known = KnownPairs.read(conn, scene_id, numbers)
     return Staged(scene_id, run, known, took_s=time.perf_counter() - began)
 
 
