@@ -660,6 +660,44 @@ class Database:
         """Bring the objects of a scene in step with its attached tables, as every detection does first."""
         attached.follow(self.connection, scene, again=True)
 
+    def share_scene(self, scene: str, role: str, access: str = "read") -> None:
+        """Let a role of the database see a scene, once scenes are protected; for who owns it.
+
+        Parameters
+        ----------
+        role : str
+            Name of the role, which stands for its members too; ``public`` is every role.
+        access : str
+            ``read``, ``write``, or ``own``: it owns the scene then, in place of who does.
+
+        Raises
+        ------
+        InvalidInput
+            There is no such scene or role, or the access is another one.
+        StoreError
+            The scene is not that of the connection's role.
+        """
+        with self._transaction():
+            store.share_scene(self.connection, scene, role, access)
+
+    def unshare_scene(self, scene: str, role: str) -> bool:
+        """Take back what `share_scene` gave a role, and return whether it had anything."""
+        with self._transaction():
+            return store.unshare_scene(self.connection, scene, role)
+
+    def shares(self, scene: str) -> list[store.Share]:
+        """Return whose a scene is, and the roles that it is shared with, as far as the connection's role may know."""
+        with self._transaction():
+            return store.shares(self.connection, scene)
+
+    def protect_scenes(self, *, on: bool = True) -> None:
+        """Have each scene seen by its owner, by those it is shared with and by workers alone, or by all again.
+
+        For who owns the schema conflictdb. Raises StoreError for others.
+        """
+        with self._transaction():
+            store.protect_scenes(self.connection, on=on)
+
     def advise(
         self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
     ) -> "Advice":

@@ -62,6 +62,7 @@ class Scene(Base):
     centre_lon: Mapped[float | None]
     centre_lat: Mapped[float | None]
     history_kept: Mapped[timedelta | None]
+    owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -230,6 +231,18 @@ class Acknowledgement(Base):
     state: Mapped[str]
     ended_by: Mapped[str | None]
     ended_at: Mapped[datetime | None]
+
+
+class Share(Base):
+    """Whose a scene is, or a role that it is shared with: a row of the view `shares`."""
+
+    __tablename__ = "shares"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    role: Mapped[str] = mapped_column(primary_key=True)
+    access: Mapped[str] = mapped_column(primary_key=True)
+    shared_by: Mapped[str | None]
+    shared_at: Mapped[datetime | None]
 
 
 class Queued(Base):

@@ -282,6 +282,7 @@ ROLES: Final = {
             "queue",
             "attachments",
             "unmapped",
+            "shares",
         ],
     ),
     "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
@@ -290,7 +291,7 @@ ROLES: Final = {
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
-            *("conflict_event", "acknowledgement", "history"),
+            *("conflict_event", "acknowledgement", "history", "scene_share"),
         ],
     ),
 }

@@ -17,7 +17,7 @@ COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
 'Gives a scene of great circles without a centre the middle of its first object; returns the centre.';
 
 CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
-LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     -- The sequence alone would do, but that a restore may set it back.
     RETURN greatest(
@@ -28,7 +28,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _first_version(smallint, bigint) IS
-'The version of a new object: later than all that was computed of an object that had its number before it.';
+'The version of a new object: later than all that was computed of an object that had its number before it. Runs as its '
+'owner: that may have been in a scene which the caller cannot read.';
 
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -248,6 +249,8 @@ BEGIN
         PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the scene and create it anew',
                         'scene_stays');
     END IF;
+    PERFORM _check_owner(v_who, CASE TG_OP WHEN 'UPDATE' THEN OLD.owner ELSE NEW.owner END, NEW.owner,
+                         TG_OP = 'INSERT');
     IF (NEW.motion IN ('rhumb', 'great_circle')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),
                         'scene_motion_known');

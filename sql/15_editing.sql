@@ -11,6 +11,7 @@ DECLARE
     -- Great circles are on the sphere.
     v_earth text := coalesce(p_earth, CASE p_motion WHEN 'great_circle' THEN 'sphere' END);
     v_scene_id bigint;
+    v_turns integer := 0;
 BEGIN
     LOOP
         UPDATE scene s SET motion = n.motion, earth = n.earth, method = n.method, tolerance_m = n.tolerance_m,
@@ -29,8 +30,15 @@ BEGIN
                   (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.nearest_m, n.centre_lon, n.centre_lat);
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
+            -- Row-level security lets updates pass over what is only to be read.
+            PERFORM _check_may_change(v_scene_id, p_name);
             RETURN v_scene_id;
         END IF;
+        IF v_turns > 1 THEN
+            PERFORM _refuse('42501', format('scene %L', p_name), 'name',
+                            format('is that of a scene which role %I may not read', current_user), 'scene_name_unique');
+        END IF;
+        v_turns := v_turns + 1;
         INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)
             VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(v_earth, 'wgs84'), coalesce(p_method, 'exact'),
                     coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), coalesce(p_nearest_m, 0.0),
@@ -76,7 +84,7 @@ CREATE OR REPLACE FUNCTION put_area(
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_to_change(p_scene);
     v_who text := format('area %L', p_key);
     v_area_id bigint;
 BEGIN
@@ -115,7 +123,7 @@ CREATE OR REPLACE FUNCTION put_track(
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_to_change(p_scene);
     v_who text := format('track %L', p_key);
     v_track_id bigint;
 BEGIN
@@ -167,7 +175,7 @@ COMMENT ON FUNCTION put_track(
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_to_change(p_scene);
 BEGIN
     DELETE FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key;
     IF FOUND THEN
@@ -221,9 +229,9 @@ COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 'The path of a track: a LineString of waypoints with one instant each as M (Unix seconds).';
 
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_to_change(p_scene);
 BEGIN
     IF p_full THEN
         PERFORM _mark_all(v_scene_id);

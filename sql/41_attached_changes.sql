@@ -80,6 +80,10 @@ COMMENT ON FUNCTION _create_note(bigint) IS
 CREATE OR REPLACE FUNCTION _drop_note(p_attachment_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
+    IF EXISTS (SELECT FROM attachment a WHERE a.attachment_id = p_attachment_id) THEN
+        PERFORM _refuse('42501', format('attachment %s', p_attachment_id), 'triggers', 'are in use', 'attachment_gone',
+                        'detach(scene, table) ends an attachment.');
+    END IF;
     -- Not while a table has its triggers.
     EXECUTE format('DROP FUNCTION IF EXISTS _note_%s()', p_attachment_id);
 END

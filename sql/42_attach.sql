@@ -241,7 +241,7 @@ DECLARE
     -- With triggers, a comparison only finds what no trigger sees: partitions added later, triggers switched off.
     c_with_triggers CONSTANT interval := '1 hour';
     c_without CONSTANT interval := '1 minute';
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_to_change(p_scene);
     v_who text := format('attachment of %s', p_table);
     v_kind smallint := CASE p_kind WHEN 'area' THEN 0 WHEN 'track' THEN 1 END;
     v_has_triggers boolean := p_every IS NULL AND EXISTS (
@@ -328,6 +328,7 @@ DECLARE
     v_objects bigint := 0;
     v_rows bigint;
 BEGIN
+    PERFORM _scene_to_change(p_scene);
     FOR v_one IN SELECT * FROM _find_attached(p_scene, p_table) LOOP
         IF NOT p_keep THEN
             DELETE FROM area a USING attached_object o
@@ -361,7 +362,7 @@ COMMENT ON FUNCTION detach(text, text, boolean) IS
 'leaves them as if they had been put in one by one. Returns how many objects were removed. Needs the rights that '
 'attaching needs.';
 
-CREATE OR REPLACE VIEW attachments AS
+CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
        format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
        pg_catalog.pg_get_userbyid(p.proowner) AS role, a.has_triggers, a.every,
@@ -402,7 +403,7 @@ COMMENT ON COLUMN attachments.failed_at IS
 COMMENT ON COLUMN attachments.error IS 'Why it could not be read; null if it could.';
 COMMENT ON COLUMN attachments.remark IS 'What is wrong with it, beyond error; null if nothing is.';
 
-CREATE OR REPLACE VIEW unmapped AS
+CREATE OR REPLACE VIEW unmapped WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
        a.identity_columns, o.identity, o.key, o.reason, o.since, o.object_id IS NOT NULL AS is_kept
 FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)

@@ -75,9 +75,10 @@ BEGIN
                            f (key, feature) ORDER BY f.key);
         v_unmapped := ARRAY(SELECT concat_ws(': ', o.identity, o.reason) FROM attached_object o
                             WHERE o.attachment_id = v_attachment.attachment_id AND o.reason IS NOT NULL);
-        -- Back to before: all that was done is undone, what is known of it stays.
-        RAISE EXCEPTION USING ERRCODE = 'ZC000';
-    EXCEPTION WHEN SQLSTATE 'ZC000' THEN
+        -- Back to before: all that was done is undone, what is known of it stays. A state that ends in 000 would stand
+        -- for its class, and all refusals be caught.
+        RAISE EXCEPTION USING ERRCODE = 'ZC999';
+    EXCEPTION WHEN SQLSTATE 'ZC999' THEN
         NULL;
     END;
     RETURN QUERY SELECT 'would', w.what FROM unnest(v_would) WITH ORDINALITY w (what, n)

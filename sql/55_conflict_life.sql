@@ -67,7 +67,7 @@ BEGIN
                     FROM conflict_event e
                     CROSS JOIN LATERAL (SELECT '[' || e.conflict_event_id || ', ' || to_json(e.a_key) || ', '
                                                || to_json(e.b_key) || ']' AS whole OFFSET 0) w
-                    CROSS JOIN LATERAL (SELECT CASE WHEN octet_length(w.whole) > c_longest - 2
+                    CROSS JOIN LATERAL (SELECT CASE WHEN p_scene IS NULL OR octet_length(w.whole) > c_longest - 2
                                                     THEN '[' || e.conflict_event_id || ']'
                                                     ELSE w.whole END AS event OFFSET 0) s
                     WHERE e.scene_id = p_scene_id AND e.conflict_event_id >= p_first) t
@@ -77,7 +77,8 @@ END
 $$;
 COMMENT ON FUNCTION _notify_events(bigint, text, bigint, bigint) IS
 'Notifies channel conflictdb_event of the events of a run from a number on: scene, run, kind, and of each event the '
-'number and both keys (the number alone, where keys are very long), as many notifications as that takes.';
+'number and both keys (the number alone, where keys are very long, and where the scene is not named, because scenes '
+'are protected), as many notifications as that takes.';
 
 CREATE OR REPLACE FUNCTION _history_kept(p_scene_id bigint) RETURNS interval
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -196,7 +196,9 @@ DECLARE
     v_unresolved bigint;
     v_first_event bigint;
 BEGIN
-    SELECT s.name, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO STRICT v_scene_name, v_plane
+    -- Anybody who can connect may listen.
+    SELECT CASE WHEN NOT _is_protected() THEN s.name END, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)
+        INTO STRICT v_scene_name, v_plane
         FROM scene s WHERE s.scene_id = p_scene_id;
     run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
     -- When it began to write: the same for all parts of a run.

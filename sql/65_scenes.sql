@@ -18,7 +18,7 @@ $$;
 COMMENT ON FUNCTION _is_current(bigint) IS
 'Whether nothing of a scene, neither object nor setting, changed since its last detection that succeeded.';
 
-CREATE OR REPLACE VIEW scenes AS
+CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
        s.nearest_m,
        (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id)
@@ -54,7 +54,7 @@ COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
 COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
 
-CREATE OR REPLACE VIEW queue AS
+CREATE OR REPLACE VIEW queue WITH (security_invoker = true) AS
 SELECT s.name AS scene, w.waiting_since, w.changes, w.attached_changes, h.pid AS worker_pid, h.application AS worker,
        h.role AS worker_role, h.since AS worked_on_since, r.error AS last_error
 FROM (

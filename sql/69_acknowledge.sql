@@ -39,6 +39,7 @@ CREATE OR REPLACE FUNCTION acknowledge(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_longest CONSTANT integer := 10000;
+    v_scene_id bigint := _scene_to_change(p_scene);
     v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
     v_who text := format('conflict of %L and %L', p_a_key, p_b_key);
 BEGIN
@@ -55,7 +56,7 @@ BEGIN
         PERFORM _end_acknowledgement(v_conflict.conflict_id);
         INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict,
                                      time_error_s, closest_m, closest_error_m)
-            VALUES (v_conflict.scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
+            VALUES (v_scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
                     v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
                     v_conflict.closest_error_m)
             ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
@@ -75,6 +76,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
 BEGIN
+    PERFORM _scene_to_change(p_scene);
     RETURN _end_acknowledgement(v_conflict.conflict_id);
 END
 $$;
@@ -82,7 +84,7 @@ COMMENT ON FUNCTION unacknowledge(text, text, text) IS
 'Takes back that the conflict of two objects was acknowledged; returns whether it was. Refuses (ZC011) where no '
 'conflict is known.';
 
-CREATE OR REPLACE VIEW acknowledgements AS
+CREATE OR REPLACE VIEW acknowledgements WITH (security_invoker = true) AS
 SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key, k.acknowledged_by, k.acknowledged_at, k.reason, k.until,
        k.periods, k.verdict,
        CASE WHEN k.ended_at IS NOT NULL THEN 'ended' WHEN c.conflict_id IS NULL THEN 'closed'

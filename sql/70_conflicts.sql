@@ -2,7 +2,7 @@
 -- could neither use indexes through it nor leave out columns that nobody reads. They tell (NOTICE) when changes of the
 -- scene wait for detection, so that an answer may lack something; so do scenes.is_current and scene_is_current.
 
-CREATE OR REPLACE VIEW conflicts AS
+CREATE OR REPLACE VIEW conflicts WITH (security_invoker = true) AS
 SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
@@ -77,7 +77,7 @@ COMMENT ON COLUMN conflicts.acknowledged_for IS 'Why; null where acknowledged_by
 COMMENT ON COLUMN conflicts.acknowledged_until IS 
 'Until when that holds; null: for as long as the conflict lasts, and where acknowledged_by is.';
 
-CREATE OR REPLACE VIEW approaches AS
+CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,

@@ -1,6 +1,6 @@
 -- What was known when, and who has taken note of what.
 
-CREATE OR REPLACE VIEW conflict_events AS
+CREATE OR REPLACE VIEW conflict_events WITH (security_invoker = true) AS
 SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.conflict_id,
        e.a_key, CASE e.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        e.b_key, CASE e.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,

@@ -266,12 +266,13 @@ $$;
 COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS
 'Writes the answer to a request: what was found, or why it cannot be answered; removes requests older than an hour.';
 
--- Who asked sees the question and the answer, and workers do.
+-- Who asked sees the question and the answer, while the scene may be read, and workers do.
 ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
 ALTER TABLE probe_reply ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS probe_request_own ON probe_request;
 CREATE POLICY probe_request_own ON probe_request TO conflictdb_reader
-    USING (asked_by = current_user) WITH CHECK (asked_by = current_user);
+    USING (asked_by = current_user AND scene_id IN (SELECT s.scene_id FROM scene s))
+    WITH CHECK (asked_by = current_user AND scene_id IN (SELECT s.scene_id FROM scene s));
 DROP POLICY IF EXISTS probe_request_worker ON probe_request;
 CREATE POLICY probe_request_worker ON probe_request TO conflictdb_worker USING (true) WITH CHECK (true);
 DROP POLICY IF EXISTS probe_reply_own ON probe_reply;

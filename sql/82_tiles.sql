@@ -372,7 +372,7 @@ COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
 'seconds, absent if unbounded). query_params as tile_areas, and verdict: of conflict, grazing, unresolved, with commas '
 'between. Of heights, those that both objects have in common count.';
 
-CREATE OR REPLACE VIEW map_areas AS
+CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
        CASE WHEN isfinite(lower(a.active_span)) THEN lower(a.active_span) END AS starts_at,
        CASE WHEN isfinite(upper(a.active_span)) THEN upper(a.active_span) END AS ends_at,
@@ -393,7 +393,7 @@ COMMENT ON COLUMN map_areas.ends_at IS 'Until when it is there; null: for ever.'
 COMMENT ON COLUMN map_areas.footprint IS
 'Longitude and latitude in degrees, cut at the seam, with points on long edges so that they bend as they should.';
 
-CREATE OR REPLACE VIEW map_tracks AS
+CREATE OR REPLACE VIEW map_tracks WITH (security_invoker = true) AS
 SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
        to_timestamp(ST_M(ST_StartPoint(t.path))) AS starts_at, to_timestamp(ST_M(ST_EndPoint(t.path))) AS ends_at,
        ST_Multi(_wrapped(_drawn_path(
@@ -412,7 +412,7 @@ COMMENT ON COLUMN map_tracks.ends_at IS 'When it arrives.';
 COMMENT ON COLUMN map_tracks.path IS
 'Longitude and latitude in degrees, cut at the seam, with points on long legs so that they bend as they should.';
 
-CREATE OR REPLACE VIEW map_conflicts AS
+CREATE OR REPLACE VIEW map_conflicts WITH (security_invoker = true) AS
 SELECT (c.conflict_id << 20) + p.n AS period_id, c.conflict_id,
        s.name AS scene, c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind, c.verdict,

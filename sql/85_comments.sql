@@ -206,6 +206,17 @@ COMMENT ON COLUMN history.scene_id IS 'Scene.';
 COMMENT ON COLUMN history.first_run_id IS
 'What was known before this run had finished is not kept; null: all of it is.';
 COMMENT ON COLUMN history.pruned_at IS 'When what is too old was last removed.';
+COMMENT ON COLUMN scene.owner IS
+'The role that it belongs to: at first that which made it; null in a database from before this was kept. It matters '
+'once scenes are protected (protect_scenes).';
+
+COMMENT ON TABLE scene_share IS 'The roles that scenes are shared with. The view shares shows them.';
+COMMENT ON COLUMN scene_share.scene_id IS 'Scene.';
+COMMENT ON COLUMN scene_share.role IS 'Name of the role; public is every role.';
+COMMENT ON COLUMN scene_share.may_write IS 'Whether it may change the scene, not only read it.';
+COMMENT ON COLUMN scene_share.shared_by IS 'Who shared it.';
+COMMENT ON COLUMN scene_share.shared_at IS 'When that was.';
+
 COMMENT ON COLUMN scene.history_kept IS
 'How long history of its conflicts is kept; null: as the setting conflictdb.history_kept says, else 30 days.';
 

@@ -67,8 +67,14 @@ GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
 GRANT INSERT, UPDATE, DELETE ON attachment, attached_change, attached_object TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene,
-                          _ensure_centre, _first_version, _begin_load, _load
+                          _ensure_centre, _first_version, _begin_load, _load, _mark_all, share_scene, unshare_scene,
+                          give_scene
     TO conflictdb_editor;
+-- What they mark is detected again, which does no harm.
+GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
+-- Whose shares these are is seen to by row-level security.
+GRANT INSERT, UPDATE, DELETE ON scene_share TO conflictdb_editor;
+REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
 -- Attaching a table, and taking its rows over. Who writes to the table needs nothing of this.
 GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
                           _close_attached_schema, _map_expression, _create_attached_rows,

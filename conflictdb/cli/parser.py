@@ -73,7 +73,7 @@ def build() -> Parser:
     commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
     for add in (_detect, _load, _conflicts, _approaches, _explain, _advise, _export, _worker, _service, _status):
         add(commands)
-    for add in (_plot, _report, _probe, _history, _acknowledge, _map, _attach, _schema, _server, _psql, _demo):
+    for add in (_plot, _report, _probe, _history, _acknowledge, _map, _attach, _share, _schema, _server, _psql, _demo):
         add(commands)
     return parser
 
@@ -389,6 +389,34 @@ def _status(commands: Any) -> None:
         commands, "status", "operation:status", "show database, schema, scenes, pending changes, last runs and workers"
     )
     parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
+
+
+def _share(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "share",
+        "sharing:share",
+        "let a role of the database see a scene, or list which may",
+        "For who owns the scene. It matters once scenes are protected; until then every reader sees all.",
+    )
+    parser.add_argument("role", nargs="?", metavar="ROLE", help="role; public is every role (default: list them)")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to share")
+    parser.add_argument(
+        "--access",
+        choices=("read", "write", "own"),
+        help="what it may do (default: read); own: the scene is its own then, in place of who owns it",
+    )
+    parser = _command(commands, "unshare", "sharing:unshare", "take back that a scene is shared with a role")
+    parser.add_argument("role", metavar="ROLE", help="role that it is shared with")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that is shared")
+    parser = _command(
+        commands,
+        "protect",
+        "sharing:protect",
+        "have scenes seen by their owners, and by the roles that these share them with",
+        "For who owns the schema conflictdb. Workers see all scenes.",
+    )
+    parser.add_argument("--off", action="store_true", help="let every reader see all scenes again")
 
 
 def _attach(commands: Any) -> None:

@@ -117,4 +117,5 @@ class Changes:
             return None
         if not isinstance(run, dict):
             return OBJECTS
-        return CONFLICTS if run.get("scene") == self._scene else None
+        # Where scenes are protected, it says of none which it is.
+        return CONFLICTS if run.get("scene") in (self._scene, None) else None

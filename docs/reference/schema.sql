@@ -263,12 +263,21 @@ TABLE scene (
     nearest_m double precision NOT NULL DEFAULT 0.0,
     centre_lon double precision,
     centre_lat double precision,
-    history_kept interval
+    history_kept interval,
+    owner name DEFAULT CURRENT_USER
 );
 
 TABLE scene_lock (
     scene_id bigint NOT NULL,
     taken bigint NOT NULL DEFAULT 0
+);
+
+TABLE scene_share (
+    scene_id bigint NOT NULL,
+    role name NOT NULL,
+    may_write boolean NOT NULL,
+    shared_by name NOT NULL DEFAULT CURRENT_USER,
+    shared_at timestamp with time zone NOT NULL DEFAULT now()
 );
 
 TABLE track (
@@ -287,6 +296,16 @@ TABLE track (
     floors_m double precision[],
     ceilings_m double precision[],
     first_version bigint NOT NULL DEFAULT 0
+);
+
+VIEW _accessible (
+    scene_id bigint,
+    may_write boolean,
+    is_owner boolean
+);
+
+VIEW _my_role (
+    role name
 );
 
 VIEW acknowledgements (
@@ -467,6 +486,14 @@ VIEW scenes (
     unmapped bigint
 );
 
+VIEW shares (
+    scene text COLLATE C,
+    role name,
+    access text,
+    shared_by name,
+    shared_at timestamp with time zone
+);
+
 VIEW unmapped (
     scene text COLLATE C,
     attachment_id bigint,
@@ -553,6 +580,8 @@ CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
 CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
+CONSTRAINT scene_share_pkey ON scene_share: PRIMARY KEY (scene_id, role);
+CONSTRAINT scene_share_scene_fkey ON scene_share: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT track_ceiling_above_floor ON track: CHECK ((ceiling_m > floor_m));
 CONSTRAINT track_growth_given_once ON track: CHECK (((grow_mps = (0)::double precision) OR (outlines IS NULL)));
 CONSTRAINT track_growth_in_range ON track: CHECK (((grow_mps >= (0)::double precision) AND (grow_mps <= ('1000000'::numeric)::double precision)));
@@ -724,17 +753,26 @@ FUNCTION _check_leg_heights(p_who text, p_path geometry, p_floor_m double precis
 FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_may_change(p_scene_id bigint, p_scene text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_role(p_who text, p_role text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
@@ -821,7 +859,7 @@ FUNCTION _find_attached(p_scene text, p_table text)
     RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -876,6 +914,9 @@ FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth te
 
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_protected()
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -940,6 +981,9 @@ FUNCTION _map_tracks(p_scene text)
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
+FUNCTION _may_change(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -954,6 +998,9 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _my_roles()
+    RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -985,6 +1032,12 @@ FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double prec
 FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _own_scene_id(p_scene text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
+FUNCTION _own_scenes()
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1005,6 +1058,9 @@ FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_ce
 
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _protected_tables()
+    RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _prune(p_scene_id bigint, p_kept interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -1032,6 +1088,9 @@ FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT span_start timestamp 
 
 FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _readable_scenes()
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -1087,6 +1146,9 @@ FUNCTION _scene_named(p_scene text)
 FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _scene_to_change(p_scene text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1101,6 +1163,9 @@ FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
 
 FUNCTION _set_scene(p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision, p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _shares(p_scene text)
+    RETURNS SETOF shares LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION _short_identity(p_identity text)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1201,6 +1266,9 @@ FUNCTION _window(p_geometry geometry, p_plane text)
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _writable_scenes()
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
@@ -1243,6 +1311,9 @@ FUNCTION explain_conflict(p_scene text, p_a text, p_b text)
 FUNCTION explain_conflict_text(p_scene text, p_a text, p_b text)
     RETURNS text LANGUAGE sql STABLE PARALLEL UNSAFE;
 
+FUNCTION give_scene(p_scene text, p_role text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -1257,6 +1328,9 @@ FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map j
 
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION protect_scenes(p_on boolean DEFAULT true)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp SET lock_timeout=10s;
 
 FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -1274,13 +1348,16 @@ FUNCTION remove_object(p_scene text, p_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_key text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read'::text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
     RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -1299,6 +1376,9 @@ FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION unshare_scene(p_scene text, p_role text)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

@@ -80,6 +80,7 @@ from conflictdb.db.store.reading import (
     wait_until_current,
 )
 from conflictdb.db.store.service import WORKER_NAME, Service, listen, map_dsn, service, wait_for_change, worker_dsn
+from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
 from conflictdb.db.store.showing import (
     TILES,
     changes,
@@ -123,6 +124,7 @@ __all__ = [
     "Say",
     "SceneStatus",
     "Service",
+    "Share",
     "Staged",
     "TakenOver",
     "Unmapped",
@@ -174,6 +176,7 @@ __all__ = [
     "pieces_meeting",
     "plan_of",
     "preview_attachment",
+    "protect_scenes",
     "put_pieces",
     "read_attached",
     "read_scene",
@@ -193,6 +196,8 @@ __all__ = [
     "seconds_to_comparison",
     "service",
     "set_scene",
+    "share_scene",
+    "shares",
     "some_areas",
     "some_tracks",
     "stage",
@@ -202,6 +207,7 @@ __all__ = [
     "translated",
     "unacknowledge",
     "unmapped",
+    "unshare_scene",
     "wait_for_change",
     "wait_for_probe",
     "wait_until_current",

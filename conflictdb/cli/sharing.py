@@ -1,0 +1,59 @@
+"""`share`, `unshare` and `protect`."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import out, remark, table
+from conflictdb.cli.parser import check
+from conflictdb.cli.report import moment_text
+from conflictdb.cli.session import database
+from conflictdb.database import Database
+from conflictdb.db import store
+
+
+def share(args: argparse.Namespace) -> int:
+    """Share a scene with a role, or list with whom it is shared."""
+    check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
+    with _told(args) as db:
+        if args.role is None:
+            found = db.shares(args.scene)
+            out(_table(found) if found else "belongs to nobody, and is shared with nobody")
+        else:
+            db.share_scene(args.scene, args.role, args.access or "read")
+            out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
+    return DONE
+
+
+def unshare(args: argparse.Namespace) -> int:
+    """Take a share back."""
+    with _told(args) as db:
+        out("taken back" if db.unshare_scene(args.scene, args.role) else "was not shared with it")
+    return DONE
+
+
+def protect(args: argparse.Namespace) -> int:
+    """Have scenes seen by those alone whose they are."""
+    with _told(args) as db:
+        db.protect_scenes(on=not args.off)
+    out("all scenes are open to all roles" if args.off else "scenes are protected")
+    return DONE
+
+
+def _table(shares: list[store.Share]) -> str:
+    rows = [
+        [one.role, one.access, one.shared_by or "", moment_text(one.shared_at, up=False) if one.shared_at else ""]
+        for one in shares
+    ]
+    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows)
+
+
+@contextmanager
+def _told(args: argparse.Namespace) -> Iterator[Database]:
+    """Open the database of a command; what it tells on the way is told."""
+    with database(args) as db:
+        db.connection.add_notice_handler(
+            lambda told: remark("; ".join(filter(None, (told.message_primary, told.message_hint))))
+        )
+        yield db

@@ -1,0 +1,129 @@
+-- Whose a scene is, and who else may read or change it. It is enforced by row-level security (93_row_security.sql),
+-- once scenes are protected (66_sharing.sql); before that everybody may what the roles of conflictdb may.
+
+CREATE OR REPLACE VIEW _my_role AS
+SELECT r.rolname AS role FROM pg_catalog.pg_roles r WHERE pg_has_role(r.oid, 'USAGE')
+UNION ALL SELECT 'public';
+COMMENT ON VIEW _my_role IS 'The roles that the current one has the rights of, and public.';
+COMMENT ON COLUMN _my_role.role IS 'Name of the role.';
+
+-- With the rights of its owner, for whom there is no row-level security: policies ask it, also those of these tables.
+-- OFFSET 0: PostgreSQL takes UNION ALL apart, and would then ask conditions of a user about rows that are not for him.
+CREATE OR REPLACE VIEW _accessible WITH (security_barrier = true) AS
+SELECT s.scene_id, true AS may_write, true AS is_owner
+FROM scene s WHERE s.owner IN (SELECT m.role FROM _my_role m)
+UNION ALL
+SELECT h.scene_id, h.may_write, false
+FROM scene_share h WHERE h.role IN (SELECT m.role FROM _my_role m)
+OFFSET 0;
+COMMENT ON VIEW _accessible IS 'The scenes that are the current role''s, or shared with it, whatever else it may.';
+COMMENT ON COLUMN _accessible.scene_id IS 'Scene.';
+COMMENT ON COLUMN _accessible.may_write IS 'Whether the role may change it.';
+COMMENT ON COLUMN _accessible.is_owner IS 'Whether it is the role''s own.';
+
+-- For policies: planned once in a session, and not for every table of every query, which takes longer than to run them.
+
+CREATE OR REPLACE FUNCTION _my_roles() RETURNS SETOF name
+LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    RETURN QUERY SELECT m.role FROM _my_role m;
+END
+$$;
+COMMENT ON FUNCTION _my_roles() IS 'The roles that the current one has the rights of, and public.';
+
+CREATE OR REPLACE FUNCTION _readable_scenes() RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    RETURN QUERY SELECT a.scene_id FROM _accessible a;
+END
+$$;
+COMMENT ON FUNCTION _readable_scenes() IS 'The scenes that are the current role''s or shared with it.';
+
+CREATE OR REPLACE FUNCTION _writable_scenes() RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.may_write;
+END
+$$;
+COMMENT ON FUNCTION _writable_scenes() IS 'The scenes that are the current role''s or shared with it to be changed.';
+
+CREATE OR REPLACE FUNCTION _own_scenes() RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.is_owner;
+END
+$$;
+COMMENT ON FUNCTION _own_scenes() IS 'The scenes that are the current role''s.';
+
+CREATE OR REPLACE FUNCTION _is_protected() RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT c.relrowsecurity FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass;
+END;
+COMMENT ON FUNCTION _is_protected() IS 'Whether scenes are seen by those alone whose they are or who share them.';
+
+CREATE OR REPLACE FUNCTION _may_change(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE')
+           OR EXISTS (SELECT FROM _accessible a WHERE a.scene_id = p_scene_id AND a.may_write);
+END;
+COMMENT ON FUNCTION _may_change(bigint) IS 'Whether row-level security lets the current role change a scene.';
+
+CREATE OR REPLACE FUNCTION _check_may_change(p_scene_id bigint, p_scene text) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    IF NOT _may_change(p_scene_id) THEN
+        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
+                        format('lets role %I read it, but not change it', current_user), 'scene_changeable',
+                        format('Who owns it may run: SELECT conflictdb.share_scene(%L, %L, ''write'')', p_scene,
+                               current_user));
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_may_change(bigint, text) IS
+'Refuses (insufficient_privilege) a scene that the current role may read, but not change.';
+
+CREATE OR REPLACE FUNCTION _scene_to_change(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    PERFORM _check_may_change(v_scene_id, p_scene);
+    RETURN v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _scene_to_change(text) IS
+'Returns the scene''s id; refuses (ZC010) a name that is not known, and (insufficient_privilege) one that the current '
+'role may not change.';
+
+CREATE OR REPLACE FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    -- Who owns the tables may do anything, also restore what others made.
+    IF NOT p_is_new AND p_new_owner IS NOT DISTINCT FROM p_owner
+       OR pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass), 'USAGE') THEN
+        RETURN;
+    END IF;
+    IF (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
+        PERFORM _refuse('42501', p_who, 'owner',
+                        format('is %s, not role %I', coalesce('role ' || quote_ident(p_owner), 'nobody'), current_user),
+                        'scene_owned');
+    END IF;
+    PERFORM _check_role(p_who, p_new_owner::text);
+END
+$$;
+COMMENT ON FUNCTION _check_owner(text, name, name, boolean) IS
+'Refuses (insufficient_privilege) an owner of a new scene that the current role is not, and another owner of a scene '
+'that is not its own; and (ZC009) an owner who is not there.';
+
+CREATE OR REPLACE FUNCTION _check_role(p_who text, p_role text) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles r WHERE r.rolname::text = p_role) THEN
+        PERFORM _refuse('ZC009', p_who, 'role', format('%s is no role of this server', quote_nullable(p_role)),
+                        'role_known', 'Names are taken as they are: without quotes, and no letter is made small.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_role(text, text) IS 'Refuses (ZC009) a role that is not there.';

@@ -1,0 +1,57 @@
+-- What of the tables a role sees and changes, once scenes are protected (66_sharing.sql): rows of scenes that are its
+-- own or shared with it. Workers see all, and so do, by the rules of PostgreSQL, the owner of the tables, superusers
+-- and roles with BYPASSRLS.
+--
+-- A subquery that depends on no row is asked once in a statement. Restrictive about writing: for each command its own
+-- policy, so that those who edit are asked once too.
+
+DO $$
+DECLARE
+    c_readable CONSTANT text := 'scene_id IN (SELECT conflictdb._readable_scenes())';
+    c_writable CONSTANT text := 'scene_id IN (SELECT conflictdb._writable_scenes())';
+    c_owned CONSTANT text := 'scene_id IN (SELECT conflictdb._own_scenes())';
+    -- A scene that was made just now is in no view yet.
+    c_mine CONSTANT text := '%s IN (SELECT conflictdb._my_roles())';
+    c_attached CONSTANT text := 'attachment_id IN (SELECT a.attachment_id FROM conflictdb.attachment a WHERE %s)';
+    v_table regclass;
+    v_readable text;
+    v_writable text;
+    v_removable text;
+    v_addable text;
+    v_one record;
+BEGIN
+    FOR v_table IN SELECT t FROM conflictdb._protected_tables() t
+                   UNION ALL SELECT 'conflictdb.scene_share'::regclass LOOP
+        v_readable := CASE v_table::text
+            WHEN 'scene' THEN format(c_mine, 'owner') || ' OR ' || c_readable
+            WHEN 'scene_share' THEN format(c_mine, 'role') || ' OR ' || c_owned
+            WHEN 'attached_change' THEN format(c_attached, 'a.' || c_readable)
+            WHEN 'attached_object' THEN format(c_attached, 'a.' || c_readable)
+            ELSE c_readable END;
+        v_writable := CASE v_table::text
+            WHEN 'scene_share' THEN c_owned
+            WHEN 'attached_change' THEN format(c_attached, 'a.' || c_writable)
+            WHEN 'attached_object' THEN format(c_attached, 'a.' || c_writable)
+            ELSE c_writable END;
+        v_addable := CASE v_table::text WHEN 'scene' THEN format(c_mine, 'owner') ELSE v_writable END;
+        v_removable := CASE v_table::text WHEN 'scene' THEN c_owned ELSE v_writable END;
+        FOR v_one IN SELECT * FROM (VALUES
+            ('read', 'SELECT TO conflictdb_reader', v_readable, NULL),
+            ('add', 'INSERT TO conflictdb_editor', NULL, v_addable),
+            ('change', 'UPDATE TO conflictdb_editor', v_writable,
+             CASE v_table::text WHEN 'scene' THEN 'true' ELSE v_writable END),
+            ('remove', 'DELETE TO conflictdb_editor', v_removable, NULL),
+            ('work', 'ALL TO conflictdb_worker', 'true', 'true')) p (name, what, using_rule, check_rule) LOOP
+            EXECUTE format('DROP POLICY IF EXISTS %I ON %s', v_one.name, v_table);
+            EXECUTE format('CREATE POLICY %I ON %s FOR %s', v_one.name, v_table, v_one.what)
+                    || coalesce(' USING (' || v_one.using_rule || ')', '')
+                    || coalesce(' WITH CHECK (' || v_one.check_rule || ')', '');
+        END LOOP;
+    END LOOP;
+    -- Shares are the owners' whether they matter yet or not; and tables that are new are protected as the others are.
+    ALTER TABLE scene_share ENABLE ROW LEVEL SECURITY;
+    IF _is_protected() THEN
+        PERFORM protect_scenes();
+    END IF;
+END
+$$;
