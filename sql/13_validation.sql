@@ -101,7 +101,10 @@ BEGIN
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(0::smallint, NEW.area_id);
-        NEW.first_version := NEW.version;
+        -- A dump brings it along: conflicts that were restored stay those of this object.
+        IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
+            NEW.first_version := NEW.version;
+        END IF;
     ELSE
         -- Later than the one before, also if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
@@ -225,7 +228,10 @@ BEGIN
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(1::smallint, NEW.track_id);
-        NEW.first_version := NEW.version;
+        -- A dump brings it along: conflicts that were restored stay those of this object.
+        IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
+            NEW.first_version := NEW.version;
+        END IF;
     ELSE
         -- Later than the one before, also if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);

@@ -90,7 +90,9 @@ BEGIN
                tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
                nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
         FROM pg_temp.staged_area s
-        WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key);
+        WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key)
+        -- As they came, whichever of the tables is read first: objects are listed in that order.
+        ORDER BY s.ctid;
     GET DIAGNOSTICS added = ROW_COUNT;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
                        grow_mps, outlines)
@@ -98,7 +100,8 @@ BEGIN
                nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
                s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines
         FROM pg_temp.staged_track s
-        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key);
+        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key)
+        ORDER BY s.ctid;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     added := added + v_rows;
     unchanged := v_total - added - updated;

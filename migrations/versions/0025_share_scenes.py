@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2e80a280405bf0684e0dfb20bbcd7fe26758b92a042efa4ccbc2a9636702a00a"
+routines_sha256 = "395671a21c3078d25fca76abf81a14669c854f2404d980e76b7ee908b670bf17"
 
 # Roles by name: a dump must be restorable where some of them are not. Of scenes that are there nobody knows who made
 # them.
