@@ -12,7 +12,9 @@ from conflictdb.errors import ConflictDBError
 
 
 def show(args: argparse.Namespace) -> int:
-    """Serve the page of a scene until interrupted."""
+    """Serve the page of a scene until interrupted, or write it into a file."""
+    if args.html is not None:
+        return _write(args)
     try:
         from conflictdb.map.serve import PageServer
     except ImportError as error:
@@ -25,6 +27,18 @@ def show(args: argparse.Namespace) -> int:
             out(server.address, flush=True)
             server.serve_until_interrupted()
     note("stopped")
+    return DONE
+
+
+def _write(args: argparse.Namespace) -> int:
+    # Not above: shapely takes longer to import than all else.
+    from conflictdb.io import write_lines
+    from conflictdb.map.html import page
+
+    with database(args) as db:
+        text, left_out = page(db.connection, _scene(db, args.scene))
+    write_lines(args.html, [text])
+    note(f"{args.html} leaves out {left_out}")
     return DONE
 
 

@@ -304,6 +304,12 @@ def _map(commands: Any) -> None:
         metavar="HOST",
         help="address to listen on (default: this machine alone); at another, the page needs the token that is printed",
     )
+    parser.add_argument(
+        "--html",
+        type=Path,
+        metavar="FILE",
+        help="write the page into a file that needs nothing else, to send to somebody, instead of serving it",
+    )
     parser.add_argument("--port", type=port, default=8620, metavar="N", help="port (default: 8620; 0: any free one)")
 
 

@@ -110,7 +110,7 @@ class Changes:
                 self.tell(OBJECTS if OBJECTS in said else CONFLICTS)
 
     def _meaning(self, payload: str) -> str | None:
-        """Return what a notification means for the scene: one of a run names it, one of an edit says nothing."""
+        """Return what a notification means for the scene: of a run it names it, unless scenes are protected."""
         try:
             run = json.loads(payload) if payload else None
         except ValueError:

@@ -14,6 +14,8 @@ from build_wheels import TARGETS
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = "conflictdb/kernel/libkernel.so"
+# Of the page of `conflictdb map`.
+PAGE = ("conflictdb/map/page/index.html", "conflictdb/map/vendor/maplibre-gl.mjs", "conflictdb/map/vendor/vendor.json")
 # As ELF and Mach-O number them.
 MACHINES = {"x86_64": (62, 0x01000007), "aarch64": (183, 0x0100000C), "arm64": (183, 0x0100000C)}
 SCENE = """
@@ -45,7 +47,7 @@ def check(wheel: Path, platform: str) -> bytes:
         names = archive.namelist()
         assert len(names) == len(set(names))
         assert [name for name in names if name.endswith((".so", ".dylib", ".from", ".pyc"))] == [LIBRARY]
-        for name in ("conflictdb/__init__.py", "conflictdb/py.typed", "conflictdb/kernel/kernel.h"):
+        for name in ("conflictdb/__init__.py", "conflictdb/py.typed", "conflictdb/kernel/kernel.h", *PAGE):
             assert name in names
         assert any(name.startswith("conflictdb/_sql/") for name in names)
         assert any(name.startswith("conflictdb/_migrations/versions/") for name in names)

@@ -2,6 +2,7 @@
 
 import { byId } from "./dom.js";
 import { Detail } from "./detail.js";
+import { EmbeddedSource } from "./embedded.js";
 import { clock, counted, day } from "./format.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
@@ -15,7 +16,7 @@ const SPEEDS = [1, 10, 60, 300, 900, 3600, 21600, 86400, 604800]; // seconds in 
 const PLAYED_S = 40; // how long all of a scene takes at the speed that is set at first
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 
-const source = new ServerSource();
+const source = byId("scene-data") ? new EmbeddedSource() : new ServerSource();
 const filter = new Filter();
 let model;
 let view;
@@ -59,7 +60,8 @@ function describe() {
   document.title = `${scene.scene} · conflictdb`;
   byId("title").textContent = scene.scene;
   tell([counted(model.areas.length, "area"), counted(model.tracks.length, "track"),
-    scene.is_current ? null : scene.remark].filter(Boolean).join(" · "));
+    scene.is_current ? null : scene.remark,
+    scene.copied ? `as of ${scene.copied}, changes since are not in this file` : null].filter(Boolean).join(" · "));
   byId("beyond").hidden = model.beyond === 0;
   byId("beyond").textContent = `The map is Web Mercator, which ends at ${MERCATOR_END.toFixed(2)}° of latitude. `
     + `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond: the list has what the map cannot show.`;
@@ -284,7 +286,7 @@ function listen() {
   byId("after").addEventListener("click", () => neighbour(1));
   const nameTheme = () => {
     byId("theme").textContent = { system: "Auto", light: "Light", dark: "Dark" }[theme.choice];
-    byId("theme").setAttribute("aria-label", `Colours: ${theme.choice}`);
+    byId("theme").setAttribute("aria-label", `${byId("theme").textContent} colours`);
   };
   byId("theme").addEventListener("click", () => { theme.next(); nameTheme(); havens.draw(); });
   nameTheme();
@@ -308,7 +310,7 @@ function listen() {
     const does = {
       j: () => neighbour(1), k: () => neighbour(-1), "/": () => { if (chosen) unchoose(); byId("words").focus(); },
       Escape: () => (chosen ? unchoose() : event.target.blur()),
-      " ": event.target.closest("button, summary, a, input") ? null : () => (playing === null ? play() : pause()),
+      " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => (playing === null ? play() : pause()),
     }[event.key];
     if (does) {
       event.preventDefault();
@@ -320,7 +322,7 @@ function listen() {
 async function start() {
   await readAll();
   const box = model.box();
-  view = new MapView("map", source, box, version);
+  view = await MapView.open("map", source, box, version);
   havens = new Havens(byId("havens"), view);
   havens.take(model.tracks, model.areas);
   describe();
@@ -332,6 +334,8 @@ async function start() {
   if (source.isLive) {
     source.watch(changed, (isHeard) => { if (isHeard) describe(); else tell("The server does not answer; trying again.", true); });
   }
+  // For the console of a browser, and tests.
+  globalThis.conflictdbPage = { view, havens, get model() { return model; }, get t() { return t; } };
   await view.loaded;
   mark();
   document.documentElement.dataset.ready = "true";

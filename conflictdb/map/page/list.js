@@ -52,8 +52,8 @@ export class List {
     const { scrollTop, clientHeight } = this.container;
     if (n >= 0 && (n * ROW < scrollTop || (n + 1) * ROW > scrollTop + clientHeight)) {
       this.container.scrollTop = Math.max(0, n * ROW - clientHeight / 3);
-      this.render();
     }
+    this.render(); // also where the list was hidden until now
     return n;
   }
 

@@ -36,29 +36,37 @@ const looks = () => ({
 
 const KINDS = ["areas", "tracks", "conflicts"];
 
-// Layers from below to above: id, type, source, layer of its tiles.
+// Layers from below to above: id, type, and what they show.
 const LAYERS = [
-  ["land", "fill", "land", null],
-  ["coast", "line", "land", null],
-  ["areas", "fill", "areas", "areas"],
-  ["areas-edge", "line", "areas", "areas"],
-  ["tracks", "line", "tracks", "tracks"],
-  ["conflicts", "fill", "conflicts", "conflicts"],
-  ["conflicts-edge", "line", "conflicts", "conflicts"],
-  ["first-contacts", "circle", "conflicts", "first_contacts"],
+  ["land", "fill", "land"],
+  ["coast", "line", "land"],
+  ["near-land", "fill", "near-land"],
+  ["near-coast", "line", "near-land"],
+  ["areas", "fill", "areas"],
+  ["areas-edge", "line", "areas"],
+  ["tracks", "line", "tracks"],
+  ["conflicts", "fill", "conflicts"],
+  ["conflicts-edge", "line", "conflicts"],
+  ["first-contacts", "circle", "first_contacts"],
 ];
 
 const MERCATOR_M = 2 * Math.PI * 6378137;
-const FINE_LAND_DEG = 30; // a scene that is smaller shows the finer coast around it
+const SMALL_DEG = 30; // around a scene that is smaller than this, with its margin, land is the finer one
+const MARGIN_DEG = 5;
 
 export class MapView {
-  // Shows a scene: `source` gives shapes and land, box is [west, south, east, north].
-  constructor(container, source, box, version) {
+  // Shows a scene in a container: box is [west, south, east, north].
+  static async open(container, source, box, version) {
+    return new MapView(container, source, box, await source.sources(version, nearOf(box)));
+  }
+
+  constructor(container, source, box, { sources, places }) {
     this.source = source;
+    this.places = places;
     this.states = new Map(KINDS.map((kind) => [kind, new Map()]));
     this.map = new maplibregl.Map({
       container,
-      style: this.style(box, version),
+      style: this.style(sources),
       bounds: [[box[0], Math.max(box[1], -85)], [box[2], Math.min(box[3], 85)]],
       fitBoundsOptions: { padding: 48, maxZoom: 12 },
       dragRotate: false,
@@ -81,23 +89,12 @@ export class MapView {
     this.loaded = new Promise((resolve) => this.map.once("load", resolve));
   }
 
-  style(box, version) {
-    const around = [box[0] - 5, box[1] - 5, box[2] + 5, box[3] + 5];
-    const isSmall = around[2] - around[0] < FINE_LAND_DEG && around[3] - around[1] < FINE_LAND_DEG
-      && around[0] > -180 && around[2] < 180 && around[1] > -90 && around[3] < 90;
+  style(sources) {
     const paint = looks();
-    const sources = Object.fromEntries(KINDS.map((kind) => [kind, this.source.shapes(kind, version)]));
-    // The finer land where the scene is, the coarser one everywhere else.
-    sources.land = this.source.land("50m", [-180, -90, 180, 90], isSmall ? around : null);
-    const layers = LAYERS.map(([id, type, from, layer]) => ({
-      id, type, source: from, paint: paint[id], ...(layer && sources[from].type === "vector" && { "source-layer": layer }),
-    }));
-    if (isSmall) {
-      sources["near-land"] = this.source.land("10m", around, null);
-      layers.splice(2, 0, ...["land", "coast"].map((id) => ({
-        ...layers.find((one) => one.id === id), id: `near-${id}`, source: "near-land",
-      })));
-    }
+    const layers = LAYERS.filter(([, , from]) => from in sources || from in this.places).map(([id, type, from]) => {
+      const { source = from, sourceLayer } = this.places[from] ?? {};
+      return { id, type, source, paint: paint[id.replace("near-", "")], ...(sourceLayer && { "source-layer": sourceLayer }) };
+    });
     return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: paint.sea }, ...layers] };
   }
 
@@ -124,7 +121,7 @@ export class MapView {
       const mark = (on ? 1 : 0) + (hidden ? 2 : 0) + (chosen ? 4 : 0);
       if ((known.get(id) ?? 0) !== mark) {
         known.set(id, mark);
-        for (const sourceLayer of layers) this.map.setFeatureState({ source: kind, sourceLayer, id }, { on, hidden, chosen });
+        for (const layer of layers) this.map.setFeatureState({ ...this.places[layer], id }, { on, hidden, chosen });
       }
     }
   }
@@ -154,6 +151,13 @@ export class MapView {
       .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & 2))
       .map(({ id }) => id);
   }
+}
+
+// What is around a scene, null where that is large or reaches the edge of the map.
+function nearOf([west, south, east, north]) {
+  const around = [west - MARGIN_DEG, south - MARGIN_DEG, east + MARGIN_DEG, north + MARGIN_DEG];
+  const isSmall = around[2] - around[0] < SMALL_DEG && around[3] - around[1] < SMALL_DEG;
+  return isSmall && around[0] > -180 && around[2] < 180 && around[1] > -90 && around[3] < 90 ? around : null;
 }
 
 const clamp = (lat) => Math.min(85, Math.max(-85, lat));

@@ -47,19 +47,31 @@ export class ServerSource {
     }));
   }
 
-  // A source of MapLibre for one of areas, tracks and conflicts, in one state of the scene.
-  shapes(kind, version) {
-    return { type: "vector", tiles: [this.tilesAt(kind, version)], minzoom: 0, maxzoom: 16 };
+  // Shapes in one state of the scene as MapLibre takes them, and which of these each layer shows; and land: the coarser
+  // one, and the finer one around `near`, if that is not null.
+  async sources(version, near) {
+    const land = (detail, asked) => ({
+      type: "geojson", data: `${location.origin}/land/${detail}?${new URLSearchParams(asked)}`,
+    });
+    return {
+      sources: {
+        ...Object.fromEntries(["areas", "tracks", "conflicts"].map((kind) => [kind, {
+          type: "vector", tiles: [this.tilesAt(kind, version)], minzoom: 0, maxzoom: 16,
+        }])),
+        land: land("50m", near ? { but: near.join() } : {}),
+        ...(near && { "near-land": land("10m", { box: near.join() }) }),
+      },
+      places: {
+        areas: { source: "areas", sourceLayer: "areas" },
+        tracks: { source: "tracks", sourceLayer: "tracks" },
+        conflicts: { source: "conflicts", sourceLayer: "conflicts" },
+        first_contacts: { source: "conflicts", sourceLayer: "first_contacts" },
+      },
+    };
   }
 
   tilesAt(kind, version) {
     return `${location.origin}/tiles/${kind}/{z}/{x}/{y}?v=${version}`;
-  }
-
-  // Land in a box, but not in another one.
-  land(detail, box, but) {
-    const asked = new URLSearchParams({ box: box.join(), ...(but && { but: but.join() }) });
-    return { type: "geojson", data: `${location.origin}/land/${detail}?${asked}` };
   }
 
   // Calls `told` with "objects" or "conflicts" when these changed, and `state` with whether changes are heard of.

@@ -1,0 +1,179 @@
+"""The page of a scene in one file, which needs nothing else: no server, no database, no network."""
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import psycopg
+
+from conflictdb.db import store
+from conflictdb.map import content, land
+from conflictdb.map.content import Pair, to_json
+
+_ROOT: Final = Path(str(files("conflictdb") / "map"))
+# Why each pair is in conflict is asked pair by pair: some seconds.
+MOST_EXPLAINED: Final = 1_000
+# Around a scene that is smaller than this, with a margin of MARGIN_DEG, land is the finer one.
+_SMALL_DEG: Final = 30.0
+_MARGIN_DEG: Final = 5.0
+
+_IMPORT: Final = re.compile(r'^import (\{.*?\}|\* as \w+) from "(.*?)";\n', re.MULTILINE | re.DOTALL)
+_EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|const|class) (\w+))", re.MULTILINE)
+_VENDOR: Final = "../vendor/maplibre-gl.mjs"
+_PACKED: Final = ("maplibre-gl.mjs", "maplibre-gl-worker.mjs")
+
+# MapLibre and what it runs in threads are modules, which have addresses: of what is unpacked here.
+_BEGIN: Final = """\
+const addressOf = async (id) => URL.createObjectURL(
+  new Blob([await (await $embedded.unpacked(id)).arrayBuffer()], { type: "text/javascript" }));
+const maplibregl = await import(await addressOf("maplibre-gl.mjs"));
+maplibregl.setWorkerUrl(await addressOf("maplibre-gl-worker.mjs"));
+"""
+
+
+def page(conn: psycopg.Connection[Any], scene: str) -> tuple[str, str]:
+    """Return the file of a scene, and what it leaves out, in words; InvalidInput if the scene is not known."""
+    with store.transaction(conn):
+        facts, left_out = _facts(conn, scene)
+    return "".join(_parts(facts)), left_out
+
+
+def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], str]:
+    """Return all that the page asks for."""
+    overview, conflicts = content.overview(conn, scene), content.conflicts(conn, scene)
+    areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
+    shapes = _shapes(conn, scene, conflicts)
+    rows = [dict(zip(conflicts["columns"], row, strict=True)) for row in conflicts["rows"]]
+    explained = rows[:MOST_EXPLAINED]
+    asked = [Pair(row["a"], row["b"]) for row in explained]
+    pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in asked]
+    now = datetime.now(UTC)
+    left_out = "changes since, and acknowledging"
+    if len(rows) > len(explained):
+        left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
+    near = _near(shapes)
+    return {
+        "scene": {**overview, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
+        "conflicts": conflicts,
+        "areas": areas,
+        "tracks": base64.b64encode(tracks).decode(),
+        "shapes": shapes,
+        "pairs": pairs,
+        "land": json.loads(land.geojson(land.COARSE, land.WORLD, near)),
+        "near_land": near and json.loads(land.geojson(land.FINE, near)),
+    }, left_out
+
+
+def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: dict[str, Any]) -> dict[str, Any]:
+    """Return a FeatureCollection for each layer."""
+    found: dict[str, list[Any]] = {"areas": [], "tracks": [], "conflicts": [], "first_contacts": []}
+    for layer, number, key, shape in store.map_shapes(conn, scene):
+        found[layer].append(_feature(number, {"key": key}, json.loads(shape)))
+    for row in conflicts["rows"]:
+        one = dict(zip(conflicts["columns"], row, strict=True))
+        if one["lon"] is not None:
+            point = {"type": "Point", "coordinates": [one["lon"], one["lat"]]}
+            found["first_contacts"].append(_feature(one["id"], {}, point))
+    return {layer: {"type": "FeatureCollection", "features": features} for layer, features in found.items()}
+
+
+def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "id": number, "properties": properties, "geometry": geometry}
+
+
+def _near(shapes: dict[str, Any]) -> land.Box | None:
+    """Return a box around all that is there, None if that is large or reaches the edge of the map."""
+    places = [place for layer in ("areas", "tracks") for one in shapes[layer]["features"] for place in _places(one)]
+    if not places:
+        return None
+    lons, lats = zip(*places, strict=True)
+    west, east = min(lons) - _MARGIN_DEG, max(lons) + _MARGIN_DEG
+    south, north = min(lats) - _MARGIN_DEG, max(lats) + _MARGIN_DEG
+    is_small = east - west < _SMALL_DEG and north - south < _SMALL_DEG
+    is_inside = min(west + 180.0, south + 90.0, 180.0 - east, 90.0 - north) > 0.0
+    return (west, south, east, north) if is_small and is_inside else None
+
+
+def _places(feature: dict[str, Any]) -> Iterator[tuple[float, float]]:
+    def each(coordinates: Any) -> Iterator[tuple[float, float]]:
+        if coordinates and isinstance(coordinates[0], list):
+            for part in coordinates:
+                yield from each(part)
+        elif coordinates:
+            yield coordinates[0], coordinates[1]
+
+    yield from each(feature["geometry"]["coordinates"])
+
+
+def _parts(facts: dict[str, Any]) -> Iterator[str]:
+    """Yield the file: what the served page loads stands in it."""
+    script, style = _script(), "\n".join(_text(name) for name in ("vendor/maplibre-gl.css", "page/style.css"))
+    policy = (
+        f"default-src 'none'; script-src '{_hash(script)}' blob:; style-src '{_hash(style)}'; worker-src blob: data:; "
+        "connect-src blob:; img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    icon = base64.b64encode(_text("page/icon.svg").encode()).decode()
+    html = _text("page/index.html")
+    head, rest = html.split('<link rel="icon"', 1)
+    _, body = rest.split("</head>", 1)
+    before, after = body.rsplit("</body>", 1)
+    yield head
+    yield f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+    yield f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">\n'
+    yield f"<style>{style}</style>\n</head>{before}"
+    for name in _PACKED:
+        yield _packed(name, (_ROOT / "vendor" / name).read_bytes())
+    yield _packed("scene-data", to_json(facts))
+    notices = "\n\n".join(_text(f"vendor/{name}") for name in ("maplibre-gl.LICENSE.txt", "world-atlas.LICENSE.txt"))
+    notices = notices.replace("--", "- -")
+    yield f"<!-- This file holds MapLibre GL JS and Natural Earth (world-atlas).\n\n{notices}\n-->\n"
+    yield f'<script type="module">{script}</script>\n</body>{after}'
+
+
+def _packed(name: str, data: bytes) -> str:
+    text = base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
+    return f'<script type="text/plain" id="{name}">{text}</script>\n'
+
+
+def _hash(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _text(name: str) -> str:
+    return (_ROOT / name).read_text(encoding="utf-8")
+
+
+def _script() -> str:
+    """Return all modules of the page as one: each a function of its own, after those that it imports."""
+    done: dict[str, str] = {}
+
+    def take(name: str) -> None:
+        text = _text(f"page/{name}.js")
+        for _, path in _IMPORT.findall(text):
+            if path != _VENDOR and (needed := _name(path)) not in done:
+                take(needed)
+        exported = ", ".join(_EXPORT.findall(text))
+        body = _EXPORT.sub("", _IMPORT.sub(_imported, text))
+        done[name] = f"const ${name} = (() => {{\n{body}\nreturn {{ {exported} }};\n}})();\n"
+
+    take("embedded")
+    begun = "".join(done.values()) + _BEGIN
+    before = set(done)
+    take("app")
+    return begun + "".join(text for name, text in done.items() if name not in before)
+
+
+def _imported(match: re.Match[str]) -> str:
+    names, path = match.groups()
+    return "" if path == _VENDOR else f"const {names.replace(' as ', ': ')} = ${_name(path)};\n"
+
+
+def _name(path: str) -> str:
+    return path.removeprefix("./").removesuffix(".js")

@@ -1,0 +1,55 @@
+// Where the page has its scene from when it is one file: conflictdb/map/html.py put it in, compressed.
+
+import { byId } from "./dom.js";
+
+export async function unpacked(id) {
+  const packed = Uint8Array.from(atob(byId(id).textContent), (sign) => sign.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip")));
+}
+
+export class EmbeddedSource {
+  isLive = false;
+
+  constructor() {
+    this.content = unpacked("scene-data").then((text) => text.json());
+  }
+
+  async scene() {
+    return (await this.content).scene;
+  }
+
+  async conflicts() {
+    return (await this.content).conflicts;
+  }
+
+  async areas() {
+    return (await this.content).areas;
+  }
+
+  async tracks() {
+    return Uint8Array.from(atob((await this.content).tracks), (sign) => sign.charCodeAt(0)).buffer;
+  }
+
+  async pair(a, b) {
+    const { pairs, shapes } = await this.content;
+    const footprints = shapes.areas.features.filter(({ properties: { key } }) => key === a || key === b);
+    return {
+      explanation: pairs.find(([first, second]) => first === a && second === b)?.[2] ?? null,
+      footprints: Object.fromEntries(footprints.map(({ properties, geometry }) => [properties.key, geometry])),
+    };
+  }
+
+  // Shapes as MapLibre takes them, each layer a source; and land: the coarser one, and the finer one of some places.
+  async sources() {
+    const { shapes, land, near_land: near } = await this.content;
+    const geojson = (data) => ({ type: "geojson", data });
+    return {
+      sources: {
+        ...Object.fromEntries(Object.entries(shapes).map(([layer, data]) => [layer, geojson(data)])),
+        land: geojson(land),
+        ...(near && { "near-land": geojson(near) }),
+      },
+      places: Object.fromEntries(Object.keys(shapes).map((layer) => [layer, { source: layer }])),
+    };
+  }
+}

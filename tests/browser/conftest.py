@@ -1,0 +1,46 @@
+"""A browser for the tests of the page: Chromium of this machine, else they say that they did not run."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+from browsing import ARGUMENTS, Open, chromium
+from playwright.sync_api import Browser, Page, sync_playwright
+
+_READY_MS = 60_000
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    program = chromium()
+    if program is None:
+        pytest.skip("did not run: no Chromium on this machine (Debian package chromium)")
+    with sync_playwright() as playwright, playwright.chromium.launch(executable_path=program, args=ARGUMENTS) as found:
+        yield found
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[Open]:
+    """Return what opens an address and waits until it is shown; nothing it says may be an error, nor leave its site."""
+    said: list[str] = []
+    with ExitStack() as contexts:
+
+        def opened(address: str, *, size: tuple[int, int] = (900, 600), **options: Any) -> Page:
+            viewport = {"width": size[0], "height": size[1]}
+            context = contexts.enter_context(browser.new_context(viewport=viewport, reduced_motion="reduce", **options))
+            page = context.new_page()
+            page.on("console", lambda message: message.type in ("error", "warning") and said.append(message.text))
+            page.on("pageerror", lambda error: said.append(str(error)))
+            site = address.split("/", 3)[2]
+            page.on("request", lambda request: _is_within(request.url, site) or said.append(f"asked {request.url}"))
+            page.goto(address)
+            page.wait_for_selector("html[data-ready=true]", state="attached", timeout=_READY_MS)
+            return page
+
+        yield opened
+    assert said == []
+
+
+def _is_within(url: str, site: str) -> bool:
+    return url.startswith(("blob:", "data:")) or url.split("/", 3)[2] == site

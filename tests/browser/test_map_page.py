@@ -1,0 +1,352 @@
+"""The page of `conflictdb map` in a browser: what is shown, and what happens when somebody uses it."""
+
+import gzip
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from browsing import Open
+from commands import runner
+from map_page import served_page
+from piecework import load
+from playwright.sync_api import Page, expect
+
+import conflictdb
+from conflictdb.db.detect import detect
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+
+AXE = Path(__file__).parent / "axe-core-4.14.1.min.js.gz"
+Conn = psycopg.Connection[Any]
+HOUR_US = 3_600_000_000
+T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
+T0_S = T0_US / 1e6
+HOSTILE = "<img src=x onerror=\"document.title='taken'\">"
+
+
+@pytest.fixture
+def strait(dsn: str) -> Iterator[str]:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    with served_page(dsn, "strait") as address:
+        yield address
+
+
+def rows(page: Page) -> list[str]:
+    """The pairs in the list, in its order."""
+    return page.locator(".row .keys").all_inner_texts()
+
+
+def shown(page: Page, layer: str, where: str = "true") -> int:
+    """How many features a layer of the map shows whose state is as asked."""
+    script = f"conflictdbPage.view.map.queryRenderedFeatures({{layers: ['{layer}']}})"
+    return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
+
+
+def wait_until(page: Page, expression: str) -> None:
+    """Wait until something holds; Playwright's own way evaluates texts in the page, which its policy forbids."""
+    until_s = time.monotonic() + 20
+    while not page.evaluate(expression):
+        assert time.monotonic() < until_s, expression
+        page.wait_for_timeout(50)
+
+
+def time_of(page: Page) -> float:
+    return float(page.evaluate("conflictdbPage.t"))
+
+
+ORDER = ["CABLE and SUB-1", "FIRING and FERRY", "DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"]
+ORDER += ["FERRY and TOW", "FIRING and SURVEY"]
+
+
+def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
+    """The list by first contact, the map, the slider and play, a conflict from the list, the map and the timeline."""
+    page = open_page(strait)
+    expect(page).to_have_title("strait · conflictdb")
+    assert rows(page) == ORDER
+    assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
+    assert shown(page, "conflicts") >= 6
+    assert page.evaluate("conflictdbPage.havens.shown.length") >= 5
+    # It begins at the first contact of all.
+    expect(page.locator("#clock")).to_have_text("07:41:56")
+    expect(page.locator("li.on .keys")).to_have_text(["CABLE and SUB-1"])
+
+    slider = page.get_by_role("slider")
+    places = "conflictdbPage.havens.shown.map(({track, x, y}) => [track.key, Math.round(x), Math.round(y)]).sort()"
+    before = page.evaluate(places)
+    slider.focus()
+    for _ in range(10):
+        slider.press("ArrowRight")
+    assert page.evaluate(places) != before
+    assert time_of(page) > T0_S + 7 * 3600 + 41 * 60
+    slider.press("End")
+    expect(page.locator("li.on")).to_have_count(0)
+    page.wait_for_timeout(300)
+    assert shown(page, "conflicts", "s.on") == 0
+    slider.press("Home")
+    start = time_of(page)
+    page.locator("body").press("Space")
+    wait_until(page, f"conflictdbPage.t > {start} + 60")
+    expect(page.get_by_label("Pause")).to_be_visible()
+    page.locator("body").press("Space")
+    expect(page.get_by_label("Play")).to_be_visible()
+
+    page.get_by_role("button", name="FERRY and TOW").click()
+    detail = page.locator("#detail")
+    expect(detail.get_by_role("heading")).to_have_text("FERRY and TOW")
+    expect(detail).to_contain_text("Decided by stage 4: their motion.")
+    expect(detail).to_contain_text("1 Jun 2026 09:45:43 \N{EN DASH} 09:48:51")
+    expect(detail).to_contain_text("Each end is right to within 0.019 µs.")
+    expect(detail.locator("svg.plan path.plan-a, svg.plan path.plan-b")).to_have_count(2)
+    expect(page.locator("#clock")).to_have_text("09:45:43")
+    # The map is there: both havens are in view, and touch.
+    rings = page.evaluate(
+        "['FERRY', 'TOW'].map((key) => conflictdbPage.model.objects.get(key).motion.haven(conflictdbPage.t))"
+    )
+    assert shapely.distance(*map(shapely.Polygon, rings)) < 1e-6
+    seen = page.evaluate("conflictdbPage.havens.shown.map(({track}) => track.key)")
+    assert {"FERRY", "TOW"} <= set(seen)
+    assert page.evaluate("conflictdbPage.view.map.getZoom()") > 9
+    page.wait_for_timeout(300)
+    assert shown(page, "conflicts", "s.chosen") == 1
+    page.keyboard.press("j")
+    expect(detail.get_by_role("heading")).to_have_text("FIRING and SURVEY")
+    expect(detail.get_by_role("table")).to_contain_text("3 periods")
+    page.keyboard.press("Escape")
+    expect(detail).to_be_hidden()
+    expect(page.get_by_role("button", name="FIRING and SURVEY")).to_be_focused()
+
+    bar = page.evaluate(
+        "(() => { const box = document.getElementById('bars').getBoundingClientRect(); return [box.x, box.y]; })()"
+    )
+    page.mouse.click(bar[0] + page.locator("#bars").bounding_box()["width"] * 0.35, bar[1] + 6)  # type: ignore[index]
+    expect(detail.get_by_role("heading")).to_have_text("CABLE and SUB-1")
+    page.keyboard.press("Escape")
+    point = page.evaluate("""(() => {
+        const map = conflictdbPage.view.map, box = map.getContainer().getBoundingClientRect();
+        map.jumpTo({center: [9.5, 57.7512], zoom: 12});
+        const {x, y} = map.project([9.5, 57.7512]);
+        return [box.x + x, box.y + y];
+    })()""")
+    wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
+    page.wait_for_timeout(300)
+    page.mouse.click(*point)
+    expect(detail.get_by_role("heading")).to_have_text("FIRING and FERRY")
+
+
+def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
+    page = open_page(strait)
+    words = page.get_by_label("Object")
+    words.fill("ferry")
+    assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
+    expect(page.locator("#count")).to_have_text("3 of 7 conflicts")
+    page.wait_for_timeout(300)
+    assert shown(page, "conflicts", "!s.hidden") == 3
+    page.get_by_text("Filter", exact=True).click()
+    page.get_by_label("Above, m").fill("-5")
+    page.get_by_label("Below, m").fill("0")
+    assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
+    page.get_by_label("Below, m").fill("-6")
+    page.get_by_label("Above, m").fill("-1000")
+    words.fill("")
+    deep = rows(page)
+    assert "CABLE and SUB-1" in deep
+    page.get_by_label("Above, m").fill("1000")
+    page.get_by_label("Below, m").fill("")
+    assert "CABLE and SUB-1" not in rows(page)
+    page.get_by_role("button", name="Clear").click()
+    expect(page.locator(".row")).to_have_count(7)
+    page.get_by_label("From (UTC)").fill("2026-06-01T09:30:00")
+    assert "FIRING and FERRY" not in rows(page)
+    assert "FERRY and TOW" in rows(page)
+    page.get_by_label("To (UTC)").fill("2026-06-01T10:00:00")
+    assert "FIRING and SURVEY" not in rows(page)
+    page.get_by_role("button", name="Clear").click()
+    page.get_by_label("conflict", exact=True).uncheck()
+    expect(page.locator(".row")).to_have_count(0)
+    page.get_by_role("button", name="Clear").click()
+    page.get_by_label("at the time shown").check()
+    assert rows(page) == ["CABLE and SUB-1"]
+
+
+def test_changes_and_acknowledgements_show_without_reload(
+    strait: str, open_page: Open, conn: Conn, dsn: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = open_page(strait)
+    page.evaluate("globalThis.isSame = true")
+    conn.execute(
+        "SELECT conflictdb.put_area('strait', %s, ST_MakeEnvelope(8.5, 57.7, 9.6, 58.0, 4326), '(,)')", [HOSTILE]
+    )
+    conn.commit()
+    expect(page.locator("#state")).to_contain_text("5 areas")
+    expect(page.locator("#state")).to_contain_text("waits")
+    assert runner(dsn, capsys)("detect", "--scene", "strait").code == 0
+    expect(page.locator("#count")).not_to_have_text("7 conflicts")
+    expect(page.locator("#state")).not_to_contain_text("waits")
+    # Keys are texts, whatever they say.
+    row = page.locator(".row", has_text=f"{HOSTILE} and SURVEY")
+    expect(row).to_be_visible()
+    row.click()
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text(f"{HOSTILE} and SURVEY")
+    assert page.locator("img[src=x]").count() == 0
+    expect(page).to_have_title("strait · conflictdb")
+
+    page.get_by_label("Acknowledge, because").fill(HOSTILE)
+    page.get_by_role("button", name="Acknowledge").click()
+    expect(page.locator("#detail")).to_contain_text(f": {HOSTILE}")
+    query = "SELECT acknowledged_for FROM conflictdb.conflicts WHERE acknowledged_by IS NOT NULL"
+    known = conn.execute(query).fetchall()
+    assert known == [(HOSTILE,)]
+    page.get_by_role("button", name="All conflicts").click()
+    expect(page.locator(".tag", has_text="acknowledged")).to_have_count(1)
+    row.click()
+    page.get_by_role("button", name="Take back").click()
+    expect(page.get_by_label("Acknowledge, because")).to_be_visible()
+    assert page.evaluate("isSame") is True
+    assert page.locator("img[src=x]").count() == 0
+
+
+def tracks_of_all_kinds() -> list[Track]:
+    """Of each way in which a haven moves and changes; on rhumb lines and on great circles."""
+    box = rectangle_outline_m(3000, 1000, 500, 800)
+    wide = rectangle_outline_m(9000, 8000, 7000, 6000)
+
+    def hours(*at: float) -> np.ndarray:
+        return np.array([T0_US + int(h * HOUR_US) for h in at])
+
+    loiter = [(10.0, 50.0), (10.0, 50.0), (11.0, 50.5), (11.0, 50.5)]
+    return [
+        Track("STRAIGHT", [(0.0, 40.0), (8.0, 48.0)], hours(0, 20), box),
+        Track("EAST", [(0.0, 45.0), (9.0, 45.0)], hours(1, 9), box),
+        Track("LOITER", loiter, hours(0, 5, 10, 20), box),
+        Track("GROWS", [(5.0, 44.0), (6.0, 46.0)], hours(0, 20), box, grow_mps=0.05),
+        Track("CHANGES", [(5.0, 50.0), (6.0, 51.0), (4.0, 52.0)], hours(0, 10, 20), box, outlines_m=[box, wide, box]),
+    ]
+
+
+@pytest.mark.parametrize("scene", [
+    Scene("s"),
+    Scene("s", earth=EarthModel.SPHERE),
+    Scene("s", motion=Motion.GREAT_CIRCLE, earth=EarthModel.SPHERE, centre=(5.0, 47.0)),
+], ids=["rhumb", "sphere", "great circle"])  # fmt: skip
+def test_havens_are_where_the_database_has_them(scene: Scene, conn: Conn, dsn: str, open_page: Open) -> None:
+    """The page computes them itself, so that any instant is shown at once: within a millimetre of conflictdb.havens."""
+    tracks = tracks_of_all_kinds()
+    if scene.motion == Motion.RHUMB:
+        tracks.append(Track("SEAM", [(179.0, 10.0), (-179.0, 12.0)], tracks[0].times_us, tracks[0].outline_m))
+        tracks.append(Track("POLE", [(20.0, 86.0), (80.0, 88.5)], tracks[0].times_us, tracks[0].outline_m))
+    load(conn, scene, [], tracks)
+    query = (
+        "SELECT key, extract(epoch FROM at)::double precision, ST_AsText(haven, 12) "
+        "FROM conflictdb.havens('s', to_timestamp(%s), to_timestamp(%s), '97 minutes')"
+    )
+    known = conn.execute(query.encode(), [T0_S, T0_S + 20 * 3600]).fetchall()
+    assert len(known) > 50
+    with served_page(dsn, "s") as address:
+        page = open_page(address)
+        script = "(all) => all.map(([key, t]) => conflictdbPage.model.objects.get(key).motion.haven(t))"
+        found = page.evaluate(script, [[key, t] for key, t, _ in known])
+    for (key, t, text), ring in zip(known, found, strict=True):
+        there = shapely.from_wkt(text)
+        places = shapely.get_coordinates(there)
+        here = np.array(ring)
+        if key == "SEAM" and there.geom_type == "MultiPolygon":
+            continue  # cut there, so that it has other corners
+        turned = (here[:, 0] - places[0, 0] + 180) % 360 - 180 + places[0, 0]
+        far = np.hypot((turned - places[:, 0]) * math.cos(math.radians(here[0, 1])), here[:, 1] - places[:, 1])
+        assert np.max(far) * 111_000 < 1e-3, (key, t)
+
+
+def test_date_line_and_poles_are_true(conn: Conn, dsn: str, open_page: Open) -> None:
+    """A scene on both sides of the date line is one piece; what is beyond the map is told, listed and drawn."""
+    times = np.array([T0_US, T0_US + 10 * HOUR_US])
+    outline = rectangle_outline_m(5000, 5000, 5000, 5000)
+    tracks = [
+        Track("EAST", [(178.0, 10.0), (-178.0, 10.0)], times, outline),
+        Track("WEST", [(-178.0, 10.0), (178.0, 10.0)], times, outline),
+        Track("POLE-1", [(178.0, 86.0), (-178.0, 86.0)], times, outline),
+        Track("POLE-2", [(-178.0, 86.0), (178.0, 86.0)], times, outline),
+    ]
+    load(conn, Scene("s"), [Area("SEAM", shapely.box(179.5, 5.0, 180.5, 8.0))], tracks)
+    detect(conn, "s", jobs=1)
+    with served_page(dsn, "s") as address:
+        page = open_page(address)
+        assert sorted(rows(page)) == ["EAST and WEST", "POLE-1 and POLE-2"]
+        west, south, east, north = page.evaluate("conflictdbPage.model.box()")
+        assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
+        assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
+        expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
+        expect(page.locator(".row", has_text="POLE-1")).to_contain_text("beyond the map")
+        page.get_by_role("button", name="EAST and WEST").click()
+        page.wait_for_timeout(300)
+        seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
+        width = page.evaluate("document.getElementById('map').clientWidth")
+        at = dict(seen)
+        assert len(seen) == 2
+        assert abs(at["EAST"] - at["WEST"]) < width / 2
+        page.keyboard.press("Escape")
+        page.get_by_role("button", name="POLE-1 and POLE-2").click()
+        expect(page.locator("figcaption")).to_contain_text("beyond 85.05°, where the map ends")
+        expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
+
+
+SIZES = [(1440, 900, "light"), (768, 1024, "dark"), (390, 844, "light")]
+
+
+def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -> None:
+    """At three sizes, in both colours: nothing is cut off, controls are apart, and axe finds nothing serious."""
+    axe = gzip.decompress(AXE.read_bytes()).decode()
+    for *size, scheme in SIZES:
+        page = open_page(strait, size=tuple(size), color_scheme=scheme)
+        for step in ("list", "detail"):
+            if step == "detail":
+                page.locator(".row").nth(1).click()
+                expect(page.locator("svg.plan")).to_be_visible()
+            assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+            assert page.evaluate("document.documentElement.scrollHeight") <= size[1]
+            boxes = page.evaluate("""[...document.querySelectorAll(
+                'h1, #state, #theme, #words, #more > summary, .controls > *, #bars, #slider, #map, .detail > *, li'
+            )].filter((one) => one.checkVisibility() && !one.closest('[hidden]')).map((one) => {
+                const {x, y, width, height} = one.getBoundingClientRect();
+                return [one.id || one.className || one.tagName, x, y, x + width, y + height];
+            })""")
+            inside = [box for box in boxes if box[0] not in ("map",)]
+            for n, (name, x0, y0, x1, y1) in enumerate(inside):
+                assert x0 >= -0.5, name
+                assert x1 <= size[0] + 0.5, (name, size)
+                for other, u0, v0, u1, v1 in inside[:n]:
+                    is_apart = x1 <= u0 + 0.5 or u1 <= x0 + 0.5 or y1 <= v0 + 0.5 or v1 <= y0 + 0.5
+                    is_scrolled = "LI" in (name, other) or min(y1, v1) > size[1]
+                    assert is_apart or is_scrolled, (size, step, name, other)
+            page.evaluate(axe)
+            found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+            serious = [one for one in found if one["impact"] in ("serious", "critical")]
+            assert [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in serious] == []
+
+
+def test_file_needs_nothing_else(dsn: str, tmp_path: Path, open_page: Open, capsys: pytest.CaptureFixture[str]) -> None:
+    """The page in one file, without a server and without the network."""
+    file = tmp_path / "strait.html"
+    done = runner(dsn, capsys)("map", "--html", file)
+    assert (done.code, done.out) == (0, "")
+    assert file.stat().st_size < 3e6
+    page = open_page(file.as_uri(), offline=True)
+    assert rows(page) == ORDER
+    expect(page.locator("#state")).to_contain_text("changes since are not in this file")
+    page.wait_for_timeout(300)
+    assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
+    assert shown(page, "conflicts") >= 6
+    assert shown(page, "near-land") >= 1
+    page.get_by_role("button", name="FIRING and FERRY").click()
+    expect(page.locator("#detail")).to_contain_text("Decided by stage 4: their motion.")
+    expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
+    expect(page.locator("#detail .acknowledge")).to_have_count(0)
+    page.wait_for_timeout(300)
+    assert shown(page, "conflicts", "s.chosen") == 1
+    assert shown(page, "first-contacts", "s.chosen") == 1
