@@ -35,7 +35,7 @@ def merged_by_object(
 
     prepared : the pieces of the pairs
     footprints : asked for whole areas where contacts are shallow in all parts of one
-    threads : of the kernel, where regions are found out
+    threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces
     a, b = PieceRows(pairs.a[contacts.pair]), PieceRows(pairs.b[contacts.pair])
@@ -72,7 +72,7 @@ def merged_by_object(
     verdict = np.select(
         [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
     )
-    first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest)
+    first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
     # Objects that meet for certain are closest when they first do.
     doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
     meet[group_of[doubtful]] = False
@@ -123,7 +123,7 @@ def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int
 
 
 def _first_contacts(
-    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64]
+    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64], threads: int
 ) -> Floats:
     """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
     points = np.full((len(earliest), 2), np.nan)
@@ -132,7 +132,7 @@ def _first_contacts(
         a, b, at = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair]), contacts.start_s[earliest]
         seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
         at = np.where(np.isfinite(at), at, 0.0)
-        points[seen] = meeting_points(prepared, PieceRows(a[seen]), PieceRows(b[seen]), at[seen])
+        points[seen] = meeting_points(prepared, PieceRows(a[seen]), PieceRows(b[seen]), at[seen], threads)
     return points
 
 
