@@ -10,7 +10,8 @@ Its limit is the same number of units through the part that nobody can do withou
     candidate       the join by the GiST index, counting only
     hulls tested    shapely's ST_Intersects of the same hulls
     solved pair     the kernel's answer to the same pairs of pieces
-    new row         COPY of the same rows into a table without an index
+    new row         COPY of the same rows into a table without an index; and of them and their events into tables with
+                    the indexes and checks that theirs have
     unchanged row   COPY of the rows out of the database
     row listed, row of SELECT *     the same
 
@@ -74,6 +75,7 @@ def measure(dsn: str, series: str, objects: int, turns: int) -> list[dict[str, A
         everything = f"SELECT * FROM conflictdb.conflicts WHERE scene = '{name}'"
         selected_s = least(turns, db.connection, lambda: copied_out(db.connection, everything))
     again_s = min(one.write_s for one in same)
+    kept_s = copied["rows kept"] + copied["events kept"]
     units = (
         ("piece", pieces, least_s["pieces_s"], "COPY alone", copied["pieces in"]),
         ("piece", pieces, least_s["pieces_s"], "arithmetic alone", memory["pieces"]),
@@ -81,6 +83,7 @@ def measure(dsn: str, series: str, objects: int, turns: int) -> list[dict[str, A
         ("hulls tested", run.candidate_pairs, least_s["stage2_s"], "shapely.intersects", memory["hulls"]),
         ("solved pair", run.solved_pairs, least_s["stage4_s"], "kernel alone", memory["kernel"]),
         ("new row", run.conflicts, least_s["write_s"], "COPY alone", copied["rows in"]),
+        ("new row", run.conflicts, least_s["write_s"], "COPY, indexes, event", kept_s),
         ("unchanged row", run.conflicts, again_s, "COPY out alone", copied["rows out"]),
         ("row listed", run.conflicts, listed_s, "COPY out alone", copied["rows out"]),
         ("row of SELECT *", run.conflicts, selected_s, "COPY out alone", copied["rows out"]),
@@ -133,12 +136,14 @@ def copies(conn: psycopg.Connection[Any], name: str, turns: int) -> dict[str, fl
     """Return the seconds of COPY alone, in and out, and of the join alone; leaves no transaction open."""
     scene_id = store.scene_id(conn, name)
     found = {}
-    for table, title in (("piece", "pieces"), ("conflict", "rows")):
+    for table, title in (("piece", "pieces"), ("conflict", "rows"), ("conflict_event", "events")):
         query = f"SELECT * FROM conflictdb.{table} WHERE scene_id = {scene_id}"
         found[f"{title} out"] = least(turns, conn, lambda query=query: copied_out(conn, query))
         rows = copied_out(conn, query)
         conn.execute(f"CREATE TEMPORARY TABLE bare ON COMMIT DROP AS SELECT * FROM conflictdb.{table} LIMIT 0")
         found[f"{title} in"] = least(turns, conn, lambda rows=rows: _copied_in(conn, rows))
+        conn.execute(f"DROP TABLE bare; CREATE TEMPORARY TABLE bare (LIKE conflictdb.{table} INCLUDING ALL)")
+        found[f"{title} kept"] = least(turns, conn, lambda rows=rows: _copied_in(conn, rows))
         conn.rollback()
     conn.execute(_BY_INDEX)
     found["join"] = least(turns, conn, lambda: conn.execute(_JOIN.format(scene_id)).fetchone())

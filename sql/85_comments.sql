@@ -170,8 +170,8 @@ COMMENT ON COLUMN conflict.closest_a_point IS
 COMMENT ON COLUMN conflict.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude; null if not computed.';
 COMMENT ON COLUMN conflict.digest IS
-'Digest of the row and of the settings that it was found under; 0 where that is not known. Found again with the same '
-'digest, a row is not written again.';
+'Digest of the row without its region, and of the settings that it was found under; 0 where that is not known. Found '
+'again with the same digest, a row is not written again.';
 
 COMMENT ON COLUMN conflict.conflict_id IS
 'Number of the conflict from opening to closing; a pair that is only near has one of its own.';
