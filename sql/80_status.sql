@@ -10,22 +10,20 @@ RETURNS TABLE (
     scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
     acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
 )
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
-BEGIN
-    PERFORM _scene_id(p_scene);
-    RETURN QUERY
-        SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
-               CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
-               ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
-               c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
-               ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
-               c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
-               c.acknowledged_until
-        FROM conflicts c
-        WHERE c.scene = p_scene AND (p_at IS NULL OR c.periods @> p_at)
-        ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
-END
-$$;
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    -- A query that is inlined: through a cursor rows come as they are asked for, and are not put on disk before.
+    SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
+           CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
+           ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
+           c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
+           ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
+           c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
+           c.acknowledged_until
+    FROM conflicts c
+    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
+    ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
+END;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
 'The conflicts of a scene (at an instant, if given), earliest first; periods in binary.';
 

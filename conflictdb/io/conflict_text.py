@@ -7,6 +7,7 @@ and an empty cell, without one.
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import lru_cache
 from io import StringIO
 from json.encoder import encode_basestring
 from math import isfinite
@@ -218,6 +219,7 @@ def _approach_texts(one: Approach) -> tuple[str, ...]:
     )
 
 
+@lru_cache(maxsize=64)  # half of the moments of a list are those of the run, or the row's own again
 def _moment(moment: datetime | None) -> str:
     return _NULL if moment is None else f'"{format_moment(moment)}"'
 
