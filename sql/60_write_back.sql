@@ -69,20 +69,73 @@ COMMENT ON FUNCTION _conflict_region(
 'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
 'not find it out: next to a pole on great circles, and what could not be cut or solved.';
 
-CREATE OR REPLACE FUNCTION _known_conflicts(
-    p_scene_id bigint, p_numbers bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea,
-    OUT digests bytea, OUT places bytea
+CREATE OR REPLACE FUNCTION _known_conflicts_of(
+    p_scene_id bigint, p_kinds smallint[], p_ids bigint[],
+    OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- By the indexes, whatever the statistics know, planned once in a session; all of a scene in the order of their places.
+-- By the indexes, whatever the statistics know, and planned once in a session.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_sort = off SET jit = off AS $$
+BEGIN
+    SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
+           array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
+           array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
+        INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
+        -- OFFSET 0: each object is looked up, however many conflicts the planner believes there are.
+        FROM (SELECT o.* FROM unnest(p_kinds, p_ids) d (kind, id)
+              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid AS place FROM conflict c
+                                  WHERE c.a_kind = d.kind AND c.a_id = d.id AND c.scene_id + 0 = p_scene_id
+                                  OFFSET 0) o
+              UNION ALL
+              -- In an order that only one index has: the other, which holds these columns behind others, would be read
+              -- whole, and while there are few conflicts the planner takes it for as good.
+              SELECT o.* FROM unnest(p_kinds, p_ids) d (kind, id)
+              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+                                  WHERE c.b_kind = d.kind AND c.b_id BETWEEN d.id AND d.id
+                                    AND c.scene_id + 0 = p_scene_id
+                                  ORDER BY c.b_id OFFSET 0) o) k;
+END
+$$;
+COMMENT ON FUNCTION _known_conflicts_of(bigint, smallint[], bigint[]) IS
+'The conflicts of some objects of a scene, as _known_conflicts gives them.';
+
+CREATE OR REPLACE FUNCTION _known_conflicts_among(
+    p_scene_id bigint, p_is_all boolean,
+    OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+-- In the order of their places, whatever the statistics know, and planned once in a session.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
+BEGIN
+    SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
+           array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
+           array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
+        INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
+        FROM (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid AS place FROM conflict c
+              WHERE p_is_all AND c.scene_id = p_scene_id
+              UNION ALL
+              SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+              WHERE NOT p_is_all AND c.scene_id = p_scene_id
+                AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                             AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
+                     OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                                AND m.object_kind = c.b_kind AND m.object_id = c.b_id))) k;
+END
+$$;
+COMMENT ON FUNCTION _known_conflicts_among(bigint, boolean) IS
+'The conflicts of a scene, all or those that have a changed member, as _known_conflicts gives them.';
+
+CREATE OR REPLACE FUNCTION _known_conflicts(
+    p_scene_id bigint, p_numbers bigint[],
+    OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     -- Beyond so many changed objects, reading all conflicts of the scene costs less than looking up those of each.
     c_few CONSTANT integer := 1000;
     v_kinds smallint[];
     v_ids bigint[];
-    v_is_few boolean;
-    v_is_all boolean;
 BEGIN
     PERFORM _require_snapshot();
     IF p_numbers IS NULL THEN
@@ -93,34 +146,13 @@ BEGIN
         SELECT coalesce(array_agg((n >> 62)::smallint), '{}'), coalesce(array_agg(n & ((1::bigint << 62) - 1)), '{}')
             INTO v_kinds, v_ids FROM unnest(p_numbers) n;
     END IF;
-    v_is_few := cardinality(v_ids) <= c_few;
-    v_is_all := NOT v_is_few AND _is_all_dirty(p_scene_id);
-    SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
-           array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
-           array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
-        INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
-        -- OFFSET 0: each object is looked up, however many conflicts the planner believes there are.
-        FROM (SELECT o.* FROM unnest(v_kinds, v_ids) d (kind, id)
-              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid AS place FROM conflict c
-                                  WHERE c.a_kind = d.kind AND c.a_id = d.id AND c.scene_id + 0 = p_scene_id
-                                  OFFSET 0) o
-              WHERE v_is_few
-              UNION ALL
-              SELECT o.* FROM unnest(v_kinds, v_ids) d (kind, id)
-              CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
-                                  WHERE c.b_kind = d.kind AND c.b_id = d.id AND c.scene_id + 0 = p_scene_id
-                                  OFFSET 0) o
-              WHERE v_is_few
-              UNION ALL
-              SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
-              WHERE v_is_all AND c.scene_id = p_scene_id
-              UNION ALL
-              SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
-              WHERE NOT v_is_few AND NOT v_is_all AND c.scene_id = p_scene_id
-                AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                             AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
-                     OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                                AND m.object_kind = c.b_kind AND m.object_id = c.b_id))) k;
+    IF cardinality(v_ids) <= c_few THEN
+        SELECT k.* INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
+            FROM _known_conflicts_of(p_scene_id, v_kinds, v_ids) k;
+    ELSE
+        SELECT k.* INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
+            FROM _known_conflicts_among(p_scene_id, _is_all_dirty(p_scene_id)) k;
+    END IF;
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts(bigint, bigint[]) IS

@@ -295,6 +295,25 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     assert max(most_read(plan), worst_waste(plan)) < 100
 
 
+def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: Conn) -> None:
+    """A worker's session keeps its plans while conflicts come, and nobody has analyzed them yet."""
+    ask = "SELECT octet_length(a_ids) FROM conflictdb._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"
+    read = """SELECT sum(pg_stat_get_xact_blocks_fetched(indexrelid)) FROM pg_index
+              WHERE indrelid = 'conflictdb.conflict'::regclass"""
+    objects = list(range(1, 21))
+    assert conn.execute(ask, [objects]).fetchone() == (12,)  # none
+    conn.execute(
+        """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version,
+                                            b_key, periods, verdict, method, time_error_s, found_at, conflict_id)
+           SELECT 1, 1, 1, n, 1, 'A' || n, 1, 20000 - n, 1, 'T' || n, '{(,)}', 'conflict', 'exact', 0, now(), n
+           FROM generate_series(1, 20000) n"""
+    )
+    (before,) = conn.execute(read).fetchone() or (0,)
+    assert conn.execute(ask, [objects]).fetchone() == (20 + 12 * 40,)
+    (after,) = conn.execute(read).fetchone() or (0,)
+    assert 40 <= after - before < 400
+
+
 def test_routines_that_rule_out_plans_compile_none(conn: Conn) -> None:
     """What is ruled out and taken all the same counts as 1e10, as worth a second of compiling (JIT) for two rows."""
     query = r"""SELECT p.oid::regprocedure::text FROM pg_proc p
