@@ -70,7 +70,7 @@ def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
     """Nothing costs less than what it cannot do without, but for what is too small to be measured."""
     with fresh_database(server_dsn) as dsn:
         rows = unit_costs.measure(dsn, "box", 200, 1)
-    assert len({(row["unit"], row["limit"]) for row in rows}) == len(rows) == 9
+    assert len({(row["unit"], row["limit"]) for row in rows}) == len(rows) == 10
     assert all(row["count"] > 0 and row["us"] > 0.0 and row["limit_us"] > 0.0 for row in rows)
     listed = next(row for row in rows if row["unit"] == "row listed")
     assert listed["us"] > listed["limit_us"]
