@@ -802,7 +802,7 @@ FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text, time_error_s double precision, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -931,7 +931,13 @@ FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _known_conflicts(p_scene_id bigint, p_numbers bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
+FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
+
+FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_sort=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;

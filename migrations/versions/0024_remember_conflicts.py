@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c8f1c1eb52d76a10f34651b6c518001d2010b4e78feca52475b8934f4558b354"
+routines_sha256 = "f732d9cf33b52bd81cad8a64d6dc70d086a90697b3a508d9068574f06c67dcb4"
 
 # Conflicts that are there already get a number each; found_at is when they opened.
 LIFE = """

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "395671a21c3078d25fca76abf81a14669c854f2404d980e76b7ee908b670bf17"
+routines_sha256 = "31f328bc5299a0e5abd65975ddff154c65a29fdbb6e8ac1fb5dcdcb01844f2b5"
 
 # Roles by name: a dump must be restorable where some of them are not. Of scenes that are there nobody knows who made
 # them.
