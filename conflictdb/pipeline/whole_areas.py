@@ -26,6 +26,9 @@ Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
 
 # Contacts are looked at where they begin, in their middle and where they end.
 _SHARES = (0.0, 0.5, 1.0)
+# Where objects reach in so many directions all around tells most of them apart: (2, 16), unit vectors.
+_TURNED = np.arange(16) * np.pi / 8.0
+_DIRECTIONS = np.stack([np.cos(_TURNED), np.sin(_TURNED)])
 
 
 def deep_in_whole_areas(
@@ -52,29 +55,61 @@ def deep_in_whole_areas(
     is_deep = np.zeros(len(contacts_of), np.bool_)
     if not len(numbers):
         return is_deep
-    cores = _cores(scene, plane, planar(plane, footprints(numbers)))
-    # Either member may be the area, and is looked at at several instants, if there is anything deep in it.
+    wholes = planar(plane, footprints(numbers))
+    corners = np.nan_to_num(shapely.bounds(wholes)).reshape(-1, 2, 2).transpose(2, 1, 0)
+    margin = max(scene.tolerance_m, TOUCH_M) * plane.largest_scale(corners)
+    # Either member may be the area, and is looked at at several instants.
     areas = np.flatnonzero(pieces.kind[every] == Kind.AREA.code)
-    core = np.searchsorted(numbers, pieces.object_id[every[areas]])
-    has_core = ~shapely.is_empty(cores)[core]
-    areas, core = areas[has_core], core[has_core]
-    if not areas.size:
-        return is_deep
+    areas, share = np.tile(areas, len(_SHARES)), np.repeat(_SHARES, len(areas))
+    whole, row = np.searchsorted(numbers, pieces.object_id[every[areas]]), areas % len(rows)
     zero, _ = pieces.shared_span(*members)
     moves = np.isfinite(contacts.end_s[rows])
     first, last = (np.where(moves, ends[rows], 0.0) for ends in (contacts.start_s, contacts.end_s))
-    asked, share = np.tile(areas, len(_SHARES)), np.repeat(_SHARES, len(areas))
-    row, other = asked % len(rows), PieceRows(np.concatenate(members[::-1])[asked])
     at = (1.0 - share) * first[row] + share * last[row]
-    mine = cores[np.tile(core, len(_SHARES))]
-    is_deep[owner[row[_meet(mine, plane, _polygons(prepared, other, at, zero[row]))]]] = True
+    xy = Movement.of(prepared, PieceRows(np.concatenate(members[::-1])[areas]), zero[row]).positions(at)
+    # Shapes are made of those only that may be deep.
+    likely = np.flatnonzero(_may_be_deep(plane, wholes, margin, whole, xy))
+    if not likely.size:
+        return is_deep
+    asked, mine = np.unique(whole[likely], return_inverse=True)
+    cores = _cores(wholes[asked], margin[asked])[mine]
+    has_core = np.flatnonzero(~shapely.is_empty(cores))
+    likely, cores = likely[has_core], cores[has_core]
+    is_deep[owner[row[likely[_meet(cores, plane, _polygons(xy[:, :, likely]))]]]] = True
     return is_deep
 
 
-def _cores(scene: Scene, plane: Plane, wholes: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return (n,) what of areas in the plane is deeper than the tolerance."""
-    corners = np.nan_to_num(shapely.bounds(wholes)).reshape(-1, 2, 2).transpose(2, 1, 0)
-    margin = max(scene.tolerance_m, TOUCH_M) * plane.largest_scale(corners)
+def _may_be_deep(
+    plane: Plane, wholes: NDArray[np.object_], margin: Floats, whole: NDArray[np.int64], xy: Floats
+) -> NDArray[np.bool_]:
+    """Return (n,) whether polygons may reach deeper into areas of the plane than a margin.
+
+    What is deep in an area is so in every half plane that holds it: where a polygon ends before the area reaches less
+    the margin, in one of some directions, no point of it is.
+
+    margin : (m,) of each area, plane metres
+    whole : (n,) the area of each polygon
+    xy : (2, slots, n) the polygons' vertices; of those that are NaN nothing is ruled out
+    """
+    corners, of = shapely.get_coordinates(wholes, return_index=True)
+    reach = np.full((len(wholes), _DIRECTIONS.shape[1]), -np.inf)
+    begins = np.flatnonzero(np.diff(of, prepend=-1))
+    reach[of[begins]] = np.maximum.reduceat(corners @ _DIRECTIONS, begins)
+    reach -= margin[:, None]
+    half = _DIRECTIONS.shape[1] // 2
+    is_wide = (reach[:, :half] + reach[:, half:] >= 0.0).all(axis=1)
+    # A turn apart or not.
+    aways = (-plane.turn_m, 0.0, plane.turn_m) if plane.turn_m else (0.0,)
+    beyond = np.zeros((len(aways), len(whole)), np.bool_)
+    for along, (x, y) in enumerate(_DIRECTIONS.T):
+        nearest = (x * xy[0] + y * xy[1]).min(axis=0)
+        for is_beyond, away in zip(beyond, aways, strict=True):
+            is_beyond |= nearest + x * away > reach[whole, along]
+    return np.asarray(is_wide[whole] & ~beyond.all(axis=0))
+
+
+def _cores(wholes: NDArray[np.object_], margin: Floats) -> NDArray[np.object_]:
+    """Return (n,) what of areas in the plane is deeper than a margin (n,), plane metres."""
     cores = np.full(len(wholes), shapely.Polygon(), np.object_)
     # What is deep is the middle of a disc within the area.
     wide = np.flatnonzero(shapely.area(wholes) >= np.pi * margin**2)
@@ -96,8 +131,8 @@ def _meet(cores: NDArray[np.object_], plane: Plane, polygons: NDArray[np.object_
     return meet
 
 
-def _polygons(prepared: kernel.Scene, rows: PieceRows, at_s: Floats, zero_us: NDArray[np.int64]) -> NDArray[np.object_]:
-    """Return (n,) the polygons of pieces in the plane, at_s seconds after zero_us."""
-    xy = Movement.of(prepared, rows, zero_us).positions(at_s).transpose(2, 1, 0)
+def _polygons(xy: Floats) -> NDArray[np.object_]:
+    """Return (n,) the polygons of vertices (2, slots, n)."""
+    xy = xy.transpose(2, 1, 0)
     # A line through all vertices, a single one twice, has their hull, and is made at once.
     return np.asarray(shapely.convex_hull(shapely.linestrings(np.concatenate([xy, xy[:, :1]], axis=1))))

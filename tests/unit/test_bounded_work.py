@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from numpy.typing import NDArray
 from verdicts import periods_us
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
 
@@ -105,6 +106,27 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
         taken.append(work / pairs)
     assert close >= 1
     assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.03
+
+
+@pytest.mark.parametrize("tolerance_m", [100.0, 1000.0])
+def test_few_contacts_with_areas_of_a_harbour_are_looked_at_in_the_whole(
+    monkeypatch: pytest.MonkeyPatch, tolerance_m: float
+) -> None:
+    """Almost all are too near the border of the area, or it is too narrow: that is told without a shape."""
+    looked: list[NDArray[np.bool_]] = []
+    may_be_deep = whole_areas._may_be_deep
+
+    def kept(*given: Any) -> NDArray[np.bool_]:
+        looked.append(may_be_deep(*given))
+        return looked[-1]
+
+    monkeypatch.setattr(whole_areas, "_may_be_deep", kept)
+    for seed in range(12):
+        scene, areas, tracks = throw(HARBOUR, seed, 10, 10, tolerance_m=tolerance_m)
+        solve(tracks, areas, scene)
+    asked = np.concatenate(looked)
+    assert len(asked) > 100
+    assert asked.mean() <= (0.25 if tolerance_m < 1000.0 else 0.0)
 
 
 @pytest.mark.parametrize("tolerance_m", [99.0, 100.0, 101.0])

@@ -14,7 +14,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.whole_areas import deep_in_whole_areas
+from conflictdb.pipeline.whole_areas import _cores, _may_be_deep, _meet, _polygons, deep_in_whole_areas
 from conflictdb.stage4.contacts import GRAZING
 
 # Two strips of 56 m each, with the equator as their seam.
@@ -48,3 +48,22 @@ def test_a_point_along_the_seam_of_two_strips(lat: float, tolerance_m: float, is
     mine = [np.arange(2)]
     found = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, mine, lambda numbers: whole[numbers])
     assert found.tolist() == [is_deep]
+
+
+@pytest.mark.parametrize("away", [-1.0, 0.0, 1.0])
+def test_what_is_deep_is_never_ruled_out_before_it_is_looked_at(away: float) -> None:
+    """Random areas with dents, and triangles about them, a turn apart or not; of what is not deep most is."""
+    rng, n = np.random.default_rng(5), 600
+    plane = plane_of(Scene("s"))
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, (n, 9)), axis=1)
+    stars = rng.uniform(200.0, 1500.0, (n, 9, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    wholes = shapely.make_valid(shapely.polygons(stars))
+    margin = rng.uniform(50.0, 500.0, n)
+    xy = rng.uniform(-1500.0, 1500.0, (2, 1, n)) + rng.uniform(-300.0, 300.0, (2, 3, n))
+    xy[0] += away * plane.turn_m
+    deep = _meet(_cores(wholes, margin), plane, _polygons(xy))
+    likely = _may_be_deep(plane, wholes, margin, np.arange(n), xy)
+    assert 20 < deep.sum() <= likely.sum() < 0.5 * n
+    assert not (deep & ~likely).any()
+    # What is of no numbers may be anywhere.
+    assert _may_be_deep(plane, wholes[:1], np.zeros(1), np.zeros(1, np.int64), np.full((2, 3, 1), np.nan)).all()
