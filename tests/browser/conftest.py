@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 from browsing import ARGUMENTS, Open, chromium
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 _READY_MS = 60_000
+expect.set_options(timeout=20_000)  # a busy machine draws maps in software
 
 
 @pytest.fixture(scope="session")

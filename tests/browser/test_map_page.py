@@ -299,6 +299,7 @@ def test_date_line_and_poles_are_true(conn: Conn, dsn: str, open_page: Open) -> 
 SIZES = [(1440, 900, "light"), (768, 1024, "dark"), (390, 844, "light")]
 
 
+@pytest.mark.slow
 def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -> None:
     """At three sizes, in both colours: nothing is cut off, controls are apart, and axe finds nothing serious."""
     axe = gzip.decompress(AXE.read_bytes()).decode()
