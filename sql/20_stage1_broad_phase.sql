@@ -144,12 +144,15 @@ BEGIN ATOMIC
            coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
            coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
            ST_AsBinary(p.hull, 'NDR'), ST_AsBinary(p.shape, 'NDR'), coalesce(ST_AsBinary(p.shape_to, 'NDR'), '')
+    -- OFFSET 0: each is looked up; of a large scene the planner would read all pieces, time and again.
     FROM unnest(p_piece_ids) wanted (piece_id)
-    JOIN piece p USING (piece_id)
-    LEFT JOIN area a ON p.object_kind = 0 AND a.area_id = p.object_id AND a.scene_id + 0 = p_scene_id
-                    AND a.first_version <= p.version
-    LEFT JOIN track t ON p.object_kind = 1 AND t.track_id = p.object_id AND t.scene_id + 0 = p_scene_id
-                     AND t.first_version <= p.version;
+    CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
+    LEFT JOIN LATERAL (SELECT m.key FROM area m
+                       WHERE p.object_kind = 0 AND m.area_id = p.object_id AND m.scene_id + 0 = p_scene_id
+                         AND m.first_version <= p.version OFFSET 0) a ON true
+    LEFT JOIN LATERAL (SELECT m.key FROM track m
+                       WHERE p.object_kind = 1 AND m.track_id = p.object_id AND m.scene_id + 0 = p_scene_id
+                         AND m.first_version <= p.version OFFSET 0) t ON true;
 END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS
 'Pieces of a scene, without nulls, for COPY. Rank orders them by kind, key, part and turn, so that results do not '
