@@ -69,6 +69,7 @@ def deep_in_whole_areas(
     xy = Movement.of(prepared, PieceRows(np.concatenate(members[::-1])[areas]), zero[row]).positions(at)
     # Shapes are made of those only that may be deep.
     likely = np.flatnonzero(_may_be_deep(plane, wholes, margin, whole, xy))
+    likely = likely[~_near_border(wholes[whole[likely]], margin[whole[likely]], xy[:, :, likely])]
     if not likely.size:
         return is_deep
     asked, mine = np.unique(whole[likely], return_inverse=True)
@@ -106,6 +107,20 @@ def _may_be_deep(
         for is_beyond, away in zip(beyond, aways, strict=True):
             is_beyond |= nearest + x * away > reach[whole, along]
     return np.asarray(is_wide[whole] & ~beyond.all(axis=0))
+
+
+def _near_border(wholes: NDArray[np.object_], margin: Floats, xy: Floats) -> NDArray[np.bool_]:
+    """Return (n,) whether all of a polygon is nearer to the border of an area of the plane than a margin (n,).
+
+    No point of it is further from the border than its middle is and what it reaches around that.
+
+    xy : (2, slots, n) the polygons' vertices; what is NaN is not
+    """
+    middle = 0.5 * (xy.min(axis=1) + xy.max(axis=1))
+    reach = np.hypot(*(xy - middle[:, None])).max(axis=0)
+    with np.errstate(invalid="ignore"):
+        from_border = shapely.distance(shapely.boundary(wholes), shapely.points(middle.T))
+    return np.asarray(from_border + reach < margin)
 
 
 def _cores(wholes: NDArray[np.object_], margin: Floats) -> NDArray[np.object_]:

@@ -14,7 +14,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.whole_areas import _cores, _may_be_deep, _meet, _polygons, deep_in_whole_areas
+from conflictdb.pipeline.whole_areas import _cores, _may_be_deep, _meet, _near_border, _polygons, deep_in_whole_areas
 from conflictdb.stage4.contacts import GRAZING
 
 # Two strips of 56 m each, with the equator as their seam.
@@ -65,5 +65,9 @@ def test_what_is_deep_is_never_ruled_out_before_it_is_looked_at(away: float) -> 
     likely = _may_be_deep(plane, wholes, margin, np.arange(n), xy)
     assert 20 < deep.sum() <= likely.sum() < 0.5 * n
     assert not (deep & ~likely).any()
+    near = _near_border(wholes, margin, xy)
+    assert not (deep & near).any()
+    assert near[likely & ~deep].any() == (away == 0.0)
     # What is of no numbers may be anywhere.
+    assert not _near_border(wholes[:1], margin[:1], np.full((2, 3, 1), np.nan)).any()
     assert _may_be_deep(plane, wholes[:1], np.zeros(1), np.zeros(1, np.int64), np.full((2, 3, 1), np.nan)).all()
