@@ -1,6 +1,6 @@
 """What a tolerance costs: method `exact` on random scenes, from pairs of pieces to a row per pair of objects.
 
-    ./.venv/bin/python benchmarks/tolerance.py [--pairs 6000] [--document docs/explanation/accuracy.md]
+    ./.venv/bin/python benchmarks/tolerance.py [--pairs 40000] [--document docs/explanation/accuracy.md]
 
 As benchmarks/accuracy.py, on WGS84, with a batch of about so many pairs at tolerance 0. *whole* is the processor time
 of stages 3 and 4 over that at tolerance 0, *a pair* the same over the pairs of pieces that stages 1 and 2 leave at that
@@ -67,7 +67,7 @@ def measured(workload: Workload, pairs: int) -> list[list[str]]:
 def main() -> None:
     """Measure, print the table, and write it where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=6000, help="pairs of pieces of a batch at tolerance 0")
+    parser.add_argument("--pairs", type=int, default=40_000, help="pairs of pieces of a batch at tolerance 0")
     parser.add_argument("--document", type=Path, help="put the table into its place in this document")
     args = parser.parse_args()
     heads = ("workload", "tolerance, m", "pairs", "only close", "us a pair", "a pair", "whole")
