@@ -22,6 +22,18 @@ $$;
 COMMENT ON FUNCTION _known_conflict(text, text, text) IS
 'The conflict of two objects, in whatever order they are named; refuses (ZC011) where none is known.';
 
+CREATE OR REPLACE FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- Anybody who can connect may listen.
+    PERFORM pg_notify('conflictdb_acknowledgement',
+                      jsonb_build_object('scene', CASE WHEN NOT _is_protected() THEN p_scene END,
+                                         'conflict', p_conflict_id, 'acknowledged', p_holds)::text);
+END
+$$;
+COMMENT ON FUNCTION _notify_acknowledgement(text, bigint, boolean) IS
+'Tells who listens that a conflict was acknowledged, or is no longer; without the scene where scenes are protected.';
+
 CREATE OR REPLACE FUNCTION _end_acknowledgement(p_conflict_id bigint) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -62,6 +74,7 @@ BEGIN
             ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
         EXIT WHEN FOUND;
     END LOOP;
+    PERFORM _notify_acknowledgement(p_scene, v_conflict.conflict_id, true);
     RETURN v_conflict.conflict_id;
 END
 $$;
@@ -75,9 +88,14 @@ CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key tex
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
+    v_was boolean;
 BEGIN
     PERFORM _scene_to_change(p_scene);
-    RETURN _end_acknowledgement(v_conflict.conflict_id);
+    v_was := _end_acknowledgement(v_conflict.conflict_id);
+    IF v_was THEN
+        PERFORM _notify_acknowledgement(p_scene, v_conflict.conflict_id, false);
+    END IF;
+    RETURN v_was;
 END
 $$;
 COMMENT ON FUNCTION unacknowledge(text, text, text) IS

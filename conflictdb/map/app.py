@@ -20,7 +20,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.map import content, land
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
-from conflictdb.map.live import CONFLICTS, Changes
+from conflictdb.map.live import Changes
 
 if TYPE_CHECKING:
     import psycopg
@@ -163,7 +163,6 @@ class Answers:
                 store.unacknowledge(connection, self._scene, pair.a, pair.b)
             else:
                 store.acknowledge(connection, self._scene, pair.a, pair.b, reason, None)
-        self.changes.tell(CONFLICTS)
         return _json({})
 
 

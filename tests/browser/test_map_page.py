@@ -208,6 +208,15 @@ def test_changes_and_acknowledgements_show_without_reload(
     row.click()
     page.get_by_role("button", name="Take back").click()
     expect(page.get_by_label("Acknowledge, because")).to_be_visible()
+    page.get_by_role("button", name="All conflicts").click()
+    expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
+    # By somebody else, elsewhere.
+    conn.execute("SELECT conflictdb.acknowledge('strait', 'FERRY', 'TOW', 'seen')")
+    conn.commit()
+    expect(page.locator(".tag", has_text="acknowledged")).to_have_count(1)
+    conn.execute("SELECT conflictdb.unacknowledge('strait', 'FERRY', 'TOW')")
+    conn.commit()
+    expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
     assert page.evaluate("isSame") is True
     assert page.locator("img[src=x]").count() == 0
 

@@ -8,8 +8,9 @@ from psycopg.types.json import Json
 
 from conflictdb.db.store.connection import call, call_many, transaction, translated
 
-# One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql).
-_CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_request")
+# One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql,
+# 69_acknowledge.sql).
+_CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_acknowledgement", "conflictdb_request")
 
 TILES: Final = ("areas", "tracks", "conflicts")
 
