@@ -1,7 +1,7 @@
 -- Vector tiles (Mapbox Vector Tile 2.1) in Web Mercator (EPSG:3857): as pg_tileserv and martin ask for.
 --
 -- Which objects a tile may hold is asked of the index of pieces, whose hulls hold what an object sweeps, copied across
--- the seam; what waits for detection has none, or old ones: it is looked at one by one. Shapes are of the tables.
+-- the seam; what waits for detection has none, or old ones: the box of each is looked at. Shapes are of the tables.
 
 CREATE OR REPLACE FUNCTION _tile_time(p_params json, p_name text) RETURNS timestamptz
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -243,21 +243,89 @@ COMMENT ON FUNCTION _tile_shape(geometry, integer, integer, integer) IS
 'What a tile shows of a geometry (longitude and latitude, degrees), in units of the tile (4096, and 64 around), '
 'simplified by half a unit at most; null if nothing.';
 
+CREATE OR REPLACE FUNCTION _tile_measures(
+    p_z integer, p_x integer, p_y integer, p_plane text,
+    OUT bounds geometry, OUT shown geometry, OUT unit_m double precision, OUT unit_deg double precision,
+    OUT plain_deg double precision, OUT large_deg double precision, OUT edge_deg double precision
+)
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- By how many metres of a map, at most, a line straight in a plane leaves one that is straight on Web Mercator, for
+    -- each square of a degree that it is long: e^2 a (1 degree)^2 / 8 for a rhumb line, a (1 degree)^2 / 8 for a great
+    -- circle, and a fifth more for what is of higher order.
+    c_rhumb_m CONSTANT double precision := 2;
+    c_circle_m CONSTANT double precision := 300;
+    v_is_rhumb boolean := p_plane IN ('wgs84', 'sphere');
+    v_bend_m double precision := CASE WHEN v_is_rhumb THEN c_rhumb_m ELSE c_circle_m END;
+BEGIN
+    bounds := ST_TileEnvelope(p_z, p_x, p_y);
+    unit_m := (ST_XMax(bounds) - ST_XMin(bounds)) / 4096;
+    unit_deg := 360.0 / 4096 / (1 << p_z);
+    large_deg := CASE WHEN v_is_rhumb THEN 20 ELSE 5 END;
+    plain_deg := least(large_deg, sqrt(unit_m / 2 / v_bend_m));
+    shown := ST_Expand(_tile_degrees(p_z, p_x, p_y), v_bend_m * large_deg ^ 2 / (radians(1) * _sphere_m()));
+    edge_deg := 180 - 2 * 64 * unit_deg;
+END
+$$;
+COMMENT ON FUNCTION _tile_measures(integer, integer, integer, text) IS
+'What all objects of a tile are drawn by: its bounds (EPSG:3857); its unit; the size (degrees of the equator) up to '
+'which they look alike straight on the map and in the plane of the scene, to half a unit; the size from which they '
+'are large, and a box (degrees) that the corners of whatever else is shown meet; the longitude beyond which the seam '
+'is.';
+
+CREATE OR REPLACE FUNCTION _is_plain(p_box box3d, p_size_deg double precision, p_edge_deg double precision)
+RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_XMin(p_box) > -p_edge_deg AND ST_XMax(p_box) < p_edge_deg
+           AND ST_YMin(p_box) > -85 AND ST_YMax(p_box) < 85
+           AND ST_XMax(p_box) - ST_XMin(p_box) <= p_size_deg
+           AND ST_YMax(p_box) - ST_YMin(p_box)
+               <= p_size_deg * cosd(greatest(abs(ST_YMin(p_box)), abs(ST_YMax(p_box))));
+END;
+COMMENT ON FUNCTION _is_plain(box3d, double precision, double precision) IS
+'Whether what is in a box (degrees) is on the map in one piece as its corners say.';
+
+CREATE OR REPLACE FUNCTION _tile_plain(
+    p_geometry geometry, p_box box3d, p_bounds geometry, p_unit_m double precision, p_unit_deg double precision
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_AsMVTGeom(
+        CASE WHEN ST_XMax(p_box) - ST_XMin(p_box) < p_unit_deg
+                  AND ST_YMax(p_box) - ST_YMin(p_box) < p_unit_deg * cosd(ST_YMax(p_box))
+             THEN ST_Transform(ST_SetSRID(ST_MakePoint((ST_XMin(p_box) + ST_XMax(p_box)) / 2,
+                                                       (ST_YMin(p_box) + ST_YMax(p_box)) / 2), 4326), 3857)
+             ELSE ST_Simplify(ST_Transform(ST_Force2D(p_geometry), 3857), p_unit_m / 2, true) END,
+        p_bounds, 4096, 64, true);
+END;
+COMMENT ON FUNCTION _tile_plain(geometry, box3d, geometry, double precision, double precision) IS
+'What _tile_shape has of something plain, in a twentieth of the time; null also for an area that is thinner than a '
+'unit.';
+
 CREATE OR REPLACE FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v record := _tile_params(z, x, y, query_params);
+    w record := _tile_measures(z, x, y, v.plane);
 BEGIN
     RETURN (
         SELECT ST_AsMVT(f, 'areas', 4096, 'shape', 'area_id')
         FROM (SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
                      nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision AS start_s,
                      nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision AS end_s,
-                     _tile_shape(_drawn(a.footprint, v.plane), z, x, y) AS shape
+                     CASE WHEN b.is_plain
+                          THEN coalesce(_tile_plain(a.footprint, b.box, w.bounds, w.unit_m, w.unit_deg),
+                                        _tile_shape(a.footprint, z, x, y))
+                          ELSE _tile_shape(_drawn(a.footprint, v.plane), z, x, y) END AS shape
               -- By the key of each object (OFFSET): nobody knows beforehand how few they are.
               FROM _tile_objects(v.scene_id, 0::smallint, v.plane, z, x, y, v.span) o (area_id)
               CROSS JOIN LATERAL (SELECT n.* FROM area n WHERE n.area_id = o.area_id OFFSET 0) a
+              CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
+                                         _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
+                                  FROM (SELECT Box2D(a.footprint)::box3d AS box OFFSET 0) n OFFSET 0) b
               WHERE a.scene_id = v.scene_id AND a.active_span && v.span
+                AND (a.footprint && w.shown OR NOT b.is_small)
                 AND coalesce(a.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(a.ceiling_m, 'infinity')
               OFFSET 0) f
@@ -273,15 +341,21 @@ CREATE OR REPLACE FUNCTION tile_tracks(z integer, x integer, y integer, query_pa
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v record := _tile_params(z, x, y, query_params);
+    w record := _tile_measures(z, x, y, v.plane);
 BEGIN
     RETURN (
         SELECT ST_AsMVT(f, 'tracks', 4096, 'shape', 'track_id')
         FROM (SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, ST_M(ST_StartPoint(t.path)) AS start_s,
                      ST_M(ST_EndPoint(t.path)) AS end_s,
-                     _tile_shape(_drawn_path(t.path, v.plane), z, x, y) AS shape
+                     CASE WHEN b.is_plain
+                          THEN _tile_plain(t.path, b.box, w.bounds, w.unit_m, w.unit_deg)
+                          ELSE _tile_shape(_drawn_path(t.path, v.plane), z, x, y) END AS shape
               FROM _tile_objects(v.scene_id, 1::smallint, v.plane, z, x, y, '(,)') o (track_id)
               CROSS JOIN LATERAL (SELECT n.* FROM track n WHERE n.track_id = o.track_id OFFSET 0) t
-              WHERE t.scene_id = v.scene_id
+              CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
+                                         _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
+                                  FROM (SELECT Box2D(t.path)::box3d AS box OFFSET 0) n OFFSET 0) b
+              WHERE t.scene_id = v.scene_id AND (t.path && w.shown OR NOT b.is_small)
                 AND tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path))), to_timestamp(ST_M(ST_EndPoint(t.path))))
                     && v.span
                 AND coalesce(t.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')

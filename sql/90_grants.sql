@@ -87,7 +87,8 @@ GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachme
 GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,
               closest_error_m),
       UPDATE (ended_by, ended_at) ON acknowledgement TO conflictdb_editor;
-GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement TO conflictdb_editor;
+GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
+    TO conflictdb_editor;
 
 -- Workers keep the derived tables.
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, history, probe_request, probe_reply

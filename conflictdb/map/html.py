@@ -14,12 +14,16 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.errors import InvalidInput
 from conflictdb.map import content, land
 from conflictdb.map.content import Pair, to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
 # Why each pair is in conflict is asked pair by pair: some seconds.
 MOST_EXPLAINED: Final = 1_000
+# What a browser opens at once, and mail carries: some tens of megabytes, which took a minute to make.
+MOST_OBJECTS: Final = 5_000
+MOST_CONFLICTS: Final = 20_000
 # Around a scene that is smaller than this, with a margin of MARGIN_DEG, land is the finer one.
 _SMALL_DEG: Final = 30.0
 _MARGIN_DEG: Final = 5.0
@@ -39,7 +43,10 @@ maplibregl.setWorkerUrl(await addressOf("maplibre-gl-worker.mjs"));
 
 
 def page(conn: psycopg.Connection[Any], scene: str) -> tuple[str, str]:
-    """Return the file of a scene, and what it leaves out, in words; InvalidInput if the scene is not known."""
+    """Return the file of a scene, and what it leaves out, in words.
+
+    Raises InvalidInput if the scene is not known, or has more than MOST_OBJECTS or MOST_CONFLICTS.
+    """
     with store.transaction(conn):
         facts, left_out = _facts(conn, scene)
     return "".join(_parts(facts)), left_out
@@ -47,7 +54,10 @@ def page(conn: psycopg.Connection[Any], scene: str) -> tuple[str, str]:
 
 def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], str]:
     """Return all that the page asks for."""
-    overview, conflicts = content.overview(conn, scene), content.conflicts(conn, scene)
+    overview = content.overview(conn, scene)
+    _check(scene, overview["objects"], "objects", MOST_OBJECTS)
+    conflicts = content.conflicts(conn, scene)
+    _check(scene, len(conflicts["rows"]), "conflicts", MOST_CONFLICTS)
     areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
     shapes = _shapes(conn, scene, conflicts)
     rows = [dict(zip(conflicts["columns"], row, strict=True)) for row in conflicts["rows"]]
@@ -69,6 +79,15 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         "land": json.loads(land.geojson(land.COARSE, land.WORLD, near)),
         "near_land": near and json.loads(land.geojson(land.FINE, near)),
     }, left_out
+
+
+def _check(scene: str, count: int, what: str, most: int) -> None:
+    if count > most:
+        raise InvalidInput(
+            f"scene {scene!r}",
+            what,
+            f"must be at most {most:,} for a file; got {count:,} (without --html the page shows all)",
+        )
 
 
 def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: dict[str, Any]) -> dict[str, Any]:

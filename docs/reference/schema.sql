@@ -912,6 +912,9 @@ FUNCTION _is_current(p_scene_id bigint)
 FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _is_plain(p_box box3d, p_size_deg double precision, p_edge_deg double precision)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1019,6 +1022,9 @@ FUNCTION _next_probe(OUT probe_id bigint, OUT scene_id bigint, OUT object_kind s
 
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -1215,11 +1221,17 @@ FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer)
 FUNCTION _tile_height(p_params json, p_name text)
     RETURNS double precision LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
+FUNCTION _tile_measures(p_z integer, p_x integer, p_y integer, p_plane text, OUT bounds geometry, OUT shown geometry, OUT unit_m double precision, OUT unit_deg double precision, OUT plain_deg double precision, OUT large_deg double precision, OUT edge_deg double precision)
+    RETURNS record LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _tile_objects(p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange)
     RETURNS SETOF bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _tile_params(p_z integer, p_x integer, p_y integer, p_params json, OUT scene_id bigint, OUT scene text, OUT motion text, OUT earth text, OUT plane text, OUT span tstzrange, OUT instant timestamp with time zone, OUT verdicts text[], OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _tile_plain(p_geometry geometry, p_box box3d, p_bounds geometry, p_unit_m double precision, p_unit_deg double precision)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer)
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;

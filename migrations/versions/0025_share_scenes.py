@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "52d3aaef0333ce2aa98ae47ed5a70fa7535b79c32ad9a4bb9d29d80b2cd28877"
+routines_sha256 = "3f13fb10e0ade89e85c34d051ab6d7244499772e34fd50ee4e0faf4004733552"
 
 # Roles by name: a dump must be restorable where some of them are not. Of scenes that are there nobody knows who made
 # them.

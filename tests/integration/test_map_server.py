@@ -262,3 +262,21 @@ def test_land_is_cut() -> None:
     rest = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD, box))
     assert rest.intersection(shapely.box(*box)).area < 1e-2
     assert shapely.contains_xy(rest, 100.0, 60.0)
+
+
+def test_a_file_is_for_scenes_that_a_browser_opens(
+    dsn: str,
+    conn: psycopg.Connection[Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is too large is refused before it is read, and no file is left."""
+    load(conn, Scene("s"), [Area(key, shapely.MultiPolygon([shapely.box(1, 1, 2, 2)])) for key in "ABC"], [])
+    conn.commit()
+    monkeypatch.setattr("conflictdb.map.html.MOST_OBJECTS", 2)
+    file = tmp_path / "large.html"
+    done = runner(dsn, capsys)("map", "--scene", "s", "--html", file)
+    assert done.code == 4
+    assert "must be at most 2 for a file; got 3" in done.err
+    assert not file.exists()

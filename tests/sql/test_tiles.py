@@ -249,6 +249,59 @@ def read(plan: dict[str, Any]) -> float:
     return max([own, *(read(child) for child in plan.get("Plans", []))])
 
 
+def test_what_waits_for_detection_is_drawn_in_one_pass(conn: Conn) -> None:
+    """Of 400 areas and tracks that wait, a tile draws those that it shows, and none point by point; told by calls."""
+    areas = [box(f"A{n}", n % 40, n // 40, n % 40 + 0.9, n // 40 + 0.9) for n in range(200)]
+    tracks = [track(f"T{n}", (n % 40, n // 40), (n % 40 + 0.5, n // 40 + 0.5)) for n in range(200)]
+    load(conn, Scene("s"), areas, tracks)
+    conn.execute("SET LOCAL track_functions = 'all'")
+    for kind in ("areas", "tracks"):
+        assert len(tile(conn, kind, 0, 0, 0)[kind]) == 200
+        assert 0 < len(tile(conn, kind, 7, 67, 62)[kind]) < 20
+        assert tile(conn, kind, 7, 10, 10) == {}
+    calls = conn.execute(
+        "SELECT coalesce(sum(calls), 0) FROM pg_stat_xact_user_functions "
+        "WHERE funcname IN ('_drawn', '_drawn_path', '_tile_shape')"
+    ).fetchone()
+    assert calls == (0,)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [Scene("s"), Scene("s", Motion.GREAT_CIRCLE, centre=(10.0, 55.0))],
+    ids=["rhumb", "great circle"],
+)
+def test_what_is_drawn_in_one_pass_is_drawn_as_the_rest(conn: Conn, scene: Scene) -> None:
+    """Objects of all sizes are where they are to within a unit, whether their sides have points put on them or not."""
+    rng = np.random.default_rng(12)
+    sizes = 10 ** rng.uniform(-3, 1, 60)
+    places = rng.uniform((0, 40), (20, 65), (60, 2))
+    areas = [box(f"A{n}", x, y, x + d, y + d / 2) for n, ((x, y), d) in enumerate(zip(places, sizes, strict=True))]
+    tracks = [
+        track(f"T{n}", (x, y), (x + d, y + d / 3), (x - d, y + d / 2))
+        for n, ((x, y), d) in enumerate(zip(places, sizes, strict=True))
+    ]
+    load(conn, scene, areas, tracks)
+    query = "SELECT conflictdb._plane(motion, earth, centre_lon, centre_lat) FROM conflictdb.scene"
+    row = conn.execute(query.encode()).fetchone()
+    assert row is not None
+    for kind, table, drawn in (("areas", "area", "_drawn(footprint"), ("tracks", "track", "_drawn_path(path")):
+        for place in ((1, 1, 0), (4, 8, 4), (6, 33, 20)):
+            found = {str(fields["key"]): shape for fields, shape in tile(conn, kind, *place)[kind]}
+            query = (
+                f"SELECT key, ST_AsBinary(ST_Affine(s, 1, 0, 0, -1, 0, 4096)) FROM conflictdb.{table}, "
+                f"conflictdb._tile_shape(conflictdb.{drawn}, %s), %s, %s, %s) s WHERE s IS NOT NULL"
+            )
+            known = {key: shapely.from_wkb(shape) for key, shape in conn.execute(query.encode(), [row[0], *place])}
+            # As it is read, a tile ends at its edge; what is next to that is in it or not by how it is rounded.
+            inner = shapely.box(3, 3, 4093, 4093)
+            assert {key for key, shape in known.items() if shape.intersects(inner)} <= set(found) <= set(known)
+            assert found
+            for key, shape in found.items():
+                assert known[key].buffer(3).covers(shape), (key, place)
+                assert shape.buffer(3).covers(known[key].intersection(inner)), (key, place)
+
+
 def test_servers_of_tiles_find_the_functions_and_readers_may_call_them(crossing: Conn) -> None:
     """By names and types of arguments, as pg_tileserv and martin look for them."""
     found = crossing.execute(
