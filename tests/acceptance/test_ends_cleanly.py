@@ -141,7 +141,7 @@ def test_nothing_is_left_of_a_detection_that_solves(
     """The command is one process, whatever --jobs says, and ends in the midst of stage 4."""
     load(dsn, Method.NLP, 40, 40)
     with detection(dsn) as process:
-        until(lambda: any("conflictdb._pieces(" in query for _, query in sessions(conn)), PATIENCE_S, "it solves")
+        until(lambda: any("_put_pieces(" in query for _, query in sessions(conn)), PATIENCE_S, "it solves")
         time.sleep(1.0)
         assert session(process.pid) == {process.pid}
         end(process, number, conn)
