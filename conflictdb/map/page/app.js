@@ -15,6 +15,10 @@ import { Timeline } from "./timeline.js";
 const SPEEDS = [1, 10, 60, 300, 900, 3600, 21600, 86400, 604800]; // seconds in a second
 const PLAYED_S = 40; // how long all of a scene takes at the speed that is set at first
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
+// Of so many objects, the map takes a second without a graphics card to draw what is on: it hears when the time rests.
+const MANY = 2000;
+const MANY_MARKS_MS = 3000;
+const RESTS_MS = 250;
 
 const source = byId("scene-data") ? new EmbeddedSource() : new ServerSource();
 const filter = new Filter();
@@ -106,9 +110,17 @@ function mark() {
 }
 
 function markSoon() {
-  const wait = MARKS_MS - (performance.now() - marked);
-  if (wait <= 0) mark();
-  else marking ??= setTimeout(mark, wait);
+  const isMany = model.areas.length + model.tracks.length > MANY;
+  if (isMany && marking === null) marked = performance.now(); // it begins to move
+  const wait = (isMany ? MANY_MARKS_MS : MARKS_MS) - (performance.now() - marked);
+  if (wait <= 0) {
+    mark();
+  } else if (isMany) {
+    clearTimeout(marking);
+    marking = setTimeout(mark, RESTS_MS);
+  } else {
+    marking ??= setTimeout(mark, wait);
+  }
 }
 
 function moveTo(at) {
