@@ -16,7 +16,20 @@ from numpy.typing import NDArray
 from conflictdb.drawing import page
 from conflictdb.drawing.separation import separation
 from conflictdb.drawing.sketch import Sketch
-from conflictdb.drawing.style import CONFLICT, FIRST, HATCH, INK, OF_VERDICT, QUIET, SECOND, instant, styled, time_axis
+from conflictdb.drawing.style import (
+    CONFLICT,
+    FIRST,
+    HATCH,
+    INK,
+    OF_VERDICT,
+    QUIET,
+    SECOND,
+    checked_name,
+    instant,
+    styled,
+    time_axis,
+    written_whole,
+)
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
@@ -118,21 +131,14 @@ def save(figure: "Figure", file: str | Path) -> Path:
     file = check_name(file)
     with styled():
         metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(file.suffix.lower(), {})
-        beside = file.with_name(f".{file.name}.part")
-        try:
+        with written_whole(file) as beside:
             figure.savefig(beside, format=file.suffix[1:].lower(), dpi=_DPI, metadata=metadata, facecolor="white")
-            beside.replace(file)
-        finally:
-            beside.unlink(missing_ok=True)
     return file
 
 
 def check_name(file: str | Path) -> Path:
     """Return the path of a figure's file; raises InvalidInput where its name does not say what it is to be."""
-    file = Path(file)
-    if file.suffix.lower() not in _FORMATS:
-        raise InvalidInput("plot", "file", f"must end in {', '.join(_FORMATS)}; got {file.name!r}")
-    return file
+    return checked_name("plot", file, _FORMATS)
 
 
 def first_contact_order(conflict: Conflict) -> tuple[bool, datetime, str, str]:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.drawing import figures
-from conflictdb.drawing.style import instant, styled
-from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.drawing.style import checked_name, instant, styled, written_whole
+from conflictdb.errors import ConflictDBError
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Motion, Scene, Track
 from conflictdb.notebook import bound_text, instant_text, text_of
@@ -98,20 +98,13 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
     sections = _sections(checked)
     render = _html if file.suffix.lower() == ".html" else _pdf
     content = render(title, made, warning, sections)
-    beside = file.with_name(f".{file.name}.part")
-    try:
+    with written_whole(file) as beside:
         beside.write_bytes(content)
-        beside.replace(file)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def check_name(file: str | Path) -> Path:
     """Return the path of a report; raises InvalidInput where its name does not say what it is to be."""
-    file = Path(file)
-    if file.suffix.lower() not in _FORMATS:
-        raise InvalidInput("report", "file", f"must end in {' or '.join(_FORMATS)}; got {file.name!r}")
-    return file
+    return checked_name("report", file, _FORMATS)
 
 
 def _sections(checked: Checked) -> list[_Section]:

@@ -1,12 +1,13 @@
-"""How figures look, and matplotlib, or how to get it."""
+"""How figures look, how files of them are named and written, and matplotlib, or how to get it."""
 
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from pathlib import Path
 from typing import Any, Final
 
-from conflictdb.errors import ConflictDBError
+from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.results import Verdict
 
@@ -74,3 +75,23 @@ def time_axis(mpl: Any, panel: Any, first: datetime, last: datetime) -> None:
     panel.set_xlim(first, last)
     panel.grid(visible=True, axis="x")
     panel.set_axisbelow(True)
+
+
+def checked_name(who: str, file: str | Path, formats: tuple[str, ...]) -> Path:
+    """Return the path of a file; raises InvalidInput where its name does not say what it is to be."""
+    file = Path(file)
+    if file.suffix.lower() not in formats:
+        either = ", ".join(formats) if len(formats) > 2 else " or ".join(formats)
+        raise InvalidInput(who, "file", f"must end in {either}; got {file.name!r}")
+    return file
+
+
+@contextmanager
+def written_whole(file: Path) -> Iterator[Path]:
+    """Yield where to write a file, so that it appears when it is complete, or not at all."""
+    beside = file.with_name(f".{file.name}.part")
+    try:
+        yield beside
+        beside.replace(file)
+    finally:
+        beside.unlink(missing_ok=True)
