@@ -734,27 +734,29 @@ class Database:
 
         if (a_key is None) != (b_key is None):
             raise InvalidInput("plot", "b_key", "is needed with a_key, and the other way round: a figure is of a pair")
+        keys = None if a_key is None or b_key is None else (a_key, b_key)
         with self._transaction():
-            settings, areas, tracks = self._read(scene)
-            found = store.conflicts(self.connection, scene, with_region=a_key is None)
-            near = (
-                [one.as_near() for one in store.each_approach(self.connection, scene, only_near=True)] if a_key else []
-            )
+            settings, areas, tracks = self._read(scene, keys)
+            found = store.conflicts(self.connection, scene, with_region=keys is None, keys=keys)
+            known = list(found)
+            if keys is not None and not known:
+                near = store.each_approach(self.connection, scene, only_near=True, keys=keys)
+                known = [one.as_near() for one in near]
         _warn_if_incomplete(found.state)
-        if a_key is None or b_key is None:
-            return figures.plot_scene(settings, areas, tracks, found, remark=_incomplete(found.state))
-        pair = {a_key, b_key}
-        known = next((one for one in [*found, *near] if {one.a_key, one.b_key} == pair), None)
-        a, b = _pair_of(scene, [*areas, *tracks], a_key, b_key)
-        return figures.plot_pair(settings, a, b, known, remark=_incomplete(found.state))
+        if keys is None:
+            return figures.plot_scene(settings, areas, tracks, known, remark=_incomplete(found.state))
+        a, b = _pair_of(scene, [*areas, *tracks], *keys)
+        return figures.plot_pair(settings, a, b, next(iter(known), None), remark=_incomplete(found.state))
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
         """Return the figure of a conflict that this database holds: `conflict.plot()` asks for it."""
         from conflictdb.drawing import figures
 
-        settings, areas, tracks = self._read(conflict.scene, (conflict.a_key, conflict.b_key))
+        with self._transaction():
+            settings, areas, tracks = self._read(conflict.scene, (conflict.a_key, conflict.b_key))
+            state = store.scene_state(self.connection, conflict.scene)
         a, b = _pair_of(conflict.scene, [*areas, *tracks], conflict.a_key, conflict.b_key)
-        return figures.plot_pair(settings, a, b, conflict)
+        return figures.plot_pair(settings, a, b, conflict, remark=_incomplete(state))
 
     def report(self, scene: str, file: str | Path) -> None:
         """Write a report of a scene, .html or .pdf: what was checked and how, what was found, with figures.

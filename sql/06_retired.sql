@@ -14,10 +14,9 @@ BEGIN
                                  '_conflict_region')
                OR NOT 'p_scene_id' = ANY (p.proargnames) AND p.proname = '_conflict_region'
                OR NOT 'version' = ANY (p.proargnames) AND p.proname = '_pieces_near'
-               OR NOT 'conflict_id' = ANY (p.proargnames) AND p.proname = '_conflicts'
+               OR NOT 'p_keys' = ANY (p.proargnames) AND p.proname IN ('_conflicts', '_approaches')
                OR NOT 'acknowledged_at' = ANY (p.proargnames)
                   AND p.proname IN ('_conflicts_known_at', 'conflicts_known_at')
-               OR NOT 'p_only_near' = ANY (p.proargnames) AND p.proname = '_approaches'
                OR NOT 'p_keys' = ANY (p.proargnames) AND p.proname IN ('_read_areas', '_read_tracks')
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
                OR NOT 'p_numbers' = ANY (p.proargnames) AND p.proname = '_known_conflicts'

@@ -1,6 +1,6 @@
 -- What the store reads: rows for Python, nothing more than the tables hold.
 
-CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean)
+CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[])
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text,
     first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text,
@@ -22,10 +22,11 @@ BEGIN ATOMIC
            c.acknowledged_until
     FROM conflicts c
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
+      AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
-COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean) IS
-'The conflicts of a scene (at an instant, if given), earliest first; periods in binary.';
+COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[]) IS
+'The conflicts of a scene (at an instant, among objects of some keys, if given), earliest first; periods in binary.';
 
 CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
@@ -69,7 +70,7 @@ $$;
 COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint) IS
 'So many events of a scene at most after a number (of an object, or of two), in their order; periods in binary.';
 
-CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean)
+CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
@@ -85,11 +86,13 @@ BEGIN
                c.scene_is_current, c.method, c.time_error_s
         FROM approaches c
         WHERE c.scene = p_scene AND (NOT p_only_near OR c.verdict = 'near')
+          AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
         ORDER BY c.closest_at NULLS FIRST, c.a_key, c.b_key;
 END
 $$;
-COMMENT ON FUNCTION _approaches(text, boolean) IS
-'The closest approaches of a scene, or only those of pairs without conflict, earliest first.';
+COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
+'The closest approaches of a scene (among objects of some keys, if given), or only those of pairs without conflict, '
+'earliest first.';
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3f13fb10e0ade89e85c34d051ab6d7244499772e34fd50ee4e0faf4004733552"
+routines_sha256 = "bfa6039c0c57429853b6e4c6b1b1c6bd4af4e43ffaefa638cf97987e6caea171"
 
 # Roles by name: a dump must be restorable where some of them are not. Of scenes that are there nobody knows who made
 # them.

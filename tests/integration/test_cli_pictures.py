@@ -1,12 +1,17 @@
 """`plot` and `report`, on a real database."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
 from commands import STRAIT, Run, runner
+from matplotlib.text import Text
 
 import conflictdb
+from conflictdb.db import store
+from conflictdb.db.store import reading
 
 
 @pytest.fixture
@@ -70,7 +75,41 @@ def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
 
 def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
-        for conflict in db.conflicts("strait")[:1]:
-            assert conflict.plot().axes
+        conflict = db.conflicts("strait")[0]
+        assert conflict.plot().axes
+        # The objects are drawn as they are now.
+        db.connection.execute("SELECT conflictdb.remove_object('strait', 'RESERVE')")
+        texts = [one.get_text() for one in conflict.plot().findobj(Text)]
+        assert any("NOT COMPLETE" in text for text in texts)
         with pytest.raises(conflictdb.InvalidInput, match="b_key: is needed with a_key"):
             db.plot("strait", "TOW")
+
+
+def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many objects and conflicts the scene has."""
+    read: list[Any] = []
+    read_scene, call_each = store.read_scene, reading.call_each
+
+    def objects(*asked: Any) -> Any:
+        found = read_scene(*asked)
+        read.extend([*found[1], *found[2]])
+        return found
+
+    def rows(*asked: Any) -> Iterator[Any]:
+        for row in call_each(*asked):
+            read.append(row)
+            yield row
+
+    monkeypatch.setattr(store, "read_scene", objects)
+    monkeypatch.setattr(reading, "call_each", rows)
+    with conflictdb.connect(dsn) as db:
+        db.detect("strait", nearest_m=100_000.0)
+        (conflict,) = [one for one in db.conflicts("strait") if (one.a_key, one.b_key) == ("FERRY", "TOW")]
+        for draw, count in [
+            (lambda: db.plot("strait", "TOW", "FERRY"), 3),
+            (lambda: db.plot("strait", "RESERVE", "FERRY"), 3),
+            (conflict.plot, 2),
+        ]:
+            read.clear()
+            assert draw().axes
+            assert len(read) == count

@@ -1,6 +1,6 @@
 """Conflicts, closest approaches and runs, as the database knows them, and whether that is all."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -81,13 +81,21 @@ def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timed
 
 
 def conflicts(
-    conn: psycopg.Connection[Any], scene: str, at: datetime | None = None, *, with_region: bool = False
+    conn: psycopg.Connection[Any],
+    scene: str,
+    at: datetime | None = None,
+    *,
+    with_region: bool = False,
+    keys: Sequence[str] | None = None,
 ) -> Listing[Conflict]:
-    """Return the conflicts of a scene, or those on at an instant, earliest first; InvalidInput if it is not known."""
+    """Return the conflicts of a scene, or those on at an instant, earliest first; InvalidInput if it is not known.
+
+    keys : of the objects among which they are wanted; None: all
+    """
     with transaction(conn):
         # First: what is detected between the two makes the list better than is said of it, not worse.
         state = scene_state(conn, scene)
-        return Listing(state, each_conflict(conn, scene, at, with_region=with_region), Conflict)
+        return Listing(state, each_conflict(conn, scene, at, with_region=with_region, keys=keys), Conflict)
 
 
 def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
@@ -98,13 +106,19 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
 
 
 def each_conflict(
-    conn: psycopg.Connection[Any], scene: str, at: datetime | None = None, *, with_region: bool = False
+    conn: psycopg.Connection[Any],
+    scene: str,
+    at: datetime | None = None,
+    *,
+    with_region: bool = False,
+    keys: Sequence[str] | None = None,
 ) -> Generator[Conflict, None, None]:
     """Yield what `conflicts` returns, read as it is asked for.
 
     One transaction is open, and one cursor in it, until all are read.
     """
-    with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region)) as rows:
+    among = None if keys is None else list(keys)
+    with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region, among)) as rows:
         for row in rows:
             a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
             is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
@@ -141,13 +155,15 @@ def each_conflict(
 
 
 def each_approach(
-    conn: psycopg.Connection[Any], scene: str, *, only_near: bool = False
+    conn: psycopg.Connection[Any], scene: str, *, only_near: bool = False, keys: Sequence[str] | None = None
 ) -> Generator[Approach, None, None]:
     """Yield what `approaches` returns, read as it is asked for.
 
-    `only_near` leaves out those of conflicts. One transaction is open, and one cursor in it, until all are read.
+    `only_near` leaves out those of conflicts, `keys` those of other objects. One transaction is open, and one cursor in
+    it, until all are read.
     """
-    with transaction(conn), closing(call_each(conn, "_approaches", scene, only_near)) as rows:
+    among = None if keys is None else list(keys)
+    with transaction(conn), closing(call_each(conn, "_approaches", scene, only_near, among)) as rows:
         for row in rows:
             yield Approach(
                 scene=scene,
