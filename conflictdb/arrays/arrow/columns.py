@@ -1,0 +1,104 @@
+"""Columns of Arrow from arrays of numpy, and back; numbers bit by bit, where it can be in the same memory.
+
+Arrays that come from Arrow cannot be written to.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.forms import INSTANT, Array
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.arrays.ragged import offsets
+from conflictdb.errors import InvalidInput
+
+# Lists are told apart by 32-bit numbers, for engines know no others.
+_MOST_ITEMS: Final = 2**31 - 1
+
+
+def of_numbers(values: NDArray[Any]) -> Array:
+    """Return numbers or truths (n,) as a column."""
+    return pa.array(np.ascontiguousarray(values))
+
+
+def numbers(column: Array) -> NDArray[Any]:
+    """Return a column without nulls as numbers or truths (n,)."""
+    return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+def of_instants(instants_us: NDArray[np.int64], unbounded_us: int | None = None) -> Array:
+    """Return instants (n,), microseconds since 1970, as a column; null where they have the value for unbounded."""
+    mask = None if unbounded_us is None else instants_us == unbounded_us
+    return pa.array(np.ascontiguousarray(instants_us), mask=mask).view(INSTANT)
+
+
+def instants(column: Array, unbounded_us: int = 0) -> NDArray[np.int64]:
+    """Return a column of instants as microseconds since 1970 (n,), nulls as the value for unbounded."""
+    return numbers(_filled(column.view(pa.int64()), unbounded_us))
+
+
+def of_measures(values: NDArray[np.float64], unknown: float) -> Array:
+    """Return numbers (n,) as a column; null where they have the value for unknown, an infinity or NaN."""
+    mask = np.isnan(values) if np.isnan(unknown) else values == unknown
+    return pa.array(np.ascontiguousarray(values), mask=mask)
+
+
+def measures(column: Array, unknown: float) -> NDArray[np.float64]:
+    """Return a column of numbers (n,), nulls as the value for unknown."""
+    return numbers(_filled(column, unknown))
+
+
+def _filled(column: Array, value: Any) -> Array:
+    return column.fill_null(value) if column.null_count else column
+
+
+def of_lists(items: NDArray[Any] | Array, offset: NDArray[np.int64], is_null: NDArray[np.bool_] | None = None) -> Array:
+    """Return ragged items as a column of lists: row i is items[offset[i]:offset[i + 1]], flat if they are pairs.
+
+    Raises InvalidInput for more items than lists can hold.
+    """
+    if isinstance(items, np.ndarray):
+        offset = offset * (items.size // max(len(items), 1) if items.ndim > 1 else 1)
+        items = of_numbers(items.reshape(-1))
+    if len(items) > _MOST_ITEMS:
+        raise InvalidInput("Arrow", "lists", f"must have at most {_MOST_ITEMS} items in a batch; make smaller batches")
+    mask = None if is_null is None else pa.array(is_null)
+    return pa.ListArray.from_arrays(pa.array(offset.astype(np.int32)), items, mask=mask)
+
+
+def lists(column: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the items of a column of lists, one after the other, and their offsets (n + 1,); a null has none."""
+    return column.flatten(), offsets(numbers(_filled(column.value_lengths(), 0)))
+
+
+def pairs(column: Array, who: str, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return a column of flat lists of pairs of numbers as (k, 2), and the offsets of pairs (n + 1,)."""
+    items, offset = lists(column)
+    if (offset % 2).any() or items.null_count:
+        raise InvalidInput(who, name, "must be lists of an even number of numbers, none of them null")
+    return numbers(items).reshape(-1, 2), offset // 2
+
+
+def of_polygons(polygons: Polygons) -> Array:
+    """Return polygons (n,) as a column of bytes, null where they are not known."""
+    if len(polygons.data) > _MOST_ITEMS:
+        raise InvalidInput("Arrow", "region", f"must have at most {_MOST_ITEMS} bytes in a batch; make smaller batches")
+    is_known = np.packbits(np.diff(polygons.offset) > 0, bitorder="little")
+    offset = polygons.offset.astype(np.int32)
+    buffers = [pa.py_buffer(np.ascontiguousarray(one)) for one in (is_known, offset, polygons.data)]
+    return pa.Array.from_buffers(pa.binary(), len(polygons), buffers)
+
+
+def polygons(column: Array) -> Polygons:
+    """Return a column of bytes as polygons (n,), nulls as not known."""
+    if column.null_count:
+        column = column.fill_null(b"")
+    _, bounds, data = column.buffers()
+    if bounds is None or not len(column):
+        return Polygons.none(len(column))
+    first = column.offset
+    offset = np.frombuffer(bounds, np.int32)[first : first + len(column) + 1].astype(np.int64)
+    held = np.empty(0, np.uint8) if data is None else np.frombuffer(data, np.uint8)
+    return Polygons(held[offset[0] : offset[-1]], offset - offset[0])

@@ -1,0 +1,129 @@
+"""What an Arrow form is: a schema with an edition, and the one error for a table that does not fit it."""
+
+import json
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import pyarrow as pa
+
+from conflictdb.errors import InvalidInput
+
+# Of a schema's metadata, what says which form it has: JSON with `form` and `edition`.
+METADATA_KEY: Final = b"conflictdb"
+
+INSTANT: Final = pa.timestamp("us", "UTC")
+
+Batch: TypeAlias = pa.RecordBatch | pa.Table
+Array: TypeAlias = pa.Array
+
+
+@dataclass(frozen=True)
+class Form:
+    """Columns by name, and the edition that they are of.
+
+    schema : a column that may be null may be missing too; then all of it is null
+    """
+
+    name: str
+    edition: int
+    schema: "pa.Schema"
+
+    @classmethod
+    def of(cls, name: str, edition: int, fields: "list[pa.Field]") -> "Form":
+        """Return a form whose schema says which it is."""
+        told = json.dumps({"form": name, "edition": edition}).encode()
+        return cls(name, edition, pa.schema(fields, metadata={METADATA_KEY: told}))
+
+    def batch(self, columns: "dict[str, Array]") -> "pa.RecordBatch":
+        """Return columns as one batch of this form."""
+        return pa.RecordBatch.from_arrays([columns[name] for name in self.schema.names], schema=self.schema)
+
+    def columns(self, given: Batch) -> "dict[str, Array]":
+        """Return the columns of this form in a batch or table, each in one piece and of its type; others are left out.
+
+        Raises InvalidInput for another form, a later edition, and for columns that are missing, of another type or null
+        where they must not be. Metadata may be missing: engines lose it.
+        """
+        self._check_edition(given.schema.metadata or {})
+        return {field.name: self._column(given, field) for field in self.schema}
+
+    def _check_edition(self, metadata: "dict[bytes, bytes]") -> None:
+        try:
+            told = json.loads(metadata.get(METADATA_KEY, b"{}"))
+        except ValueError:
+            told = None
+        if not isinstance(told, dict):
+            raise InvalidInput(f"Arrow form {self.name!r}", "metadata", "of conflictdb must be a JSON object")
+        form, edition = told.get("form", self.name), told.get("edition", self.edition)
+        if form != self.name:
+            raise InvalidInput(f"Arrow form {self.name!r}", "metadata", f"says that this is {form!r:.60}")
+        if not isinstance(edition, int) or edition > self.edition:
+            rule = f"is of edition {edition!r:.20}; this version of conflictdb reads up to {self.edition}: upgrade it"
+            raise InvalidInput(f"Arrow form {self.name!r}", "metadata", rule)
+
+    def _column(self, given: Batch, field: "pa.Field") -> Array:
+        who = f"Arrow form {self.name!r}"
+        places = given.schema.get_all_field_indices(field.name)
+        if len(places) > 1:
+            raise InvalidInput(who, field.name, "is there more than once")
+        if not places:
+            if field.nullable:
+                return pa.nulls(given.num_rows, field.type)
+            known = ", ".join(str(name) for name in given.schema.names[:20])
+            raise InvalidInput(who, field.name, f"is missing: it must be {field.type}; there are {known or 'none'}")
+        column = given.column(places[0])
+        if isinstance(column, pa.ChunkedArray):
+            column = column.combine_chunks()
+            if isinstance(column, pa.ChunkedArray):  # as some versions give it, of no chunks or of one
+                column = column.chunk(0) if column.num_chunks else pa.array([], column.type)
+        column = converted(who, field.name, column, field.type)
+        if not field.nullable and column.null_count:
+            row = column.is_null().index(True).as_py()
+            raise InvalidInput(who, field.name, f"must not be null; it is in row {row}, and {column.null_count} in all")
+        return column
+
+
+def converted(who: str, name: str, column: Array, wanted: "pa.DataType") -> Array:
+    """Return a column as another type that holds the same values; raises InvalidInput where there is none."""
+    if column.type == wanted:
+        return column
+    if not _alike(column.type, wanted):
+        got = f"must be {wanted}; got {column.type}"
+        if pa.types.is_timestamp(_innermost(column.type)) and pa.types.is_timestamp(_innermost(wanted)):
+            got += ": instants need a time zone, and are kept in UTC"
+        raise InvalidInput(who, name, got)
+    try:
+        return column.cast(wanted)
+    except pa.ArrowException as error:
+        raise InvalidInput(who, name, f"must be {wanted}; got {column.type}: {error}") from error
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether values of one type can be those of another, as of all kinds of lists, texts or whole numbers."""
+    types = pa.types
+    if types.is_dictionary(one):
+        return _alike(one.value_type, other)
+    if _is_list(one) and _is_list(other):
+        return _alike(one.value_type, other.value_type)
+    if types.is_timestamp(one) and types.is_timestamp(other):
+        return one.tz is not None
+    return types.is_null(one) or any(
+        any(is_kind(one) for is_kind in kind) and any(is_kind(other) for is_kind in kind) for kind in _KINDS
+    )
+
+
+def _innermost(of: Any) -> Any:
+    return _innermost(of.value_type) if _is_list(of) else of
+
+
+def _is_list(one: Any) -> bool:
+    return bool(pa.types.is_list(one) or pa.types.is_large_list(one) or pa.types.is_fixed_size_list(one))
+
+
+_KINDS: Final = (
+    (pa.types.is_integer,),
+    (pa.types.is_floating,),
+    (pa.types.is_boolean,),
+    (pa.types.is_string, pa.types.is_large_string),
+    (pa.types.is_binary, pa.types.is_large_binary),
+)

@@ -1,0 +1,247 @@
+"""The Arrow form of objects, pieces, pairs and answers: bit by bit, and one error for what does not fit."""
+
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene_strategies import assert_same, scenes
+from workloads import GROWING, PAPER, SEAM, Workload, throw
+
+from conflictdb import InvalidInput
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.arrow.answers import CONFLICTS, of_conflicts, to_conflicts
+from conflictdb.arrays.arrow.objects import OBJECTS, of_objects, to_batches, to_objects
+from conflictdb.arrays.arrow.pieces import PAIRS, PIECES, of_pairs, of_pieces, to_pairs, to_pieces
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.model import Area, Scene, Track
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import run_stages
+from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stage2_intersection import intersections
+
+Objects = tuple[Scene, list[Area], list[Track]]
+
+
+def numbered(areas: list[Area], tracks: list[Track]) -> pa.RecordBatch:
+    numbers = np.concatenate([np.arange(len(areas)), np.arange(len(tracks))])
+    return of_objects(areas, tracks, numbers, np.ones(len(numbers), np.int64))
+
+
+def same_arrays(one: object, other: object) -> None:
+    """Compare all arrays of two batches, types and bits."""
+    for column in fields(one):  # type: ignore[arg-type]
+        a, b = getattr(one, column.name), getattr(other, column.name)
+        if isinstance(a, np.ndarray) and a.dtype == object:
+            assert shapely.to_wkb(a).tolist() == shapely.to_wkb(b).tolist()
+        elif isinstance(a, np.ndarray):
+            assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), column.name
+
+
+def pieces_thrown(workload: Workload) -> tuple[Scene, AreaBatch, Pieces]:
+    scene, areas, tracks = throw(workload, 7, 8, 12)
+    batch = AreaBatch.of(areas)
+    return scene, batch, pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
+
+
+@given(scenes())
+@settings(max_examples=25, deadline=None)
+def test_objects_come_back_as_they_were(objects: Objects) -> None:
+    """All that is known of areas and tracks, also through the format of streams."""
+    _, areas, tracks = objects
+    batch = of_objects(areas, tracks)
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
+        writer.write_batch(batch)
+    back = pa.ipc.open_stream(sink.getvalue()).read_all()
+    for one, other in zip([*areas, *tracks], [one for kind in to_objects(back) for one in kind], strict=True):
+        assert_same(one, other)
+
+
+@given(scenes())
+@settings(max_examples=25, deadline=None)
+def test_objects_become_the_same_arrays(objects: Objects) -> None:
+    """Without areas and tracks in between, the arrays are those that these give."""
+    _, areas, tracks = objects
+    as_areas, as_tracks = to_batches(numbered(areas, tracks))
+    same_arrays(AreaBatch.of(areas), as_areas)
+    same_arrays(TrackBatch.of(tracks), as_tracks)
+
+
+@given(scenes(), st.data())
+@settings(max_examples=15, deadline=None)
+def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataObject) -> None:
+    """Slices begin in the middle of the memory that they share."""
+    _, areas, tracks = objects
+    items = [*areas, *tracks]
+    first = data.draw(st.integers(0, len(items)))
+    last = data.draw(st.integers(first, len(items)))
+    some = of_objects(areas, tracks).slice(first, last - first)
+    for one, other in zip(items[first:last], [one for kind in to_objects(some) for one in kind], strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("workload", [PAPER, GROWING, SEAM], ids=lambda one: one.name)
+def test_pieces_come_back_as_they_were(workload: Workload) -> None:
+    _, _, pieces = pieces_thrown(workload)
+    assert pieces.changes == (workload is GROWING)
+    back = to_pieces(of_pieces(pieces))
+    same_arrays(pieces, back)
+    assert back.changes == pieces.changes
+    some = to_pieces(of_pieces(pieces).slice(3, len(pieces) - 5))
+    same_arrays(pieces.take(np.arange(3, len(pieces) - 2)), some)
+
+
+def test_pieces_share_their_memory_with_arrow() -> None:
+    _, _, pieces = pieces_thrown(PAPER)
+    batch = of_pieces(pieces)
+    back = to_pieces(batch)
+    for name in ("object_id", "start_us", "floor_m", "hull_xy", "shape_xy"):
+        assert np.shares_memory(getattr(pieces, name), getattr(back, name)), name
+
+
+@pytest.mark.parametrize("workload", [PAPER, GROWING, SEAM], ids=lambda one: one.name)
+def test_answers_are_the_same_through_arrow(workload: Workload) -> None:
+    """Pieces and pairs through Arrow give the conflicts of the arrays, which come back as they were."""
+    scene, areas, pieces = pieces_thrown(workload)
+    plane = plane_of(scene)
+    a, b = candidates(pieces)
+    pairs = intersections(pieces, a, b, regions=True)
+    answers = []
+    for given_pieces, given_pairs in ((pieces, pairs), (to_pieces(of_pieces(pieces)), to_pairs(of_pairs(pairs)))):
+        found, _ = run_stages(scene, plane, given_pieces, given_pairs, lambda ids: areas.footprint[ids])
+        answers.append(of_conflicts(found))
+    assert len(answers[0])
+    assert answers[0].equals(answers[1])
+    back, region = to_conflicts(answers[0])
+    same_arrays(found, back)
+    same_arrays(found.where(np.arange(len(found))), region)
+    later, its_region = to_conflicts(answers[0].slice(1))
+    same_arrays(found.take(np.arange(1, len(found))), later)
+    assert its_region.geometries().tolist() == region.geometries().tolist()[1:]
+
+
+def test_nothing_comes_back_as_nothing() -> None:
+    _, _, pieces = pieces_thrown(PAPER)
+    none = pieces.take(np.empty(0, np.int64))
+    assert len(to_pieces(of_pieces(none))) == 0
+    assert len(to_pieces(PIECES.schema.empty_table())) == 0
+    rows = PieceRows(np.empty(0, np.int64))
+    assert len(to_pairs(of_pairs(Pairs(rows, rows, np.empty((0, 2)), np.zeros(1, np.int64))))) == 0
+    found, region = to_conflicts(CONFLICTS.schema.empty_table())
+    assert isinstance(found, Conflicts)
+    assert (len(found), len(region)) == (0, 0)
+    assert to_objects(OBJECTS.schema.empty_table()) == ([], [])
+    assert [len(one) for one in to_batches(OBJECTS.schema.empty_table())] == [0, 0]
+
+
+def test_a_region_that_is_not_known_stays_so() -> None:
+    scene, areas, pieces = pieces_thrown(PAPER)
+    a, b = candidates(pieces)
+    pairs = intersections(pieces, a, b, regions=False)
+    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])
+    batch = of_conflicts(found, Polygons.none(len(found)))
+    assert batch["region"].null_count == len(found)
+    assert not len(to_conflicts(batch)[1].data)
+
+
+def one_track() -> pa.RecordBatch:
+    track = Track("T", [(0, 0), (1, 1)], np.array([0, 10**15], "datetime64[us]"), [(0, 0)])
+    return numbered([], [track])
+
+
+def changed(batch: pa.RecordBatch | pa.Table, name: str, column: pa.Array) -> pa.Table:
+    table = batch if isinstance(batch, pa.Table) else pa.Table.from_batches([batch])
+    return table.set_column(table.schema.get_field_index(name), name, column)
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "rule"),
+    [
+        ("id", pa.array([7]), "must be string; got int64"),
+        ("id", pa.array([None], pa.string()), "must not be null"),
+        ("kind", pa.array(["trac"]), "must be 'area' or 'track'; got 'trac'"),
+        ("geometry", pa.array([None], pa.binary()), "must not be null"),
+        ("geometry", pa.array([b"\x01\x02"]), "must be WKB"),
+        ("geometry", pa.array([shapely.Point(1, 2).wkb]), "must be a LineString"),
+        ("times", pa.array([[1, 2]]), r"must be list<.*timestamp\[us, tz=UTC\]>; got list<item: int64>"),
+        ("times", pa.array([[1, 2]], pa.list_(pa.timestamp("us"))), "instants need a time zone"),
+        ("times", pa.array([[1, 2]], pa.list_(pa.timestamp("ns", "UTC"))), "would lose data"),
+        ("times", pa.array([[1]], pa.list_(pa.timestamp("us", "UTC"))), "one per waypoint: 2 waypoints, 1 times"),
+        ("outline_m", pa.array([[[0.0, 1.0, 2.0]]]), r"ring of \[starboard, forward\]"),
+        ("outline_m", pa.array([[[0.0, None]]]), r"ring of \[starboard, forward\]"),
+        ("outline_m", pa.array([None], pa.list_(pa.list_(pa.float64()))), "is missing|needs at least|ring of"),
+        ("floors_m", pa.array([[1.0, 2.0]]), "per leg"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(name: str, column: pa.Array, rule: str) -> None:
+    """One error that names the column, whether objects or arrays are wanted."""
+    for read in (to_objects, to_batches):
+        with pytest.raises(InvalidInput, match=rule):
+            read(changed(one_track(), name, column))
+
+
+def test_a_missing_column_is_named() -> None:
+    with pytest.raises(InvalidInput, match="'objects': geometry: is missing: it must be binary"):
+        to_objects(pa.Table.from_batches([one_track()]).drop_columns("geometry"))
+    with pytest.raises(InvalidInput, match="object_id: must be known of all objects"):
+        to_batches(pa.Table.from_batches([one_track()]).drop_columns("object_id"))
+
+
+def test_another_form_or_a_later_edition_is_refused() -> None:
+    batch = one_track()
+    for told, rule in (
+        (b'{"form": "pieces", "edition": 1}', "says that this is 'pieces'"),
+        (b'{"form": "objects", "edition": 99}', "edition 99.*upgrade"),
+        (b"{", "must be a JSON object"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            to_objects(batch.replace_schema_metadata({b"conflictdb": told}))
+    assert to_objects(batch.replace_schema_metadata(None))[1][0].key == "T"
+
+
+def test_types_that_hold_the_same_are_taken() -> None:
+    """As other engines give them: large and fixed lists, dictionaries, coarser and finer instants, smaller numbers."""
+    batch = pa.Table.from_batches([one_track()])
+    loose = {
+        "id": pa.large_string(),
+        "kind": pa.dictionary(pa.int32(), pa.string()),
+        "geometry": pa.large_binary(),
+        "object_id": pa.int32(),
+        "times": pa.large_list(pa.timestamp("ns", "Europe/Berlin")),
+        "outline_m": pa.large_list(pa.list_(pa.float64(), 2)),
+    }
+    table = batch
+    for name, of in loose.items():
+        table = changed(table, name, table[name].combine_chunks().cast(of))
+    assert_same(to_objects(table)[1][0], to_objects(batch)[1][0])
+    same_arrays(to_batches(table)[1], to_batches(batch)[1])
+
+
+def test_the_page_shows_what_runs_and_lists_every_column() -> None:
+    page = (Path(__file__).parents[2] / "docs/reference/arrow.md").read_text()
+    made: dict[str, Any] = {}
+    exec(page.split("```python\n")[1].split("```")[0], made)  # noqa: S102
+    assert made["tracks"][0].key == "T1"
+    parts = dict(zip(("objects", "pieces", "pairs", "conflicts"), page.split("\n## ")[1:], strict=True))
+    for form in (OBJECTS, PIECES, PAIRS, CONFLICTS):
+        told = parts[form.name].replace("…", "`closest_a_lat_deg`, `closest_b_lon_deg`,")
+        assert [name for name in form.schema.names if f"`{name}`" not in told] == []
+
+
+def test_without_pyarrow_the_extra_is_named() -> None:
+    script = "import sys; sys.modules['pyarrow'] = None\nimport conflictdb.arrays.arrow.objects"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "ConflictDBError: Arrow and Parquet need pyarrow: pip install 'conflictdb[parquet]'" in done.stderr
