@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from scene_strategies import assert_same, scenes
 from workloads import GROWING, PAPER, SEAM, Workload, throw
 
-from conflictdb import InvalidInput
+from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.answers import CONFLICTS, of_conflicts, to_conflicts
+from conflictdb.arrays.arrow.found import FOUND, of_found, of_rows
+from conflictdb.arrays.arrow.found import to_conflicts as found_again
 from conflictdb.arrays.arrow.objects import OBJECTS, of_objects, to_batches, to_objects
 from conflictdb.arrays.arrow.pieces import PAIRS, PIECES, of_pairs, of_pieces, to_pairs, to_pieces
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -127,9 +129,38 @@ def test_answers_are_the_same_through_arrow(workload: Workload) -> None:
     back, region = to_conflicts(answers[0])
     same_arrays(found, back)
     same_arrays(found.where(np.arange(len(found))), region)
+    keys = [f"K{k}" for k in range(len(found))]
+    as_users_see_it = of_found(scene, found, region, keys, keys)
+    again, its_region = found_again(as_users_see_it)
+    same_arrays(found, again)
+    assert its_region.geometries().tolist() == region.geometries().tolist()
     later, its_region = to_conflicts(answers[0].slice(1))
     same_arrays(found.take(np.arange(1, len(found))), later)
     assert its_region.geometries().tolist() == region.geometries().tolist()[1:]
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda one: one.name)
+def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> None:
+    """What executors make of arrays is what `solve` returns, in columns."""
+    scene, areas, tracks = throw(workload, 7, 8, 12)
+    scene = replace(scene, nearest_m=5_000.0)
+    solved = of_rows(solve(tracks, areas, scene))
+    areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
+    batch = AreaBatch.of(areas)
+    pieces = pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
+    a, b = candidates(pieces)
+    pairs = intersections(pieces, a, b, regions=False)
+    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: batch.footprint[ids])
+    keys = [
+        [(areas, tracks)[kind][number].key for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
+        for kinds, numbers in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
+    ]
+    told = of_found(scene, found, Polygons.none(len(found)), *keys)
+    order = [("a_kind", "ascending"), ("a_key", "ascending"), ("b_key", "ascending")]
+    given = [name for name in FOUND.schema.names if not name.endswith(("_id", "_version"))]
+    assert len(solved)
+    assert set(solved["verdict"].to_pylist()) >= {"conflict", "near"}
+    assert told.select(given).sort_by(order).to_pylist() == solved.select(given).to_pylist()
 
 
 def test_nothing_comes_back_as_nothing() -> None:
@@ -234,8 +265,8 @@ def test_the_page_shows_what_runs_and_lists_every_column() -> None:
     made: dict[str, Any] = {}
     exec(page.split("```python\n")[1].split("```")[0], made)  # noqa: S102
     assert made["tracks"][0].key == "T1"
-    parts = dict(zip(("objects", "pieces", "pairs", "conflicts"), page.split("\n## ")[1:], strict=True))
-    for form in (OBJECTS, PIECES, PAIRS, CONFLICTS):
+    parts = dict(zip(("objects", "pieces", "pairs", "conflicts", "found"), page.split("\n## ")[1:], strict=True))
+    for form in (OBJECTS, PIECES, PAIRS, CONFLICTS, FOUND):
         told = parts[form.name].replace("…", "`closest_a_lat_deg`, `closest_b_lon_deg`,")
         assert [name for name in form.schema.names if f"`{name}`" not in told] == []
 

@@ -1,0 +1,226 @@
+"""Conflicts as users read them, in Arrow and GeoParquet: the columns are those of the view `conflicts`.
+
+What only a database knows is null without one. `a_id`, `a_version`, `b_id` and `b_version` are the numbers of the
+objects, and of their states, that it was found of: they are what is written back to a database.
+"""
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.arrow.answers import of_conflicts
+from conflictdb.arrays.arrow.columns import (
+    instants,
+    lists,
+    measures,
+    numbers,
+    of_instants,
+    of_lists,
+    of_measures,
+)
+from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.errors import InvalidInput
+from conflictdb.inputs import EPOCH, MICROSECOND
+from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.results import Conflict, Kind, Position, Verdict
+
+_PERIOD: Final = pa.struct([pa.field("start", INSTANT), pa.field("end", INSTANT)])
+# Numbers and names of columns that hold places, with the fields of `Conflicts` and of `Conflict` that they are of.
+_POINTS: Final = {
+    "first_contact_point": "first_contact_deg",
+    "closest_a_point": "closest_a_deg",
+    "closest_b_point": "closest_b_deg",
+}
+GEOMETRIES: Final = ("region", *_POINTS)
+FOUND: Final = Form.of(
+    "found",
+    1,
+    [
+        pa.field("scene", pa.string()),
+        pa.field("a_key", pa.string(), nullable=False),
+        pa.field("a_kind", pa.string(), nullable=False),
+        pa.field("b_key", pa.string(), nullable=False),
+        pa.field("b_kind", pa.string(), nullable=False),
+        pa.field("periods", pa.list_(_PERIOD), nullable=False),
+        pa.field("first_contact", INSTANT),
+        pa.field("last_contact", INSTANT),
+        pa.field("verdict", pa.string(), nullable=False),
+        pa.field("region", pa.binary()),
+        pa.field("first_contact_point", pa.binary()),
+        pa.field("method", pa.string()),
+        pa.field("time_error_s", pa.float64(), nullable=False),
+        pa.field("is_current", pa.bool_()),
+        pa.field("run_id", pa.int64()),
+        pa.field("found_at", INSTANT),
+        pa.field("closest_at", INSTANT),
+        pa.field("closest_m", pa.float64()),
+        pa.field("closest_error_m", pa.float64()),
+        pa.field("closest_a_point", pa.binary()),
+        pa.field("closest_b_point", pa.binary()),
+        pa.field("scene_is_current", pa.bool_()),
+        pa.field("conflict_id", pa.int64()),
+        pa.field("opened_at", INSTANT),
+        pa.field("changed_at", INSTANT),
+        pa.field("acknowledged_by", pa.string()),
+        pa.field("acknowledged_at", INSTANT),
+        pa.field("acknowledged_for", pa.string()),
+        pa.field("acknowledged_until", INSTANT),
+        pa.field("a_id", pa.int64()),
+        pa.field("a_version", pa.int64()),
+        pa.field("b_id", pa.int64()),
+        pa.field("b_version", pa.int64()),
+    ],
+)
+_WHO: Final = f"Arrow form {FOUND.name!r}"
+_KINDS: Final = pa.array([Kind.of_code(code).value for code in range(len(Kind))])
+_VERDICTS: Final = pa.array([Verdict.of_code(code).value for code in range(len(Verdict))])
+# A point as WKB: little-endian, type 1, two doubles.
+_POINT: Final = np.dtype([("order", "u1"), ("type", "<u4"), ("lon", "<f8"), ("lat", "<f8")])
+
+
+def of_found(
+    scene: Scene, conflicts: Conflicts, region: Polygons, a_key: Sequence[str] | Array, b_key: Sequence[str] | Array
+) -> "pa.RecordBatch":
+    """Return conflicts of numbered objects with these keys as a batch of the form FOUND.
+
+    The members are in its order as they are: the area first, else the smaller key, is for who has them.
+
+    region : where each is
+    """
+    raw = of_conflicts(conflicts, region)
+    n = len(conflicts)
+    known: dict[str, Array] = {name: raw.column(name) for name in ("a_id", "a_version", "b_id", "b_version")}
+    known |= {
+        "scene": pa.array([scene.name] * n, pa.string()),
+        "a_key": pa.array(a_key, pa.string()),
+        "a_kind": _KINDS.take(raw.column("a_kind")),
+        "b_key": pa.array(b_key, pa.string()),
+        "b_kind": _KINDS.take(raw.column("b_kind")),
+        "periods": _of_periods(conflicts.period_us, conflicts.period_offset),
+        "verdict": _VERDICTS.take(raw.column("verdict")),
+        "region": pa.array(shapely.to_wkb(region.geometries(), byte_order=1, include_srid=False), pa.binary()),
+        "method": pa.array([scene.method.value] * n, pa.string()),
+        "time_error_s": raw.column("time_error_s"),
+        "closest_at": of_instants(conflicts.closest_us, SINCE_EVER_US),
+        "closest_m": of_measures(conflicts.closest_m, np.nan),
+        "closest_error_m": of_measures(conflicts.closest_error_m, np.nan),
+    }
+    known |= {name: _of_points(getattr(conflicts, field)) for name, field in _POINTS.items()}
+    first, last = conflicts.period_offset[:-1], conflicts.period_offset[1:] - 1
+    some = last >= first
+    for name, side, rows, unbounded_us in (
+        ("first_contact", 0, first, SINCE_EVER_US),
+        ("last_contact", 1, last, FOR_EVER_US),
+    ):
+        ends = np.full(n, unbounded_us)
+        ends[some] = conflicts.period_us[rows[some], side]
+        known[name] = of_instants(ends, unbounded_us)
+    return FOUND.batch({f.name: known[f.name] if f.name in known else pa.nulls(n, f.type) for f in FOUND.schema})
+
+
+def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
+    """Return the conflicts of numbered objects of a batch or table of the form FOUND, and where they are (n,).
+
+    Raises InvalidInput for what does not fit, and where numbers or versions are not known.
+    """
+    columns = FOUND.columns(given)
+    for name in ("a_id", "a_version", "b_id", "b_version"):
+        if columns[name].null_count:
+            raise InvalidInput(_WHO, name, "must be known: it says which state of which object this was found of")
+    starts_and_ends, offset = lists(columns["periods"])
+    if starts_and_ends.null_count:
+        raise InvalidInput(_WHO, "periods", "must not hold nulls")
+    start, end = starts_and_ends.flatten()
+    period_us = np.column_stack([instants(start, SINCE_EVER_US), instants(end, FOR_EVER_US)])
+    fields: dict[str, Any] = {
+        name: numbers(columns[name]) for name in ("a_id", "a_version", "b_id", "b_version", "time_error_s")
+    }
+    fields |= {f"{side}_kind": _codes(columns, f"{side}_kind", _KINDS) for side in "ab"}
+    fields |= {field: _places(columns[name], name) for name, field in _POINTS.items()}
+    fields |= {name: measures(columns[name], np.nan) for name in ("closest_m", "closest_error_m")}
+    found = Conflicts(
+        verdict=_codes(columns, "verdict", _VERDICTS),
+        period_us=period_us,
+        period_offset=offset,
+        closest_us=instants(columns["closest_at"], SINCE_EVER_US),
+        **fields,
+    )
+    shapes = shapely.set_srid(_geometries(columns["region"], "region"), 4326)
+    return found, Polygons.of(shapes)
+
+
+def of_rows(rows: Sequence[Conflict]) -> "pa.RecordBatch":
+    """Return conflicts, as a database or `solve` gives them, as a batch of the form FOUND."""
+    columns: dict[str, Array] = {}
+    for field in FOUND.schema:
+        values: list[Any]
+        if field.name == "periods":
+            values = [[{"start": _us(start), "end": _us(end)} for start, end in one.periods] for one in rows]
+        elif field.name == "region":
+            shapes = shapely.from_geojson(np.array([one.region for one in rows], dtype=object))
+            values = list(shapely.to_wkb(shapes, byte_order=1, include_srid=False))
+        elif field.name in _POINTS:
+            values = [_point(getattr(one, _POINTS[field.name])) for one in rows]
+        else:
+            values = [getattr(one, field.name, None) for one in rows]
+            if field.type == INSTANT:
+                values = [_us(value) for value in values]
+        columns[field.name] = pa.array(values, field.type)
+    return FOUND.batch(columns)
+
+
+def _us(instant: datetime | None) -> int | None:
+    return None if instant is None else (instant - EPOCH) // MICROSECOND
+
+
+def _point(position_deg: Position | None) -> bytes | None:
+    return None if position_deg is None else bytes(shapely.to_wkb(shapely.Point(position_deg), byte_order=1))
+
+
+def _of_periods(period_us: NDArray[np.int64], offset: NDArray[np.int64]) -> Array:
+    ends = [of_instants(period_us[:, 0], SINCE_EVER_US), of_instants(period_us[:, 1], FOR_EVER_US)]
+    return of_lists(pa.StructArray.from_arrays(ends, fields=list(_PERIOD)), offset)
+
+
+def _of_points(places_deg: NDArray[np.float64]) -> Array:
+    """Return places (n, 2) as a column of points in WKB, null where they are not known."""
+    points = np.empty(len(places_deg), _POINT)
+    points["order"], points["type"] = 1, 1
+    points["lon"], points["lat"] = places_deg.T
+    is_known = ~np.isnan(places_deg[:, 0])
+    held = pa.Array.from_buffers(pa.binary(_POINT.itemsize), len(points), [None, pa.py_buffer(points.tobytes())])
+    return pc.if_else(pa.array(is_known), held.cast(pa.binary()), pa.scalar(None, pa.binary()))
+
+
+def _places(column: Array, name: str) -> NDArray[np.float64]:
+    """Return the places of a column of points, (n, 2) longitude and latitude; NaN for null."""
+    points = _geometries(column, name)
+    is_point = shapely.get_type_id(points) == shapely.GeometryType.POINT
+    if not (is_point | shapely.is_missing(points)).all():
+        raise InvalidInput(_WHO, name, "must be points, or null")
+    return np.column_stack([shapely.get_x(points), shapely.get_y(points)])
+
+
+def _geometries(column: Array, name: str) -> NDArray[np.object_]:
+    held = np.empty(len(column), dtype=object)
+    held[:] = column.to_pylist()
+    try:
+        return np.asarray(shapely.from_wkb(held), dtype=object)
+    except shapely.errors.GEOSException as error:
+        raise InvalidInput(_WHO, name, f"must be WKB: {error}") from error
+
+
+def _codes(columns: dict[str, Array], name: str, names: Array) -> NDArray[np.int8]:
+    codes = pc.index_in(columns[name], names)
+    if codes.null_count:
+        strange = columns[name].filter(codes.is_null())[0].as_py()
+        raise InvalidInput(_WHO, name, f"must be one of {', '.join(names.to_pylist())}; got {strange!r:.60}")
+    return numbers(codes).astype(np.int8)
