@@ -16,6 +16,9 @@
 
 /* The distance is found to this, metres, unless less will do or the work is used up first. With less, more work. */
 static const double APPROACH_M = 2.5e-4;
+/* Where the distance need not be known well, that at an instant is stated to this share of what will do. With less, more
+ * work for a digit that says nothing. */
+static const double WAY_SHARE = 0.01;
 /* Distances that differ by less, metres, are equal. Rounding is a tenth of it: with less, which instant counts would be
  * chance. */
 static const double TIE_M = 1e-7;
@@ -41,6 +44,13 @@ typedef struct {
     double least, at, half, floor;
 } Seen;
 
+/* A way between two movers at an instant: of which pair, when, its length on the earth, and its ends. */
+typedef struct {
+    int64_t pair;
+    double at, length;
+    Vector from, to;
+} Way;
+
 /* Room for the parts, a heap with the least bound first, and for what is seen of the pairs of a group. */
 typedef struct {
     const Scene *scene;
@@ -52,6 +62,7 @@ typedef struct {
     int64_t parts;
     Seen *seen; /* by pair, less first_pair */
     double wanted, aim, least, floor;
+    Way way; /* the shortest that was looked at without need to know it well */
 } Search;
 
 static void push(Search *search, Part part) {
@@ -118,10 +129,39 @@ static void bound_part(Search *search, int64_t i, double start, double end, doub
     push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
 }
 
+/* The distance on the earth of places that are `gap` plane metres apart or more is nowhere less, also round the earth. */
+static double least_of_gap(const Encounter *pair, double gap) {
+    Extent extent = extent_none();
+    extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
+    double around = plane_turn_m(pair->plane) - (extent.east - extent.west), nearer = least(gap, around);
+    return nearer > 0.0 ? plane_least_m(pair->plane, nearer, plane_largest_scale(pair->plane, &extent)) : 0.0;
+}
+
+/* The shortest way at an instant, to a share of the aim: as a rule that between what is nearest in the plane, which takes
+ * far less to find. */
+static Way way_at(Search *search, int64_t i, double t) {
+    Way way = {.pair = i, .at = t};
+    meet(search, i);
+    Encounter *pair = &search->pair;
+    pair->work->evaluations++;
+    encounter_place(pair, t);
+    double gap = polygon_distance(&pair->a_now, &pair->b_now, &way.from, &way.to).gap;
+    if (!(gap > 0.0)) return way;
+    way.length = plane_way_m(pair->plane, way.from, way.to, pair->a.origin);
+    if (way.length - least_of_gap(pair, gap) <= WAY_SHARE * search->aim) return way;
+    Vector origin = pair->a.origin;
+    way.length = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap, way.from, way.to);
+    plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to);
+    return way;
+}
+
 /* Whether a look at the middle of a pair's time is enough: the distance need not be known well, nor at its ends. */
 static bool is_known_by_middle(Search *search, Part *part) {
     if (!is_coarse(search) || !(part->end > part->start)) return false;
-    meet(search, part->pair);
+    Way way = way_at(search, part->pair, 0.5 * (part->start + part->end));
+    if (way.length < search->way.length) search->way = way;
+    see(search, way.pair, way.at, way.length, 0.5 * (part->end - part->start));
+    if (part->bound >= limit_of(search) - search->aim) return true;
     During during = approach_during(&search->pair, part->start, part->end, 0.0, 0.0, limit_of(search) - search->aim);
     see(search, part->pair, 0.5 * (part->start + part->end), during.middle, 0.5 * (part->end - part->start));
     part->bound = most(part->bound, during.bound);
@@ -294,6 +334,7 @@ static Moment group_passage(Search *search) {
 static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted, double aim) {
     search->first_pair = first_pair, search->last_pair = last_pair, search->parts = 0;
     search->wanted = wanted, search->aim = most(aim, APPROACH_M), search->least = INFINITY, search->floor = INFINITY;
+    search->way = (Way){.pair = -1, .length = INFINITY};
     for (int64_t i = first_pair; i < last_pair; i++) {
         double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
         if (!(high >= low) || !meet(search, i)) return false;
@@ -329,11 +370,14 @@ static Stated state_group(Search *search) {
     stated.error = most(search->least - search->floor, 0.0) + KERNEL_TOUCH_M;
     if (search->least > plane_short_m(plane)) stated.error += plane_distance_error_m(plane, search->least);
     Encounter *pair = &search->pair;
-    Vector from, to, origin = pair->a.origin;
-    encounter_place(pair, stated.moment.at);
-    plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &from, &to);
-    plane_degrees(plane, (Vector){from.x + origin.x, from.y + origin.y}, stated.a_deg);
-    plane_degrees(plane, (Vector){to.x + origin.x, to.y + origin.y}, stated.b_deg);
+    Vector origin = pair->a.origin;
+    Way way = search->way;
+    if (!(way.pair == stated.moment.pair && way.length == stated.distance)) {
+        encounter_place(pair, stated.moment.at);
+        plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to);
+    }
+    plane_degrees(plane, (Vector){way.from.x + origin.x, way.from.y + origin.y}, stated.a_deg);
+    plane_degrees(plane, (Vector){way.to.x + origin.x, way.to.y + origin.y}, stated.b_deg);
     return stated;
 }
 

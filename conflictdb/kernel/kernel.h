@@ -270,7 +270,7 @@ KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_
  *
  * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known
  * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first;
- *     where aim_m is more than 2.5e-4 some instant at which it is distance_m
+ *     where aim_m is more than 2.5e-4 some instant at which it is distance_m, to a hundredth of aim_m
  * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be
  * error_m : (groups,) how far from it the least distance may be, either way
  * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b

@@ -75,12 +75,11 @@ def merged_by_object(
     first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
     # Objects that meet for certain are closest when they first do.
     doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
-    meet[group_of[doubtful]] = False
-    meet = (
-        (has_conflict | (meet & ~has_open)) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
-    )
-    nothing = np.where(meet, 0.0, np.nan)
-    place = np.where(meet[:, None], first_contact_deg, np.nan)
+    is_certain = meet & ~has_open
+    is_certain[group_of[doubtful]] = False
+    is_told = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
+    nothing = np.where(is_told, 0.0, np.nan)
+    place = np.where(is_told[:, None], first_contact_deg, np.nan)
     member_a, member_b = a[earliest], b[earliest]
     conflicts = Conflicts(
         a_kind=pieces.kind[member_a],
@@ -94,7 +93,7 @@ def merged_by_object(
         verdict=verdict.astype(np.int8),
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
-        closest_us=np.where(meet, period_us[period_offset[:-1], 0], SINCE_EVER_US),
+        closest_us=np.where(is_told, period_us[period_offset[:-1], 0], SINCE_EVER_US),
         closest_m=nothing,
         closest_error_m=nothing,
         closest_a_deg=place,
@@ -103,7 +102,7 @@ def merged_by_object(
     # As in the pair: in the order of their keys, whatever their numbers are.
     one, other = (PieceRows(member[contacts.pair[order]]) for member in (pairs.a, pairs.b))
     times = contacts.start_s[order], contacts.end_s[order]
-    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, threads)
+    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, meet, threads)
 
 
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:

@@ -52,6 +52,7 @@ class Meetings:
     a, b : (m,) the prepared pieces of each contact
     start_s, end_s : (m,) from when to when after the start of what they share; infinite of areas that are always there
     offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), one at least
+    meet : (n,) whether they are nearer than wanted, not only within the tolerance of that
     threads : of the kernel; the answer does not depend on it
     """
 
@@ -63,6 +64,7 @@ class Meetings:
     start_s: Floats
     end_s: Floats
     offset: NDArray[np.int64]
+    meet: NDArray[np.bool_]
     threads: int
 
     def regions(self, rows: NDArray[np.int64]) -> Polygons:

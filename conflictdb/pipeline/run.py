@@ -136,7 +136,7 @@ def run_stages(
     funnel.met_pairs = len(np.unique(found.pair))
     conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, prepared, pairs, found, conflicts, funnel.effort.exact, threads=jobs)
+        conflicts = with_closest_approaches(scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
 
     def where(rows: NDArray[np.int64]) -> Polygons:

@@ -15,10 +15,6 @@ TOUCH_M: Final = 5e-8
 # measured along geodesics, which is slower.
 SHORT_M: Final = 1e-3
 
-# Of what is only within the tolerance the least distance is told to this share of the tolerance: with less, such pairs
-# cost more than others, as one look is not enough; with more, it says little more than that they are.
-APPROACH_SHARE: Final = 0.5
-
 # --- Arrays ----------------------------------------------------------------------------------------------------------
 
 # None of these changes an answer: they keep arrays within memory and the processor's cache.

