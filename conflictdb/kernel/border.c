@@ -81,7 +81,6 @@ void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piec
     Body *body = scene->bodies + piece;
     *body = (Body){.first = pieces->shape_offset[piece], .leg_start_us = pieces->leg_start_us[piece]};
     body->count = pieces->shape_offset[piece + 1] - body->first;
-    if (pieces->wanted && !pieces->wanted[piece]) return;
     if (body->count == 0 || !is_shape_finite(pieces->shape, body)) return;
     if (!pieces->moves[piece]) {
         body->is_sound = prepare_still(scene, pieces, piece, body);
@@ -110,7 +109,9 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
         kernel_scene_free(made);
         return KERNEL_NO_MEMORY;
     }
-    for (int64_t i = 0; i < pieces->count; i++) border_prepare(made, pieces, i);
+    /* What is not wanted stays as it is, none of its memory touched. */
+    for (int64_t i = 0; i < pieces->count; i++)
+        if (!pieces->wanted || pieces->wanted[i]) border_prepare(made, pieces, i);
     *scene = made;
     return KERNEL_OK;
 }
@@ -163,7 +164,8 @@ bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encoun
     if (!isfinite(pairs->low_s[i]) || !isfinite(pairs->high_s[i])) return false;
     pair->a = mover_make(scene, a, pairs->zero_us[i], a->origin, pair->a.frame);
     pair->b = mover_make(scene, b, pairs->zero_us[i], a->origin, pair->b.frame);
-    return true;
+    double low = pairs->low_s[i], high = pairs->high_s[i];
+    return mover_is_there(&pair->a, low, high) && mover_is_there(&pair->b, low, high);
 }
 
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {

@@ -332,6 +332,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
     /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
+        mover_focus(&pair->a, start, end), mover_focus(&pair->b, start, end);
         Reached scales = reached_during(pair, start, end);
         double h = end - start, touch = KERNEL_TOUCH_M * scales.all.largest;
         pair->work->windows++;

@@ -15,7 +15,7 @@
 #include "kernel.h"
 
 /* Terms of the longest power series of psi. */
-enum { EARTH_TERMS = 12 };
+enum { EARTH_TERMS = 16 };
 
 static inline double least(double a, double b) { return a < b ? a : b; }
 static inline double most(double a, double b) { return a > b ? a : b; }
@@ -50,7 +50,7 @@ double earth_slope(const KernelPlane *earth, double mu);
 /* (psi2 - psi1) / (mu2 - mu1), computed as one: also where mu1 is mu2. */
 double earth_stretch(const KernelPlane *earth, double mu1, double mu2);
 
-/* g_1 to g_12 with psi(mu + d) = psi(mu) + sum of g_k d^k. */
+/* g_1 to g_16 with psi(mu + d) = psi(mu) + sum of g_k d^k. */
 void earth_series(const KernelPlane *earth, double mu, int64_t terms, double series[EARTH_TERMS]);
 
 /* Metres per radian of the conformal sphere, where sin(chi)^2 is given. */

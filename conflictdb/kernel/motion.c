@@ -16,6 +16,14 @@ static void place_still(const Mover *mover, Polygon *polygon) {
     }
 }
 
+bool mover_is_there(const Mover *mover, double t0, double t1) {
+    return mover->body->motion != ON_RHUMB_LINE || rhumb_is_there(mover, t0, t1);
+}
+
+void mover_focus(Mover *mover, double t0, double t1) {
+    if (mover->body->motion == ON_RHUMB_LINE) rhumb_focus(mover, t0, t1);
+}
+
 void mover_place(const Mover *mover, double t, Polygon *polygon) {
     polygon->count = mover->body->count, polygon->is_in_runs = false;
     switch (mover->body->motion) {

@@ -14,6 +14,15 @@
 
 typedef enum { STANDS_STILL, ON_RHUMB_LINE, ON_GREAT_CIRCLE } Motion;
 
+/* The power series of psi about a place of a rhumb leg, and when the leg is there, seconds of it. terms: 0 if there is no
+ * such series. */
+typedef struct {
+    int64_t terms;
+    double at_s;
+    Vector place; /* plane metres */
+    double series[EARTH_TERMS];
+} RhumbSeries;
+
 /* A haven on a rhumb leg (rhumb.c); latitudes are rectifying, radians. */
 typedef struct {
     double start_mu, delta_mu; /* latitude of the leg's start, and its change on the leg */
@@ -21,11 +30,9 @@ typedef struct {
     double leg_s;
     double east, north;        /* of the heading */
     Vector start;              /* of the leg, plane metres */
-    int64_t order;             /* terms of the power series; 0: the closed form */
-    bool is_about_middle;      /* the series serves all of the slice; else it is made anew where the haven is */
-    double middle_s;           /* when the leg is at what the series is about */
-    Vector middle;
-    double series[EARTH_TERMS];
+    double size;               /* of the haven: the furthest vertex, radians */
+    int64_t order;             /* terms of the power series about the reference point; 0: the closed form */
+    RhumbSeries about_slice;   /* if it serves all of the slice */
     /* The northernmost and southernmost vertex or step against the reference point, and the longest way that one goes
      * east or west, at the leg's start; and their changes per second, which bound them as they are convex in time. */
     double up, down, step, up_rate, down_rate, step_rate;
@@ -80,6 +87,8 @@ typedef struct {
     Vector origin;
     double *frame;
     CircleLeg leg; /* of a great circle, counted from the origin */
+    RhumbSeries near; /* on a rhumb line, where it is in focus: within near_s of the middle */
+    double near_s;
 } Mover;
 
 /* Bounds on a mover's vertices during a time: of the second derivative, plane m/s^2, and of how far any velocity is
@@ -96,6 +105,12 @@ typedef struct {
 
 /* Put a body into a pair. frame: room for 9 numbers a vertex. */
 Mover mover_make(const Scene *scene, const Body *body, int64_t zero_us, Vector origin, double *frame);
+
+/* Whether it is short of the poles during a time, as it is on its leg: one that goes on beyond that may not be. */
+bool mover_is_there(const Mover *mover, double t0, double t1);
+
+/* Make ready for many instants of a time. Before and elsewhere a mover is where it is then, only with more work. */
+void mover_focus(Mover *mover, double t0, double t1);
 
 /* Put the vertices where they are at t; those of a body that is not known to be convex are in no order then. */
 void mover_place(const Mover *mover, double t, Polygon *polygon);
@@ -118,6 +133,8 @@ static inline const double *body_column(const Scene *scene, const Body *body, in
 
 /* Each motion: prepare a body (false: it cannot be), and what the functions above do. */
 bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body);
+bool rhumb_is_there(const Mover *mover, double t0, double t1);
+void rhumb_focus(Mover *mover, double t0, double t1);
 void rhumb_place(const Mover *mover, double t, Polygon *polygon);
 Vector rhumb_velocity(const Mover *mover, double t);
 Bounds rhumb_bounds(const Mover *mover, double t0, double t1);

@@ -8,16 +8,19 @@
  *
  * Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section III; but the image in the plane is not taken as rigid.
  */
+#include <stddef.h>
+
 #include "motion.h"
 #include "plane.h"
 
 /* Bounds on curvature are written for the sphere. On WGS84 d chi / d mu differs from 1 by at most n = 0.0017 and its
  * derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03, rounded up. */
 static const double ELLIPSOID_SLACK = 1.05;
-/* How large a haven may be over its distance to the pole for 6 terms of the series and for 12, and the slice with the
- * haven about its middle. With that share q, k terms leave out a q^(k + 1) / (k + 1), below 1e-10 m. Of a longer slice the
- * series is made where the haven is; of a larger haven: the closed form. */
-static const double REACH_OF_6 = 0.005, REACH_OF_12 = 0.06;
+/* How large a haven may be over its distance to the pole for so many terms of the series, and a time with the haven about
+ * its middle. With that share q, k terms leave out a q^(k + 1) / (k + 1), below 1e-10 m. Of a longer time the series is
+ * made where the haven is; of a larger haven: the closed form. */
+static const double REACH_OF[] = {0.0005, 0.002, 0.005, 0.01, 0.017, 0.026, 0.036, 0.048, 0.06, 0.075, 0.09, 0.105, 0.12};
+enum { REACHES = sizeof REACH_OF / sizeof *REACH_OF, FEWEST_TERMS = EARTH_TERMS + 1 - REACHES };
 /* A corner counts as one in the plane if it turns by so many times what its sides bend. */
 static const double CORNER_SLACK = 4.0;
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
@@ -55,9 +58,11 @@ static bool may_dent(const KernelPieces *pieces, const Body *body, double unit_m
     return false;
 }
 
-static int64_t order_of(double size, double to_pole) {
-    if (size <= REACH_OF_6 * to_pole) return 6;
-    return size <= REACH_OF_12 * to_pole ? 12 : 0;
+/* How many terms serve what is so large, so far from the pole; 0 where none do. */
+static int64_t terms_for(double size, double to_pole) {
+    for (int k = 0; k < REACHES; k++)
+        if (size <= REACH_OF[k] * to_pole) return FEWEST_TERMS + k;
+    return 0;
 }
 
 /* The rates of a haven that changes, and what they bound. */
@@ -78,6 +83,16 @@ static void prepare_change(const Scene *scene, const KernelPieces *pieces, Body 
         leg->climb = most(leg->climb, fabs(second));
         leg->widen = most(leg->widen, fabs(forward_rate[i] * leg->east) + fabs(starboard_rate[i] * leg->north));
     }
+}
+
+/* Make the terms of a series about where a leg is at an instant, seconds of the leg. */
+static void make_series(const KernelPlane *earth, const RhumbLeg *leg, double at_s, RhumbSeries *about) {
+    double gone = at_s / leg->leg_s, mu = leg->start_mu + gone * leg->delta_mu;
+    double way = gone * earth_stretch(earth, leg->start_mu, mu);
+    about->at_s = at_s;
+    about->place.x = leg->start.x + leg->rate_x * way;
+    about->place.y = leg->start.y + earth->radius_m * leg->delta_mu * way;
+    earth_series(earth, mu, about->terms, about->series);
 }
 
 bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece, Body *body) {
@@ -111,17 +126,12 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
     double slice_us = (double)(pieces->end_us[piece] - pieces->start_us[piece]);
     double half_slice = 0.5 * fabs(leg->delta_mu) * slice_us / (1e6 * leg->leg_s);
     body->is_convex = !may_dent(pieces, body, unit_m, tan(least(highest + size, 1.57)));
-    leg->order = order_of(size, to_pole);
-    leg->is_about_middle = half_slice + size <= REACH_OF_12 * to_pole;
-    if (leg->is_about_middle) {
+    leg->size = size, leg->order = terms_for(size, to_pole);
+    leg->about_slice.terms = terms_for(half_slice + size, to_pole);
+    if (leg->about_slice.terms > 0) {
         double start_s = (double)(pieces->start_us[piece] - pieces->leg_start_us[piece]) / 1e6;
         double end_s = (double)(pieces->end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
-        leg->middle_s = 0.5 * (start_s + end_s);
-        double gone = leg->middle_s / leg->leg_s, mu = leg->start_mu + gone * leg->delta_mu;
-        double way = gone * earth_stretch(earth, leg->start_mu, mu);
-        leg->middle.x = leg->start.x + leg->rate_x * way;
-        leg->middle.y = leg->start.y + earth->radius_m * leg->delta_mu * way;
-        earth_series(earth, mu, EARTH_TERMS, leg->series);
+        make_series(earth, leg, 0.5 * (start_s + end_s), &leg->about_slice);
     }
     /* No vertex or step may reach a pole: latitudes are linear in time, so at neither end of the leg. */
     double north = most(leg->start_mu + leg->up, end_mu + leg->up + leg->up_rate * leg->leg_s);
@@ -130,14 +140,36 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
     return leg->leg_s > 0.0 && is_off_poles && isfinite(leg->rate_x) && isfinite(leg->east + leg->north);
 }
 
+void rhumb_focus(Mover *mover, double t0, double t1) {
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    if (leg->order == 0 || leg->about_slice.terms > 0 || mover->near.terms > 0) return;
+    double first = mover->into_s + t0, last = mover->into_s + t1, half_s = 0.5 * (last - first);
+    double mu0 = leg->start_mu + first / leg->leg_s * leg->delta_mu, mu1 = leg->start_mu + last / leg->leg_s * leg->delta_mu;
+    mover->near.terms = terms_for(0.5 * fabs(mu1 - mu0) + leg->size, HALF_PI - most(fabs(mu0), fabs(mu1)));
+    if (mover->near.terms == 0) return;
+    /* Not fewer than the haven takes where the leg is nearest to the pole. */
+    if (mover->near.terms < leg->order) mover->near.terms = leg->order;
+    mover->near_s = half_s * (1.0 + 1e-9);
+    make_series(&mover->scene->plane, leg, first + half_s, &mover->near);
+}
+
+/* The series that serves the instant t of a mover, if there is one. */
+static const RhumbSeries *series_at(const Mover *mover, double t) {
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    if (leg->about_slice.terms > 0) return &leg->about_slice;
+    bool is_near = mover->near.terms > 0 && fabs(t - (mover->near.at_s - mover->into_s)) <= mover->near_s;
+    return is_near ? &mover->near : NULL;
+}
+
 /* The divided difference over d of a power series, and its first coefficients about d: Horner's rule, again and again
  * on its own steps (Shaw, Traub, J. ACM 21 (1974), doi:10.1145/321812.321828). */
-static double shifted(const double series[EARTH_TERMS], double d, int64_t order, double found[EARTH_TERMS]) {
-    found[EARTH_TERMS - 1] = series[EARTH_TERMS - 1];
-    for (int k = EARTH_TERMS - 2; k >= 0; k--) found[k] = series[k] + found[k + 1] * d;
+static double shifted(const RhumbSeries *about, double d, int64_t order, double found[EARTH_TERMS]) {
+    int64_t last = about->terms - 1;
+    found[last] = about->series[last];
+    for (int64_t k = last - 1; k >= 0; k--) found[k] = about->series[k] + found[k + 1] * d;
     double difference = found[0];
     for (int64_t lowest = 0; lowest < order; lowest++)
-        for (int k = EARTH_TERMS - 2; k >= lowest; k--) found[k] += found[k + 1] * d;
+        for (int64_t k = last - 1; k >= lowest; k--) found[k] += found[k + 1] * d;
     return difference;
 }
 
@@ -147,10 +179,11 @@ static Vector place_reference(const Mover *mover, double t, double series[EARTH_
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     double into = mover->into_s + t, way;
     Vector from = leg->start;
-    if (leg->is_about_middle) {
-        double gone = (t - (leg->middle_s - mover->into_s)) / leg->leg_s;
-        way = gone * shifted(leg->series, gone * leg->delta_mu, leg->order, series);
-        from = leg->middle;
+    const RhumbSeries *about = series_at(mover, t);
+    if (about) {
+        double gone = (t - (about->at_s - mover->into_s)) / leg->leg_s;
+        way = gone * shifted(about, gone * leg->delta_mu, leg->order, series);
+        from = about->place;
     } else {
         double mu = leg->start_mu + into / leg->leg_s * leg->delta_mu;
         way = into / leg->leg_s * earth_stretch(earth, leg->start_mu, mu);
@@ -225,6 +258,8 @@ static Reach reach_of(const Mover *mover, double t0, double t1) {
     reach.highest = most(north, -south);
     return reach;
 }
+
+bool rhumb_is_there(const Mover *mover, double t0, double t1) { return reach_of(mover, t0, t1).highest < HALF_PI; }
 
 /* A bound on the second derivative of what steps go to the east or west, plane m/s^2. */
 static double step_acceleration(const Mover *mover, const Reach *reach, double secant, double tangent) {

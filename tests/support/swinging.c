@@ -12,6 +12,8 @@ enum { INTERVALS = 8192, ROOM = 64 };
 /* A mover's into_s tells where the middle of the square swings about, to the east. */
 static double east(const Mover *mover, double t) { return mover->into_s + BY_M * cos(RATE * t); }
 
+void mover_focus(Mover *mover, double t0, double t1) { (void)mover, (void)t0, (void)t1; }
+
 void mover_place(const Mover *mover, double t, Polygon *polygon) {
     static const double SQUARE[4][2] = {{-1.0, -1.0}, {1.0, -1.0}, {1.0, 1.0}, {-1.0, 1.0}};
     static const double WALL[4][2] = {{-300.0, -1.0}, {0.0, -1.0}, {0.0, 1.0}, {-300.0, 1.0}};

@@ -334,3 +334,17 @@ def test_structures_have_the_size_that_the_library_has() -> None:
     assert ctypes.sizeof(Plane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
     assert ctypes.sizeof(HeldPieces) == 8 * 15
     assert ctypes.sizeof(HeldPairs) == 8 * 6
+
+
+def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
+    """A leg that would go on past a pole after its time is nowhere then: told at once, and other pairs as ever."""
+    plane, pieces, pairs = batch(HIGH_LATITUDE)
+    scene = Scene(plane, pieces)
+    change_deg = np.abs(pieces.leg_end_deg - pieces.leg_start_deg)[:, 1]
+    rate = change_deg / np.maximum((pieces.leg_end_us - pieces.leg_start_us) / 1e6, 1.0)
+    faster = np.maximum(rate[pairs[0]], rate[pairs[1]])
+    beyond = (faster > 1e-6) & (np.arange(len(faster)) % 2 == 0)
+    assert beyond.any()
+    found = found_of(scene, (*pairs[:4], np.where(beyond, 180.0 / np.maximum(faster, 1e-6), pairs[4])))
+    assert_unresolved(found, beyond)
+    assert_same(some(found, ~beyond), some(found_of(scene, pairs), ~beyond))
