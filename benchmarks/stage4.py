@@ -7,7 +7,7 @@ tolerance 0. Processor time, microseconds a pair, the least of several rounds: *
 alone, *500 m* and *5 km* the same with a separation, *~1 m* to *~1000 m* with a tolerance, *uniform* on the same tracks
 laid along the equator (the closed form), *SLSQP* the published program on a few of the pairs that are in conflict, and
 as many that are not. *prepare* is a piece, not a pair. *threads* is how many times as fast two threads are, by the
-clock.
+clock, of as many pairs as a detection solves at once, the same ones again and again.
 """
 
 import argparse
@@ -36,13 +36,12 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
+from conflictdb.stage4.constants import PAIRS_AT_ONCE
 from conflictdb.stage4.contacts import contacts
 from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.published.nonlinear_program import extreme_contact
 
 ROUNDS = 5
-# Pairs are taken so many times over, so that two threads have something to do.
-TIMES = 10
 TOLERANCES_M = (1, 10, 100, 1000)
 
 
@@ -162,7 +161,7 @@ def main() -> None:
                 for k in (0, 1):
 
                     def many(given: Load = given, prepared: kernel.Scene = prepared, threads: int = k + 1) -> None:
-                        given.solved(prepared, times=TIMES, threads=threads)
+                        given.solved(prepared, times=-(-PAIRS_AT_ONCE // len(given.pairs)), threads=threads)
 
                     clocks[k] = min(clocks[k], spent(many, time.perf_counter))
             meet = len(met) / len(given.pairs)

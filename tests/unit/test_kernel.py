@@ -18,7 +18,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import Plane, Questions, Scene, Work, build, contacts
-from conflictdb.kernel.library import TAKES, library
+from conflictdb.kernel.library import LEAST_PART, SHARE, TAKES, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldPieces, State
 from conflictdb.model import MAX_HAVEN_CORNERS, EarthModel, Track
 from conflictdb.motion.registry import plane_of
@@ -348,3 +348,31 @@ def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
     found = found_of(scene, (*pairs[:4], np.where(beyond, 180.0 / np.maximum(faster, 1e-6), pairs[4])))
     assert_unresolved(found, beyond)
     assert_same(some(found, ~beyond), some(found_of(scene, pairs), ~beyond))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_shares_of_work_are_all_rows_in_order(threads: int) -> None:
+    """Whatever the rows weigh; of several threads none takes much at the end, which the others would wait for."""
+    rng = np.random.default_rng(threads)
+    for n in (0, 1, SHARE, 11_000, 100_000):
+        vertices = rng.integers(1, 12, n) * np.where(rng.random(n) < 0.001, 100_000, 1)
+        slices = shared(lambda rows: rows, n, threads, vertices=vertices)
+        assert [row for rows in slices for row in range(rows.start, rows.stop)] == list(range(n))
+        plain = shared(lambda rows: rows.stop - rows.start, n, threads)
+        assert max(plain, default=0) <= SHARE
+        if threads > 1 and n > SHARE:
+            assert plain[-1] <= SHARE // LEAST_PART
+
+
+def test_what_fails_in_one_thread_ends_all() -> None:
+    """It is raised, and what no thread has begun is not done."""
+    begun: list[int] = []
+
+    def solve(rows: slice) -> None:
+        begun.append(rows.start)
+        if len(begun) == 3:
+            raise LookupError("third")
+
+    with pytest.raises(LookupError, match="third"):
+        shared(solve, 1_000_000, 2)
+    assert len(begun) < 100
