@@ -8,6 +8,7 @@ ConflictDBError
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
 |__ KernelMissing              the compiled kernel is not there, or not that of these sources: `./run` builds it
+|__ EngineMissing              Spark does not run here: Java, its packages or jars are missing; says what to install
 |__ StoreError                 any other database error; psycopg.Error in __cause__
     |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
@@ -121,6 +122,10 @@ class KernelMissing(ConflictDBError):
 
     def __init__(self, what: str) -> None:
         super().__init__(f"{what}: ./run builds it, or `python -m conflictdb.kernel.build`")
+
+
+class EngineMissing(ConflictDBError):
+    """Spark does not run here: Java, the extra `spark` or the jars of Sedona are missing."""
 
 
 class StoreError(ConflictDBError):

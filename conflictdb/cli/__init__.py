@@ -10,13 +10,18 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Final
 
-from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED
+from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED, USAGE
 from conflictdb.cli.output import Formatter, remark
 from conflictdb.cli.parser import build
 from conflictdb.cli.termination import Terminated, termination_as_interrupt
-from conflictdb.errors import ConflictDBError, InvalidInput, SchemaError, ServerError
+from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, SchemaError, ServerError
 
-_CODES: Final = ((InvalidInput, INPUT_REFUSED), (SchemaError, SCHEMA_MISMATCH), (ServerError, NO_SERVER))
+_CODES: Final = (
+    (InvalidInput, INPUT_REFUSED),
+    (SchemaError, SCHEMA_MISMATCH),
+    (ServerError, NO_SERVER),
+    (EngineMissing, USAGE),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,7 +16,7 @@ TERMINATED: Final = 143  # the same for SIGTERM
 MEANING: Final = {
     DONE: "done",
     FAILED: "failed",
-    USAGE: "usage: an option or argument is wrong",
+    USAGE: "usage: an option or argument is wrong, or Spark, which was asked for, does not run here",
     SCHEMA_MISMATCH: "the schema is missing, older or newer than the program",
     INPUT_REFUSED: "input refused; nothing was changed",
     NO_SERVER: "no usable PostgreSQL with PostGIS",

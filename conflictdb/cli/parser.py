@@ -75,6 +75,7 @@ def build() -> Parser:
         add(commands)
     for add in (_plot, _report, _probe, _history, _acknowledge, _map, _attach, _share, _schema, _server, _psql, _demo):
         add(commands)
+    _spark(commands)
     return parser
 
 
@@ -425,6 +426,67 @@ def _share(commands: Any) -> None:
     parser.add_argument("--off", action="store_true", help="let every reader see all scenes again")
 
 
+def _spark(commands: Any) -> None:
+    parser: Parser = commands.add_parser(
+        "spark",
+        help="detect scenes that outgrow one machine, on Apache Spark",
+        description="Scenes that outgrow one machine, by the same stages on Apache Spark with Apache Sedona. Needs "
+        "Java 17 and the extra `spark`.",
+        allow_abbrev=False,
+    )
+    on_spark = parser.add_subparsers(title="commands", dest="spark_command", required=True, metavar="COMMAND")
+    parser = _command(
+        on_spark,
+        "detect",
+        "on_spark:detect",
+        "find the conflicts of objects in GeoParquet files, and write them into others",
+        "The rows are those of `conflictdb detect` on the same objects and settings.",
+    )
+    parser.add_argument(
+        "--input",
+        required=True,
+        nargs="+",
+        metavar="PATH",
+        help="GeoParquet files of objects, as `conflictdb export` writes them, or directories of them; any path that "
+        "Spark can read",
+    )
+    parser.add_argument("--output", required=True, metavar="PATH", help="directory of GeoParquet to write, a new one")
+    _add_spark(parser)
+    parser.add_argument(
+        "--scene", type=name, default="spark", metavar="NAME", help="name of the scene (default: spark)"
+    )
+    parser.add_argument("--motion", choices=("rhumb", "great_circle"), help="how tracks and edges run (default: rhumb)")
+    parser.add_argument("--earth", choices=("wgs84", "sphere"), help="default: wgs84; of great circles sphere")
+    parser.add_argument(
+        "--centre", type=place, metavar="LON,LAT", help="great circles: the middle (default: that of the objects)"
+    )
+    parser.add_argument("--method", choices=_METHODS, help=f"where to stop: {_SAYS}")
+    parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
+    parser.add_argument("--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres")
+    parser.add_argument("--nearest-m", type=metres, metavar="D", help="also report pairs that come within D metres")
+    parser.add_argument(
+        "--partitions", type=count, metavar="N", help="of pieces and of pairs (default: four per processor)"
+    )
+    _add_memory(parser)
+    parser = _command(
+        on_spark,
+        "demo",
+        "on_spark:demo",
+        "take the scene that comes with the program through Spark, and compare",
+        "Its answer is held against that of one machine; no database is needed.",
+    )
+    _add_spark(parser)
+
+
+def _add_spark(parser: Parser) -> None:
+    parser.add_argument(
+        "--master",
+        metavar="URL",
+        help="where Spark runs: local[4], spark://host:7077, … (default: all processors of this machine, or what "
+        "spark-submit says)",
+    )
+
+
 def _attach(commands: Any) -> None:
     parser = _command(
         commands,
@@ -631,6 +693,15 @@ def mapping(text: str) -> dict[str, str]:
             raise argparse.ArgumentTypeError(f"must be FIELD=COLUMN, each field once, parted by commas; got {part!r}")
         fields[match[1]] = match[2].strip()
     return fields
+
+
+def place(text: str) -> tuple[float, float]:
+    """Return longitude and latitude in degrees of ``9.5,54``."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"must be LONGITUDE,LATITUDE in degrees; got {text!r}")
+    lon, lat = (_number(part, "LONGITUDE,LATITUDE in degrees", least=-360.0) for part in parts)
+    return lon, lat
 
 
 def metres(text: str) -> float:

@@ -1,0 +1,136 @@
+"""Pieces packed, each into bytes of its own, so that they travel as one value: through files, queues and shuffles.
+
+A piece is words of eight bytes, little-endian, integers or doubles:
+
+    0 kind, 1 version, 2 part, 3 turn, 4 start_us, 5 end_us, 6 end_inclusive (0 or 1), 7 floor_m, 8 ceiling_m,
+    9 leg_start_us, 10 leg_end_us, 11 and 12 leg_start_deg, 13 and 14 leg_end_deg, 15 bearing_deg,
+    16 h vertices of the hull (closed ring), 17 s vertices of the shape (open ring), 18 whether the shape changes,
+    19 object_id, then x, y of the hull (2 h), of the shape (2 s), and at the end of the leg (2 s) where it changes
+
+as `Pieces` has them.
+"""
+
+import sys
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import offsets, ragged_take
+
+# Bytes of a word, and which words tell the pieces of an object apart.
+WORD: Final = 8
+PART: Final = 2
+TURN: Final = 3
+_HEAD: Final = 20
+_INTEGERS: Final = {
+    "kind": 0, "version": 1, "part": 2, "turn": 3, "start_us": 4, "end_us": 5, "end_inclusive": 6, "leg_start_us": 9,
+    "leg_end_us": 10, "object_id": 19,
+}  # fmt: skip
+_DOUBLES: Final = {"floor_m": 7, "ceiling_m": 8, "bearing_deg": 15}
+_PLACES: Final = {"leg_start_deg": 11, "leg_end_deg": 13}
+_HULL, _SHAPE, _CHANGES = 16, 17, 18
+
+Words = NDArray[np.int64]
+
+
+def packed(pieces: Pieces) -> tuple[Words, NDArray[np.int64]]:
+    """Return pieces as words, and where the words of each begin and the last end: (w,), (n + 1,)."""
+    n = len(pieces)
+    changed = _changed(pieces)
+    hull, shape = np.diff(pieces.hull_offset), np.diff(pieces.shape_offset)
+    offset = offsets(_HEAD + 2 * hull + 2 * shape * (1 + changed))
+    words = np.empty(offset[-1], np.int64)
+    doubles = words.view(np.float64)
+    begin = offset[:-1]
+    for name, at in _INTEGERS.items():
+        words[begin + at] = getattr(pieces, name)
+    for name, at in _DOUBLES.items():
+        doubles[begin + at] = getattr(pieces, name)
+    for name, at in _PLACES.items():
+        doubles[begin + at], doubles[begin + at + 1] = getattr(pieces, name).T
+    words[begin + _HULL], words[begin + _SHAPE], words[begin + _CHANGES] = hull, shape, changed
+    every = np.arange(n)
+    doubles[_places(begin + _HEAD, pieces.hull_offset, every)] = pieces.hull_xy.reshape(-1)
+    at_shape = begin + _HEAD + 2 * hull
+    doubles[_places(at_shape, pieces.shape_offset, every)] = pieces.shape_xy.reshape(-1)
+    rows = np.flatnonzero(changed)
+    if rows.size:
+        end_xy, end = ragged_take(pieces.shape_offset, pieces.shape_to_xy, rows)
+        at_end = (at_shape + 2 * shape)[rows]
+        doubles[_places(at_end, end, np.arange(len(rows)))] = end_xy.reshape(-1)
+    return _little_endian(words), offset
+
+
+def unpacked(words: Words, begin: NDArray[np.int64]) -> Pieces:
+    """Return the pieces (n,) whose words begin at `begin`.
+
+    words : aligned, of any number of pieces
+    """
+    words = _little_endian(words)
+    doubles = words.view(np.float64)
+    hull, hull_xy = _ring(doubles, begin + _HEAD, words[begin + _HULL])
+    at_shape = begin + _HEAD + 2 * words[begin + _HULL]
+    count = words[begin + _SHAPE]
+    shape, shape_xy = _ring(doubles, at_shape, count)
+    changes = words[begin + _CHANGES] != 0
+    shape_to_xy = _ring(doubles, at_shape + 2 * count * changes, count)[1] if changes.any() else shape_xy
+    return Pieces(
+        piece_id=np.full(len(begin), -1, np.int64),
+        kind=words[begin].astype(np.int8),
+        object_id=words[begin + 19],
+        version=words[begin + 1],
+        part=words[begin + 2].astype(np.int32),
+        turn=words[begin + 3].astype(np.int16),
+        start_us=words[begin + 4],
+        end_us=words[begin + 5],
+        end_inclusive=words[begin + 6] != 0,
+        floor_m=doubles[begin + 7],
+        ceiling_m=doubles[begin + 8],
+        hull_xy=hull_xy,
+        hull_offset=hull,
+        shape_xy=shape_xy,
+        shape_to_xy=shape_to_xy,
+        shape_offset=shape,
+        leg_start_us=words[begin + 9],
+        leg_end_us=words[begin + 10],
+        leg_start_deg=np.stack([doubles[begin + 11], doubles[begin + 12]], axis=1),
+        leg_end_deg=np.stack([doubles[begin + 13], doubles[begin + 14]], axis=1),
+        bearing_deg=doubles[begin + 15],
+    )
+
+
+def packed_hulls(words: Words, begin: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the hulls alone of pieces whose words begin at `begin` (n,): hull_xy (h, 2), hull_offset (n + 1,)."""
+    words = _little_endian(words)
+    offset, xy = _ring(words.view(np.float64), begin + _HEAD, words[begin + _HULL])
+    return xy, offset
+
+
+def _changed(pieces: Pieces) -> NDArray[np.int64]:
+    """Return (n,) 1 where the shape of a piece is another at the end of its leg, else 0."""
+    changed = np.zeros(len(pieces), np.int64)
+    if pieces.changes:
+        differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
+        changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = 1
+    return changed
+
+
+def _places(begin: NDArray[np.int64], offset: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return at which words the coordinates of some rings stand, whose own begin at `begin`."""
+    count = 2 * (offset[rows + 1] - offset[rows])
+    ends = offsets(count)
+    return np.repeat(begin - ends[:-1], count) + np.arange(ends[-1])
+
+
+def _ring(
+    doubles: NDArray[np.float64], begin: NDArray[np.int64], count: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return rings of so many vertices whose coordinates begin at some words: offset (n + 1,), (v, 2)."""
+    offset = offsets(count)
+    return offset, doubles[np.repeat(begin - 2 * offset[:-1], 2 * count) + np.arange(2 * offset[-1])].reshape(-1, 2)
+
+
+def _little_endian(words: Words) -> Words:
+    return words if sys.byteorder == "little" else words.byteswap()

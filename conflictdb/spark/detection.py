@@ -1,0 +1,129 @@
+"""`detect_on_spark`: a scene taken through the four stages on Spark, with the answer of `detect`.
+
+Objects are cut into pieces by workers, pieces joined by Sedona, pairs gathered by their two objects, and solved by
+workers. Between these Spark shuffles; whatever it does again gives the same rows.
+"""
+
+import math
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from pyspark.sql import DataFrame, SparkSession, functions
+from pyspark.sql.pandas.types import from_arrow_schema
+from pyspark.sql.types import BinaryType
+from pyspark.storagelevel import StorageLevel
+
+from conflictdb.earth.geodesy import direction_of
+from conflictdb.errors import InvalidInput
+from conflictdb.model import Motion, Scene
+from conflictdb.pipeline.memory import MEMORY_MB, Memory
+from conflictdb.spark import joining, pieces, solving
+from conflictdb.spark.engine import with_sedona
+
+# Partitions for each processor of the cluster: so that the last of them to end are short.
+_PER_PROCESSOR: Final = 4
+_SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
+
+
+def detect_on_spark(
+    spark: SparkSession,
+    objects: DataFrame,
+    scene: Scene,
+    *,
+    partitions: int | None = None,
+    memory_mb: int = MEMORY_MB,
+) -> DataFrame:
+    """Return the conflicts of a scene: the rows that `detect` finds, whatever the number of partitions.
+
+    Objects are cut and counted at once, conflicts are computed when they are asked for. Pieces stay in the cache of
+    Spark, on disk where memory ends, as long as this DataFrame is referred to.
+
+    Parameters
+    ----------
+    objects : rows of the Arrow form OBJECTS, as GeoParquet files of conflictdb hold them; `geometry` is WKB, or one of
+        Sedona's
+    scene : settings; great circles without a centre are given the middle of the objects
+    partitions : of pieces and of pairs of objects; by default four per processor
+    memory_mb : of each Python worker, megabytes, that it keeps below
+
+    Raises
+    ------
+    EngineMissing
+        Sedona's jars are missing.
+    InvalidInput
+        An object is refused, or two have the same key.
+    """
+    with_sedona(spark)
+    if not isinstance(objects.schema["geometry"].dataType, BinaryType):
+        objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
+    _refuse_twins(objects)
+    scene = _centred(objects, scene)
+    count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
+    cut = mapped(objects.repartition(count, "id"), partial(pieces.cut, scene=scene), pieces.SCHEMA)
+    cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
+    extent = joining.Extent.of(cut)
+    met = mapped(joining.candidates(cut, extent), solving.meeting, solving.PAIRS)
+    together = met.repartition(count, "a_key", "b_key").sortWithinPartitions("a_key", "b_key")
+    solve = partial(
+        solving.solved, scene=scene, outlines=_outlines(spark, objects, scene), pairs_at_once=Memory.of(memory_mb).pairs
+    )
+    found = mapped(together, solve, solving.SCHEMA)
+    weakref.finalize(found, cut.unpersist).atexit = False
+    return found
+
+
+def mapped(
+    rows: DataFrame, function: Callable[[Iterable[pa.RecordBatch]], Iterable[pa.RecordBatch]], schema: pa.Schema
+) -> DataFrame:
+    """Return what workers make of the batches of rows of each partition."""
+    return rows.mapInArrow(function, from_arrow_schema(schema))
+
+
+def _refuse_twins(objects: DataFrame) -> None:
+    twins = objects.groupBy("id").count().where("count > 1").orderBy("id").head()
+    if twins is not None:
+        raise InvalidInput(f"object {twins[0]!r}", "id", "occurs more than once: keys must be unique")
+
+
+def _centred(objects: DataFrame, scene: Scene) -> Scene:
+    """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does."""
+    if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None:
+        return scene
+    sums = mapped(objects.select("geometry"), _directions, _SUMS).collect()
+    count, x, y, z = (math.fsum(row[i] for row in sums) for i in range(4))
+    if not count:
+        return scene
+    if math.hypot(x, y, z) < 1e-6 * count:
+        raise InvalidInput(f"scene {scene.name!r}", "centre", "is needed: objects are all around the earth")
+    lon, lat = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+    return replace(scene, centre=(round(lon, 6), round(lat, 6)))
+
+
+def _directions(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Yield the number of corners and waypoints of objects, and the sums of their directions."""
+    for batch in batches:
+        places = shapely.get_coordinates(shapely.from_wkb(np.array(batch.column(0).to_pylist(), dtype=object)))
+        (sine, cosine), (sine_lat, cosine_lat) = direction_of(places[:, 0]), direction_of(places[:, 1])
+        sums = [float(len(places)), *map(math.fsum, (cosine_lat * cosine, cosine_lat * sine, sine_lat))]
+        yield pa.RecordBatch.from_arrays([pa.array([value]) for value in sums], schema=_SUMS)
+
+
+class _Outlines:
+    """The outlines of areas by their keys, sent to each machine once, and read when they are asked for."""
+
+    def __init__(self, sent: Any) -> None:
+        self._sent = sent
+
+    def __call__(self) -> dict[str, bytes]:
+        return dict(self._sent.value)
+
+
+def _outlines(spark: SparkSession, objects: DataFrame, scene: Scene) -> solving.Outlines:
+    several = mapped(objects.where("kind = 'area'"), partial(pieces.outlines, scene=scene), pieces.OUTLINES)
+    return _Outlines(spark.sparkContext.broadcast({row[0]: bytes(row[1]) for row in several.toLocalIterator()}))

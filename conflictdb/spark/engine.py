@@ -1,0 +1,171 @@
+"""Spark with Sedona: what it needs to be there, and a session of it.
+
+Spark is a program in Java that Python talks to. It needs Java 17, the packages of the extra `spark`, and two jars of
+Sedona, which are fetched by their Maven coordinates once, or come with the cluster.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, MutableMapping
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from conflictdb.errors import EngineMissing
+
+if TYPE_CHECKING:
+    from pyspark.sql import SparkSession
+
+# What the versions of Sedona's Python package and of Spark go with; its transforms need the tools' wrapper.
+_SEDONA: Final = "org.apache.sedona:sedona-spark-shaded-3.5_2.12:{version}"
+_TOOLS: Final = "org.datasyslab:geotools-wrapper:1.8.1-33.1"
+# Spark 3.5 starts with others too, up to where something is missing that it takes for granted.
+_JAVA: Final = 17
+# Jars alone: they hold all that they need, and descriptions of projects need not be at hand.
+_SETTINGS_OF_IVY: Final = """<ivysettings><settings defaultResolver="central"/>
+<resolvers><ibiblio name="central" m2compatible="true" usepoms="false"/></resolvers></ivysettings>"""
+_DRIVER_MEMORY: Final = "2g"
+# Objects of Sedona travel in its own form, instants are what they are in any zone, and in files what others read too.
+_OPTIONS: Final[dict[str, Any]] = {
+    "spark.serializer": "org.apache.spark.serializer.KryoSerializer",
+    "spark.kryo.registrator": "org.apache.sedona.core.serde.SedonaKryoRegistrator",
+    "spark.sql.session.timeZone": "UTC",
+    "spark.sql.parquet.outputTimestampType": "TIMESTAMP_MICROS",
+}
+# Lines of what Java said that an error shows.
+_TOLD_LINES: Final = 3
+
+
+def coordinates() -> list[str]:
+    """Return the Maven coordinates of Sedona's jars, for ``spark-submit --packages``.
+
+    Raises EngineMissing where the Python packages are missing.
+    """
+    _require_packages()
+    return [_SEDONA.format(version=version("apache-sedona")), _TOOLS]
+
+
+def _require_packages() -> None:
+    for name in ("pyspark", "apache-sedona", "pandas", "pyarrow"):
+        try:
+            version(name)
+        except PackageNotFoundError:
+            raise EngineMissing(f"Spark needs {name}: pip install 'conflictdb[spark]'") from None
+
+
+def _require_java(home: str | None) -> None:
+    java = shutil.which("java", path=str(Path(home, "bin"))) if home else shutil.which("java")
+    remedy = f"install Java {_JAVA} (Debian and Ubuntu: sudo apt-get install openjdk-{_JAVA}-jre-headless)"
+    if java is None:
+        where = f"JAVA_HOME is {home}, where there is none" if home else "there is none on PATH, and no JAVA_HOME"
+        raise EngineMissing(f"Spark needs Java: {where}; {remedy}, or set JAVA_HOME")
+    told = subprocess.run([java, "-version"], capture_output=True, text=True, check=False)
+    major = next((word.strip('"').split(".")[0] for word in told.stderr.split() if word.startswith('"')), "")
+    if told.returncode or not major.isdigit() or int(major) != _JAVA:
+        found = f"{java} is {major or 'none'}"
+        raise EngineMissing(f"Spark 3.5 with Sedona needs Java {_JAVA}; {found}: {remedy}, and set JAVA_HOME")
+
+
+@contextmanager
+def session(
+    master: str | None, cache: Path, environ: MutableMapping[str, str], *, is_quiet: bool
+) -> "Iterator[SparkSession]":
+    """Give a session with Sedona; it ends with the block.
+
+    Raises EngineMissing, with the remedy, where Java, packages or jars are missing.
+
+    master : where Spark runs: ``local[4]``, ``spark://host:7077``; None: all processors of this machine, or what
+        spark-submit says
+    cache : directory in which jars are kept
+    environ : that of this program: says whether spark-submit started it, and where Java is; told what workers run
+    is_quiet : what Java prints goes to a file, and its end into the error
+    """
+    is_submitted = "PYSPARK_GATEWAY_PORT" in environ
+    if not is_submitted:
+        _require_java(environ.get("JAVA_HOME"))
+    packages = coordinates()
+    from pyspark.errors import PySparkRuntimeError
+    from pyspark.sql import SparkSession
+
+    builder = SparkSession.builder.appName("conflictdb").config(map=_OPTIONS)
+    if not is_submitted:
+        environ.setdefault("PYSPARK_PYTHON", sys.executable)  # what workers are, where they are told nothing else
+        builder = builder.config(map=_alone(master or "local[*]")).config(map=_jars(cache, packages))
+    elif master is not None:
+        builder = builder.master(master)
+    with tempfile.TemporaryFile("w+") as said:
+        try:
+            with _printed_to(said.fileno() if is_quiet and not is_submitted else None):
+                spark = builder.getOrCreate()
+        except PySparkRuntimeError as error:
+            said.seek(0)
+            lines = [line.strip() for line in said if line.strip() and not line.startswith(("\t", ":: "))]
+            raise EngineMissing(
+                f"Spark did not start. If its jars cannot be fetched from Maven Central ({', '.join(packages)}), put "
+                f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
+            ) from error
+        try:
+            yield with_sedona(spark)
+        finally:
+            spark.stop()
+
+
+def with_sedona(spark: "SparkSession") -> "SparkSession":
+    """Return a session in which Sedona's functions and joins are known; raises EngineMissing without its jars."""
+    java: Any = spark.sparkContext._jvm
+    try:
+        java.org.apache.sedona.spark.SedonaContext.create(spark._jsparkSession, "python")
+    except TypeError:  # as what is no class answers when it is called
+        raise EngineMissing(
+            f"Spark runs without Sedona's jars: start it with --packages {','.join(coordinates())}"
+        ) from None
+    return spark
+
+
+def _alone(master: str) -> dict[str, Any]:
+    """Return the options of a program that is not started by spark-submit."""
+    options: dict[str, Any] = {
+        "spark.master": master,
+        "spark.ui.enabled": "false",
+        "spark.ui.showConsoleProgress": "false",
+    }
+    if master.startswith("local"):  # nobody else talks to it
+        options |= {"spark.driver.bindAddress": "127.0.0.1", "spark.driver.host": "127.0.0.1"}
+        options |= {"spark.driver.memory": _DRIVER_MEMORY}
+    return options
+
+
+def _jars(cache: Path, packages: list[str]) -> dict[str, Any]:
+    """Return how Spark finds the jars: those that were fetched before, else by their coordinates."""
+    kept = [cache / "jars" / "{}_{}-{}.jar".format(*package.split(":")) for package in packages]
+    if all(jar.is_file() for jar in kept):
+        return {"spark.jars": ",".join(map(str, kept))}
+    settings = cache / "ivysettings.xml"
+    cache.mkdir(parents=True, exist_ok=True)
+    settings.write_text(_SETTINGS_OF_IVY)
+    return {
+        "spark.jars.packages": ",".join(packages),
+        "spark.jars.ivy": str(cache),
+        "spark.jars.ivySettings": str(settings),
+    }
+
+
+@contextmanager
+def _printed_to(file: int | None) -> Iterator[None]:
+    """Let programs that are started now print to a file."""
+    if file is None:
+        yield
+        return
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    for stream, _ in kept:
+        os.dup2(file, stream)
+    try:
+        yield
+    finally:
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)

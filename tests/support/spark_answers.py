@@ -1,0 +1,115 @@
+"""Answers of Spark, and what they must be: run as a program, beside the tests, for Spark is one of its own.
+
+    python spark_answers.py DIRECTORY [MASTER]
+
+takes every `*.job` of a directory, a pickled Job, through one session of Spark, and leaves the conflicts of each beside
+it. Exits with 2 and one line where Spark does not run here.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from conflictdb.arrays.arrow.found import of_found
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.errors import EngineMissing
+from conflictdb.in_memory import _InMemory
+from conflictdb.model import Area, Scene, Track
+from conflictdb.motion.registry import centred, plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import run_scene
+from conflictdb.results import Kind
+
+_ROOT = Path(__file__).parents[2]
+_LONGEST_S = 300.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scene, into how many partitions it is cut, and settings of Sedona; and what its name is."""
+
+    name: str
+    scene: Scene
+    areas: Sequence[Area]
+    tracks: Sequence[Track]
+    partitions: int
+    sedona: dict[str, str] = field(default_factory=dict)
+
+
+def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> pa.Table:
+    """The conflicts in the form FOUND, in the order of their keys, as `solve` finds them, and where they are."""
+    scene = centred(scene, areas, tracks)
+    areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
+    batch = AreaBatch.of(areas)
+    source = _InMemory(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint)
+    keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
+    parts = []
+    for found, _ in run_scene(scene, plane_of(scene), source):
+        pairs = ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
+        named = [[keys[kind][i] for kind, i in zip(*pair, strict=True)] for pair in pairs]
+        parts.append(of_found(scene, found, found.where(np.arange(len(found))), *named))
+    return in_order(pa.Table.from_batches(parts))
+
+
+def in_order(found: pa.Table) -> pa.Table:
+    """Conflicts in the order of their keys, without the numbers of their objects, which differ."""
+    return found.drop_columns(["a_id", "b_id"]).sort_by([(name, "ascending") for name in ("a_kind", "a_key", "b_key")])
+
+
+def answers(jobs: Sequence[Job], directory: Path, master: str = "local[2]") -> dict[str, pa.Table]:
+    """What Spark finds, by the names of jobs; skips the test where Spark does not run and cannot be fetched."""
+    _add_extra()
+    for job in jobs:
+        (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
+    command = [sys.executable, __file__, str(directory), master]
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
+    if done.returncode == 2:
+        pytest.skip(f"not run on Spark: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    return {job.name: in_order(pq.read_table(directory / f"{job.name}.found")) for job in jobs}
+
+
+def _add_extra() -> None:
+    """Have ./run add Spark to the environment that it made, if this is one and there is Java."""
+    if Path(sys.prefix, "made-from").exists():
+        environ = {**os.environ, "CONFLICTDB_VENV": sys.prefix}
+        subprocess.run([_ROOT / "run", "spark", "--help"], env=environ, capture_output=True, check=False)
+
+
+def _main(directory: Path, master: str) -> int:
+    from conflictdb.server.settings import Settings
+    from conflictdb.spark import engine
+
+    cache = Settings.from_environment().cache / "spark"
+    try:
+        with engine.session(master, cache, os.environ, is_quiet=False) as spark:
+            from conflictdb.spark.detection import detect_on_spark
+            from conflictdb.spark.files import read_objects, write_conflicts
+
+            for path in sorted(directory.glob("*.job")):
+                job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
+                objects = str(path.with_suffix(".objects"))
+                pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
+                for name, value in job.sedona.items():
+                    spark.conf.set(name, value)
+                found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+                write_conflicts(found, str(path.with_suffix(".found")))
+    except EngineMissing as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(Path(sys.argv[1]), *sys.argv[2:] or ["local[2]"]))
