@@ -118,7 +118,26 @@ static bool holds(Encounter *pair, const Window *window, double p, double q, dou
     return true;
 }
 
-static double measured_gap(void *pair, double t) { return encounter_gap(pair, t).gap; }
+/* The gap as a measure, which remembers its axis when the pair was last apart. */
+typedef struct {
+    Encounter *pair;
+    double apart_at;
+    Vector axis;
+} Gaps;
+
+static double measured_gap(void *of, double t) {
+    Gaps *gaps = of;
+    Gap found = encounter_gap(gaps->pair, t);
+    if (found.gap > 0.0) gaps->apart_at = t, gaps->axis = found.axis;
+    return found.gap;
+}
+
+/* How much later a metre more is between them, by their velocities. */
+static double pace_of(const Encounter *pair, double t, Vector axis) {
+    Vector a = mover_velocity(&pair->a, t), b = mover_velocity(&pair->b, t);
+    return 1.0 / (axis.x * (b.x - a.x) + axis.y * (b.y - a.y));
+}
+
 static double measured_excess(void *pair, double t) { return excess_at(pair, t); }
 
 /* The plane distance less a level, as a measure. */
@@ -145,17 +164,20 @@ static bool stays_apart(Encounter *pair, double limit, double outer, Vector axis
 /* The end of a touch between a window's limit and its middle. */
 static End touch_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
-    double gap = encounter_gap(pair, limit).gap, touch = window->touch;
+    Gaps gaps = {.pair = pair};
+    double gap = measured_gap(&gaps, limit), touch = window->touch;
     /* In touch since before the window, or until after it: only where the window is all there is. */
     if (is_all && gap < -touch) {
         end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
     }
     if (!(gap > touch)) return end;
-    Root root = root_between(measured_gap, pair, limit, gap, window->witness, window->depth, touch);
+    double pace = pace_of(pair, limit, gaps.axis);
+    Root root = root_between(measured_gap, &gaps, limit, gap, window->witness, window->depth, touch, pace);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
-    end.is_proven = stays_apart(pair, limit, root.outer, encounter_gap(pair, root.outer).axis, touch) &&
+    if (gaps.apart_at != root.outer) measured_gap(&gaps, root.outer);
+    end.is_proven = stays_apart(pair, limit, root.outer, gaps.axis, touch) &&
                     holds(pair, window, root.inner, window->witness, window->depth);
     return end;
 }
@@ -173,12 +195,12 @@ static End separation_end(Encounter *pair, const Window *window, double limit, b
     if (!(at_limit > touch) || !(window->depth + into < 0.0)) return end;
     Level level = {pair, wanted - into};
     double deepest = least(window->depth + into, -1e-9);
-    Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->witness, deepest, 0.5 * into);
+    Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->witness, deepest, 0.5 * into, NAN);
     if (!zone.is_found) return end;
     /* In the zone the distance on the earth is brought to what is wanted. */
     double doubt = encounter_certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
     if (!(gap > doubt) || !(within < -doubt)) return end;
-    Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt);
+    Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt, NAN);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
     /* Mostly the distance changes one way only from the limit on; else it is proven on either side of the end. */

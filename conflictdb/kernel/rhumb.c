@@ -231,8 +231,11 @@ void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
 Vector rhumb_velocity(const Mover *mover, double t) {
     const KernelPlane *earth = &mover->scene->plane;
     const RhumbLeg *leg = &mover->body->leg.rhumb;
-    double mu = leg->start_mu + (mover->into_s + t) / leg->leg_s * leg->delta_mu;
-    double rate = earth_slope(earth, mu) / leg->leg_s;
+    const RhumbSeries *about = series_at(mover, t);
+    double slope[EARTH_TERMS];
+    if (about) shifted(about, (t - (about->at_s - mover->into_s)) / leg->leg_s * leg->delta_mu, 1, slope);
+    else slope[0] = earth_slope(earth, leg->start_mu + (mover->into_s + t) / leg->leg_s * leg->delta_mu);
+    double rate = slope[0] / leg->leg_s;
     return (Vector){rate * leg->rate_x, rate * earth->radius_m * leg->delta_mu};
 }
 

@@ -1,5 +1,6 @@
-/* Regula falsi (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), and
- * bisection where that hardly narrows the bracket, as where the measure only just falls below zero. */
+/* The secant through the last two instants, where that leads between the ends of the bracket; else regula falsi
+ * (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), and bisection where
+ * neither narrows the bracket much, as where the measure only just falls below zero. */
 #include "roots.h"
 
 #include <math.h>
@@ -44,13 +45,18 @@ static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low
     if (fb > low) return (Narrowed){bracket, b, fb, true, false};
     /* What counts at the ends; of an end that stays twice only half, so that the other comes over. */
     double ga = fa - aim, gb = fb - aim;
+    /* The last two. */
+    double now = b, f_now = fb, before = a, f_before = fa;
     int side = 0, slow = 0;
     for (int step = 0; step < MAX_STEPS; step++) {
         if (!resolved(a, b)) return (Narrowed){{a, fa, b, fb}, b, fb, false, false};
-        double width = fabs(b - a), x = a + (b - a) * (ga / (ga - gb));
-        if (step == 0 && isfinite(guess)) x = guess;
+        double width = fabs(b - a), x = step == 0 ? guess : now + (now - before) * ((aim - f_now) / (f_now - f_before));
+        if (!((x - a) * (x - b) < 0.0)) x = a + (b - a) * (ga / (ga - gb));
         if (!((x - a) * (x - b) < 0.0) || slow >= SLOW_STEPS) x = 0.5 * (a + b);
         double f = measure(of, x);
+        /* After a guess: the end it was made from. */
+        before = step == 0 && isfinite(guess) ? a : now, f_before = step == 0 && isfinite(guess) ? fa : f_now;
+        now = x, f_now = f;
         if (f > low && f < high) return (Narrowed){{a, fa, b, fb}, x, f, true, false};
         if (f >= high) {
             if (side == 1) gb *= 0.5;
@@ -64,24 +70,29 @@ static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low
     return (Narrowed){{a, fa, b, fb}, b, fb, false, resolved(a, b)};
 }
 
-Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch) {
+/* Seconds that a metre takes about an instant of a bracket with this value, by the nearer end. */
+static double pace_at(double at, double value, Bracket bracket) {
+    double before = (bracket.outside - at) / (bracket.gap - value), after = (at - bracket.inside) / (value - bracket.depth);
+    bool is_before = bracket.outside != at && fabs(bracket.outside - at) < fabs(at - bracket.inside);
+    return is_before ? before : after;
+}
+
+Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch,
+                  double pace) {
+    double aim = 0.5 * (1.0 + MOST_TOUCHES) * touch;
     Bracket whole = {outside, gap, inside, depth};
-    Narrowed zero = narrowed(measure, of, whole, -touch, touch, NAN);
-    double before = (zero.left.outside - zero.at) / (zero.left.gap - zero.value);
-    double after = (zero.at - zero.left.inside) / (zero.value - zero.left.depth);
-    /* Seconds that one metre takes there, by the nearer end of the bracket. */
-    double pace = fabs(zero.left.outside - zero.at) < fabs(zero.at - zero.left.inside) ? before : after;
-    double way = 0.5 * (1.0 + MOST_TOUCHES) * touch * pace;
-    Bracket outer_half = {zero.left.outside, zero.left.gap, zero.at, zero.value};
-    Bracket inner_half = {zero.at, zero.value, zero.left.inside, zero.left.depth};
-    Narrowed outer = narrowed(measure, of, outer_half, touch, MOST_TOUCHES * touch, zero.at + way);
-    Narrowed inner = narrowed(measure, of, inner_half, -MOST_TOUCHES * touch, -touch, zero.at - way);
+    Narrowed outer = narrowed(measure, of, whole, touch, MOST_TOUCHES * touch, outside + pace * (aim - gap));
     /* Where instants are too few to reach that, the bracket itself is left. */
-    double above = outer.is_found ? outer.value : outer.left.gap, below = inner.is_found ? inner.value : inner.left.depth;
+    Bracket rest = outer.left;
+    if (outer.is_found) rest.outside = outer.at, rest.gap = outer.value;
+    if (!(rest.depth < -touch)) rest.inside = inside, rest.depth = depth;
+    double guess = outer.is_found ? outer.at - (aim + outer.value) * pace_at(outer.at, outer.value, outer.left) : NAN;
+    Narrowed inner = narrowed(measure, of, rest, -MOST_TOUCHES * touch, -touch, guess);
+    double below = inner.is_found ? inner.value : inner.left.depth;
     return (Root){
-        .outer = outer.is_found ? outer.at : outer.left.outside,
+        .outer = rest.outside,
         .inner = inner.is_found ? inner.at : inner.left.inside,
-        .is_found = !outer.is_wide && !inner.is_wide && above > touch && below < -touch,
+        .is_found = !outer.is_wide && !inner.is_wide && rest.gap > touch && below < -touch,
     };
 }
 

@@ -13,9 +13,11 @@ typedef struct {
     bool is_found;
 } Root;
 
-/* Where a measure falls from `gap` > touch at `outside` to `depth` < -touch at `inside`: first to zero, and from there
- * to where it is beyond doubt on either side, by one to three times `touch`. */
-Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch);
+/* Where a measure falls from `gap` > touch at `outside` to `depth` < -touch at `inside`: to where it is beyond doubt on
+ * either side, by one to three times `touch`, or as near to that as instants can be told apart. pace: how much later a
+ * metre more is measured at `outside`, as far as is known, else NaN; it decides the work alone. */
+Root root_between(Measure *measure, void *of, double outside, double gap, double inside, double depth, double touch,
+                  double pace);
 
 /* Instants at which a measure is above a level, and at most it, as near to each other as is useful. */
 typedef struct {
