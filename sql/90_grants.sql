@@ -95,6 +95,6 @@ GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, history, probe_req
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
 GRANT DELETE ON acknowledgement TO conflictdb_worker;
-GRANT USAGE ON SEQUENCE conflict_seq TO conflictdb_worker;
+GRANT USAGE ON SEQUENCE conflict_seq, conflict_event_conflict_event_id_seq TO conflictdb_worker;
 -- Who may update a row may lock it: nobody else can keep a scene from being detected.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

@@ -105,6 +105,17 @@ class Conflicts:
         taken |= {"period_us": self.period_us[periods], "period_offset": offset}
         return Conflicts(**taken)
 
+    def turned(self, rows: NDArray[np.bool_]) -> "Conflicts":
+        """Return all rows, a and b exchanged in some of them (n,)."""
+        if not rows.any():
+            return self
+        columns: dict[str, Any] = {}
+        for pair in _OF_EITHER:
+            a, b = (getattr(self, name) for name in pair)
+            which = rows if a.ndim == 1 else rows[:, None]
+            columns |= zip(pair, (np.where(which, b, a), np.where(which, a, b)), strict=True)
+        return replace(self, **columns)
+
     @classmethod
     def concatenate(cls, batches: Sequence["Conflicts"]) -> Self:
         """Return the conflicts of all batches in one, without `where`; at least one batch."""
@@ -122,3 +133,10 @@ class Conflicts:
 
 # Of conflicts: the columns that are not one value a row.
 _OWN_WAY: Final = {"period_us", "period_offset", "where"}
+# And those that are of a and of b.
+_OF_EITHER: Final = [
+    ("a_kind", "b_kind"),
+    ("a_id", "b_id"),
+    ("a_version", "b_version"),
+    ("closest_a_deg", "closest_b_deg"),
+]

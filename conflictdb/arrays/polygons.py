@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.ragged import offsets
+from conflictdb.arrays.ragged import offsets, ragged_rows
 
 SRID: Final = 4326
 
@@ -36,6 +36,11 @@ class Polygons:
         """Return geometries (n,), None where it is not known."""
         wkb = [one or b"" for one in shapely.to_wkb(geometries, byte_order=1, include_srid=True).tolist()]
         return cls(np.frombuffer(b"".join(wkb), np.uint8), offsets([len(one) for one in wkb]))
+
+    def take(self, rows: NDArray[np.int64]) -> "Polygons":
+        """Return some of them (k,)."""
+        offset, data = ragged_rows(self.offset, rows)
+        return Polygons(self.data[data], offset)
 
     def geometries(self) -> NDArray[np.object_]:
         """Return them as geometries (n,), None where it is not known."""

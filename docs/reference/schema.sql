@@ -600,9 +600,9 @@ CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING bt
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
+CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
-CREATE INDEX conflict_scene_id_region_periods_gist ON conflictdb.conflict USING gist (scene_id, region, periods) WHERE (verdict <> 'near'::text);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
@@ -698,6 +698,9 @@ FUNCTION _begin_detection(p_scene text, p_wait_s double precision, p_few integer
 
 FUNCTION _begin_load()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+
+FUNCTION _begin_new_rows(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_count integer, p_numbers bigint[], OUT run_id bigint, OUT at_us bigint, OUT scene text, OUT conflict_ids bytea, OUT event_ids bytea, OUT keys text[], OUT first_versions bigint[])
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
@@ -836,6 +839,9 @@ FUNCTION _drop_note(p_attachment_id bigint)
 
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[])
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;

@@ -10,6 +10,7 @@ from workloads import PAPER, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import _SceneSource, detect
+from conflictdb.db.store import writing
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_scene
 
@@ -38,6 +39,13 @@ def put(conn: Conn, scene: str, key: str, west: float) -> int:
     row = conn.execute(PUT.encode(), [scene, key, west, west + 1]).fetchone()
     assert row is not None
     return int(row[0])
+
+
+@pytest.fixture(params=["copied", "stated"], autouse=True)
+def _way_to_write(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have new rows written in either way."""
+    if request.param == "copied":
+        monkeypatch.setattr(writing, "_MANY_NEW", 1)
 
 
 @pytest.fixture

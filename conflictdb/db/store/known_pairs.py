@@ -45,15 +45,15 @@ class KnownPairs:
         self._is_found = np.zeros(len(row), np.bool_)
 
     @classmethod
-    def read(cls, conn: psycopg.Connection[Any], scene_id: int, numbers: list[int] | None = None) -> Self:
+    def read(cls, conn: psycopg.Connection[Any], scene_id: int, changed: list[int] | None = None) -> Self:
         """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot.
 
-        numbers : of the objects that changed, if these are few (_object_number)
+        changed : numbers of the objects that did, if these are few (_object_number)
         """
-        known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id, numbers], _COLUMNS)
+        known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id, changed], _COLUMNS)
         return cls(
-            _numbers(known["a_kind"], known["a_id"]),
-            _numbers(known["b_kind"], known["b_id"]),
+            numbers(known["a_kind"], known["a_id"]),
+            numbers(known["b_kind"], known["b_id"]),
             known["digest"],
             known["place"].view(np.uint8).reshape(-1, 6),
         )
@@ -73,7 +73,7 @@ class KnownPairs:
         found, is_same = np.full(len(digest), -1), np.zeros(len(digest), np.bool_)
         if not len(self._pair):
             return found, is_same
-        a, b = _numbers(a_kind, a_id), _numbers(b_kind, b_id)
+        a, b = numbers(a_kind, a_id), numbers(b_kind, b_id)
         row = np.minimum(np.searchsorted(self._pair, self._pairs(a, b)), len(self._pair) - 1)
         known = np.flatnonzero((self._first[row] == a) & (self._second[row] == b))
         found[known] = row = row[known]
@@ -107,10 +107,10 @@ def digests(columns: Sequence[copy_binary.Column], key: bytes) -> NDArray[np.int
     return np.maximum(rows.digests(parts, key), 1).astype(np.int64)
 
 
-def _numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return one number for each object, in the order of kinds, then ids."""
     return (kind.astype(np.int64) << _KIND_BIT) | ids
 
 
-def _kinds_and_ids(numbers: NDArray[np.int64]) -> _Objects:
-    return numbers >> _KIND_BIT, numbers & ((1 << _KIND_BIT) - 1)
+def _kinds_and_ids(of: NDArray[np.int64]) -> _Objects:
+    return of >> _KIND_BIT, of & ((1 << _KIND_BIT) - 1)

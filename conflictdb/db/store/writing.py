@@ -3,16 +3,16 @@
     begin_write; as often as there are parts: differing, and stage for each that it yields; end_write; commit
 
 What is known of a pair has a digest: found again with the same one, it is neither sent nor written, nor is it found out
-where it is. What differs is sent some thousand rows at a time, by another thread while the next ones are made, and the
-last of them with the run itself: by one statement, where little changed.
+where it is. What differs is sent some thousand rows at a time, by another thread while the next ones are made: rows
+that are new by COPY, where they are many, all others by a statement, the last of them with the run itself.
 """
 
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
 
@@ -23,17 +23,18 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
+from conflictdb.db.store.conflict_columns import Columns, columns_of
 from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
+from conflictdb.db.store.new_rows import Members, NewRows, copy_new
 from conflictdb.db.store.parameters import Array
-from conflictdb.model import SINCE_EVER_US
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
 
-_SRID = 4326
 # Rows that are sent by one statement: enough to be worth it, little in memory.
 _ROWS_AT_ONCE: Final = 5_000
-_Columns = dict[str, copy_binary.Column]
+# From so many new rows on COPY, which takes four statements, is worth it.
+_MANY_NEW: Final = 300
 # What _write_run takes of a row, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
@@ -55,7 +56,6 @@ _TYPES: Final = {
     "closest_a_point": "bytea",
     "closest_b_point": "bytea",
 }
-_VERDICT_NAMES = copy_binary.Ragged.of([Verdict.of_code(code).encode() for code in range(len(Verdict))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +114,10 @@ class Part:
     row: NDArray[np.int64]
     digest: NDArray[np.int64]
 
+    def take(self, some: NDArray[np.int64]) -> "Part":
+        """Return some of them."""
+        return Part(self.rows[some], self.conflicts.take(some), self.row[some], self.digest[some])
+
 
 @dataclass(slots=True)
 class Staged:
@@ -122,6 +126,8 @@ class Staged:
     run : as far as it is known when it begins
     known : the pairs that have a row, and which of them were found
     held : rows that differ and are not sent yet, some thousand at most
+    members : who the objects of new rows are
+    may_copy : unless row-level security was seen to keep COPY from the tables
     sending : what is sent by another thread, while the next rows are made here; nobody else may use the connection
     run_id : once a part of them was sent
     took_s : how long it took so far, seconds
@@ -130,8 +136,10 @@ class Staged:
     scene_id: int
     run: RunRecord
     known: KnownPairs
-    held: list[_Columns] = field(default_factory=list)
-    sending: Future[tuple[Any, ...]] | None = None
+    held: list[Columns] = field(default_factory=list)
+    members: Members = field(default_factory=Members)
+    may_copy: bool = True
+    sending: Future[int] | None = None
     run_id: int | None = None
     took_s: float = 0.0
 
@@ -170,9 +178,20 @@ def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
 def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Polygons) -> None:
     """Hand over what differs, and where it is (k,)."""
     began = time.perf_counter()
-    columns = _columns(part.conflicts, region)
-    columns |= {"place": staged.known.places(part.row), "digest": copy_binary.fixed(part.digest, "i8")}
-    _hold(conn, staged, columns)
+    # Where new ones are that nobody knows the place of is found out by the statement.
+    is_new = (part.row < 0) & ((np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code))
+    if staged.may_copy and np.count_nonzero(is_new) >= _MANY_NEW:
+        new = NewRows(part.conflicts, part.digest, region)
+        rest = np.flatnonzero(~is_new)
+        if len(rest):
+            rows = np.flatnonzero(is_new)
+            new = NewRows(part.conflicts.take(rows), part.digest[rows], region.take(rows))
+        _send_aside(staged, lambda: _copy(conn, staged, new))
+        part, region = part.take(rest), region.take(rest)
+    if len(part.rows):
+        columns = columns_of(part.conflicts, region)
+        columns |= {"place": staged.known.places(part.row), "digest": copy_binary.fixed(part.digest, "i8")}
+        _hold(conn, staged, columns)
     staged.took_s += time.perf_counter() - began
 
 
@@ -186,34 +205,54 @@ def end_write(conn: psycopg.Connection[Any], staged: Staged, run: RunRecord) -> 
     for first in range(0, len(gone), _ROWS_AT_ONCE):
         _hold(conn, staged, _gone(staged.known, gone[first : first + _ROWS_AT_ONCE]))
     _await_sent(staged)
-    arrays = _taken(staged)
+    arrays = _taken(staged.held)
     staged.took_s += time.perf_counter() - began
     return RunOutcome(*_send(conn, staged, arrays, run.as_json(write_s=staged.took_s), is_last=True))
 
 
-def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: _Columns) -> None:
+def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: Columns) -> None:
     """Hold columns of some thousand rows until they are sent, and send what is held before where that becomes many."""
     count = sum(copy_binary.length(one["place"]) for one in (*staged.held, columns))
     if staged.held and count > _ROWS_AT_ONCE:
         _await_sent(staged)
-        thread = ThreadPoolExecutor(1)
-        staged.sending = thread.submit(_send, conn, staged, _taken(staged), staged.run.as_json(), is_last=False)
-        thread.shutdown(wait=False)
+        arrays = _taken(staged.held)
+        staged.held.clear()
+        _send_aside(staged, lambda: _send(conn, staged, arrays, staged.run.as_json(), is_last=False)[0])
     staged.held.append(columns)
+
+
+def _send_aside(staged: Staged, work: Callable[[], int]) -> None:
+    """Have another thread send something, which returns the run, once what it sends now is sent."""
+    _await_sent(staged)
+    thread = ThreadPoolExecutor(1)
+    staged.sending = thread.submit(work)
+    thread.shutdown(wait=False)
 
 
 def _await_sent(staged: Staged) -> None:
     """Wait for what is sent by another thread; raises what it did."""
     if staged.sending is not None:
         sending, staged.sending = staged.sending, None
-        staged.run_id, *_ = sending.result()
+        staged.run_id = sending.result()
 
 
-def _taken(staged: Staged) -> list[Array]:
-    """Return what is held as arrays, which holds nothing any more."""
-    arrays = [copy_binary.array([one[name] for one in staged.held], of) for name, of in _TYPES.items()]
-    staged.held.clear()
-    return arrays
+def _copy(conn: psycopg.Connection[Any], staged: Staged, new: NewRows) -> int:
+    """Send new rows by COPY, or by the statement where that is not allowed; returns the run."""
+    run = staged.run.as_json()
+    run_id = copy_new(conn, staged.scene_id, staged.run_id, run, staged.run.method, staged.members, new)
+    if run_id is not None:
+        return run_id
+    staged.may_copy = False
+    columns = columns_of(new.conflicts, new.region) | {
+        "place": copy_binary.Ragged.of([None] * len(new.digest)),
+        "digest": copy_binary.fixed(new.digest, "i8"),
+    }
+    return int(_send(conn, staged, _taken([columns]), run, is_last=False)[0])
+
+
+def _taken(held: list[Columns]) -> list[Array]:
+    """Return columns of rows as arrays."""
+    return [copy_binary.array([one[name] for one in held], of) for name, of in _TYPES.items()]
 
 
 def _send(
@@ -231,19 +270,7 @@ def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord,
 def _ordered(found: Conflicts) -> Conflicts:
     """Return conflicts with the object of the smaller kind and number first."""
     turned = (found.a_kind > found.b_kind) | ((found.a_kind == found.b_kind) & (found.a_id > found.b_id))
-    if not turned.any():
-        return found
-    of_members: dict[str, Any] = {}
-    for name in ("kind", "id", "version"):
-        a, b = getattr(found, f"a_{name}"), getattr(found, f"b_{name}")
-        of_members |= {f"a_{name}": np.where(turned, b, a), f"b_{name}": np.where(turned, a, b)}
-    a_deg, b_deg = found.closest_a_deg, found.closest_b_deg
-    return replace(
-        found,
-        **of_members,
-        closest_a_deg=np.where(turned[:, None], b_deg, a_deg),
-        closest_b_deg=np.where(turned[:, None], a_deg, b_deg),
-    )
+    return found.turned(turned)
 
 
 def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
@@ -273,34 +300,11 @@ def _digested(measures: NDArray[np.float64]) -> copy_binary.Bytes:
     return copy_binary.fixed(whole.ravel(), "f8").reshape(len(measures), 8 * measures.shape[1])
 
 
-def _columns(found: Conflicts, region: Polygons) -> _Columns:
-    """Return the columns of rows."""
-    is_known = np.isfinite(found.closest_m)
-    return {
-        "a_kind": copy_binary.fixed(found.a_kind, "i2"),
-        "a_id": copy_binary.fixed(found.a_id, "i8"),
-        "a_version": copy_binary.fixed(found.a_version, "i8"),
-        "b_kind": copy_binary.fixed(found.b_kind, "i2"),
-        "b_id": copy_binary.fixed(found.b_id, "i8"),
-        "b_version": copy_binary.fixed(found.b_version, "i8"),
-        "verdict": _VERDICT_NAMES.take(found.verdict.astype(np.int64)),
-        "periods": copy_binary.multispans(found.period_us, found.period_offset),
-        "region": copy_binary.Ragged(region.data, region.offset, np.diff(region.offset) == 0),
-        "first_contact_point": copy_binary.points(found.first_contact_deg, _SRID),
-        "time_error_s": copy_binary.fixed(found.time_error_s, "f8"),
-        "closest_at": copy_binary.nullable(copy_binary.instants(found.closest_us), found.closest_us == SINCE_EVER_US),
-        "closest_m": copy_binary.nullable(copy_binary.fixed(found.closest_m, "f8"), ~is_known),
-        "closest_error_m": copy_binary.nullable(copy_binary.fixed(found.closest_error_m, "f8"), ~is_known),
-        "closest_a_point": copy_binary.points(found.closest_a_deg, _SRID),
-        "closest_b_point": copy_binary.points(found.closest_b_deg, _SRID),
-    }
-
-
-def _gone(known: KnownPairs, rows: NDArray[np.int64]) -> _Columns:
+def _gone(known: KnownPairs, rows: NDArray[np.int64]) -> Columns:
     """Return the columns of rows that go."""
     (a_kind, a_id), (b_kind, b_id) = known.members(rows)
     nothing = copy_binary.Ragged.of([None] * len(rows))
-    members: _Columns = {
+    members: Columns = {
         "a_kind": copy_binary.fixed(a_kind, "i2"),
         "a_id": copy_binary.fixed(a_id, "i8"),
         "b_kind": copy_binary.fixed(b_kind, "i2"),
