@@ -6,12 +6,14 @@ are made of arcs, of whole numbers that are differences, on a grid.
 
 import gzip
 import json
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 Box = tuple[float, float, float, float]  # west, south, east, north: degrees
 
@@ -22,40 +24,108 @@ FINE: Final = "10m"
 _DIGITS: Final = 4
 
 
+# Antarctica as far as the pole; a ring nearer to it than this is only where such a file was cut.
+_POLE_DEG: Final = 90.0
+_CUT_DEG: Final = 89.9
+_TURN_DEG: Final = 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class Land:
+    """All land between the longitudes -180 and 180: polygons, and lines of their coasts, which no cut is one of."""
+
+    polygons: NDArray[Any]
+    coasts: NDArray[Any]
+
+
 @cache
-def land(detail: str) -> shapely.MultiPolygon:
+def land(detail: str) -> Land:
     """Return all land in one of two details, COARSE or FINE."""
     text = (files("conflictdb") / "map" / "vendor" / f"land-{detail}.json.gz").read_bytes()
     topology = json.loads(gzip.decompress(text))
     scale, shift = np.array(topology["transform"]["scale"]), np.array(topology["transform"]["translate"])
     arcs = [np.cumsum(np.array(arc), axis=0) * scale + shift for arc in topology["arcs"]]
 
-    def ring(numbers: list[int]) -> Any:
-        # ~n is arc n backward. Each begins where the one before it ends.
+    def ring(numbers: list[int]) -> NDArray[np.float64]:
+        # ~n is arc n backward. Each begins where the one before it ends. Longitudes run on beyond 180.
         parts = [arcs[n] if n >= 0 else arcs[~n][::-1] for n in numbers]
-        return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+        places = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+        if np.abs(np.diff(places[:, 0])).max() > _TURN_DEG / 2:
+            places[:, 0] = np.unwrap(places[:, 0], period=_TURN_DEG)
+        return places
 
     (collection,) = topology["objects"].values()
-    polygons = [
-        shapely.Polygon(ring(rings[0]), [ring(hole) for hole in rings[1:]])
-        for one in collection["geometries"]
-        for rings in ([one["arcs"]] if one["type"] == "Polygon" else one["arcs"])
+    polygons, coasts = [], []
+    for one in collection["geometries"]:
+        for numbers in [one["arcs"]] if one["type"] == "Polygon" else one["arcs"]:
+            shell, *holes = (known for known in map(ring, numbers) if known[:, 1].max() > -_CUT_DEG)
+            coasts += [shell, *holes]
+            polygons.append(shapely.Polygon(_closed(shell), [_beside(hole, shell) for hole in holes]))
+    return Land(_cut(polygons), _cut([shapely.LineString(coast) for coast in coasts]))
+
+
+def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a ring that goes around the south pole with the way over it; any other as it is."""
+    (first, _), (last, _) = ring[0], ring[-1]
+    if abs(last - first) < _TURN_DEG / 2:
+        return ring
+    return np.vstack([ring, [[last, -_POLE_DEG], [first, -_POLE_DEG]]])
+
+
+def _beside(hole: NDArray[np.float64], shell: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a hole in the turn that its shell is in."""
+    west, east = shell[:, 0].min(), shell[:, 0].max()
+    turn = np.round((0.5 * (west + east) - hole[:, 0].mean()) / _TURN_DEG) * _TURN_DEG
+    return hole + np.array([turn, 0.0])
+
+
+def _cut(shapes: list[Any]) -> NDArray[Any]:
+    """Return shapes, polygons or lines, all of them between the longitudes -180 and 180."""
+    parts = np.array(shapes, dtype=object)
+    west, _, east, _ = shapely.bounds(parts).T
+    is_within = (west >= -180.0) & (east <= 180.0)
+    turned = [
+        shapely.clip_by_rect(
+            shapely.transform(parts[~is_within], lambda places, by=by: places + np.array([by, 0.0])), *WORLD
+        )
+        for by in (-_TURN_DEG, 0.0, _TURN_DEG)
     ]
-    return shapely.MultiPolygon(polygons)
+    return _alike(np.concatenate([parts[is_within], *turned]), shapes[0])
 
 
 def geojson(detail: str, box: Box, but: Box | None = None) -> str:
-    """Return the land in a box, but not in another one, as a GeoJSON geometry: within 10 m of what it is made from."""
-    shape = land(detail)
+    """Return the land in a box, but not in another one, as GeoJSON: within 10 m of what it is made from.
+
+    It has two features: the polygons (`kind` is land) and the lines of their coasts (coast).
+    """
+    whole = land(detail)
+    features = [
+        {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(_rounded(shape))}
+        for kind, shape in (
+            ("land", shapely.MultiPolygon(list(_part(whole.polygons, box, but)))),
+            ("coast", shapely.MultiLineString(list(_part(whole.coasts, box, but)))),
+        )
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, separators=(",", ":"))
+
+
+def _part(shapes: NDArray[Any], box: Box, but: Box | None) -> NDArray[Any]:
+    """Return what is in a box of polygons or lines, but not in another one."""
+    first = shapes[0]
     if box != WORLD:
-        parts = np.array(shape.geoms)
-        near = parts[shapely.intersects(shapely.box(*box), shapely.envelope(parts))]
-        shape = shapely.clip_by_rect(shapely.MultiPolygon(list(near)), *box)
+        shapes = shapely.clip_by_rect(shapes[shapely.intersects(shapely.box(*box), shapely.envelope(shapes))], *box)
     if but is not None:
-        parts = np.array(shapely.get_parts(shape))
-        near = shapely.intersects(shapely.box(*but), shapely.envelope(parts))
-        cut = shapely.difference(shapely.make_valid(parts[near]), shapely.box(*but))
-        polygons = [one for one in shapely.get_parts([*parts[~near], *cut]) if one.geom_type == "Polygon"]
-        shape = shapely.MultiPolygon(polygons)
-    rounded = shapely.transform(shape, lambda places: np.round(places, _DIGITS))
-    return json.dumps(shapely.geometry.mapping(rounded), separators=(",", ":"))
+        is_near = shapely.intersects(shapely.box(*but), shapely.envelope(shapes))
+        near = shapely.make_valid(shapes[is_near])
+        shapes = np.concatenate([shapes[~is_near], shapely.difference(near, shapely.box(*but))])
+    return _alike(shapes, first)
+
+
+def _alike(shapes: NDArray[Any], one: Any) -> NDArray[Any]:
+    """Return the parts of shapes that are of the type of another one, and not empty."""
+    parts = shapely.get_parts(shapes)
+    return parts[(shapely.get_type_id(parts) == shapely.get_type_id(one)) & ~shapely.is_empty(parts)]
+
+
+def _rounded(shape: Any) -> Any:
+    return shapely.transform(shape, lambda places: np.round(places, _DIGITS))

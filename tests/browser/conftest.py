@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browsing import ARGUMENTS, Open, chromium
+from map_page import Serve, served_page
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 _READY_MS = 60_000
@@ -22,8 +23,18 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def open_page(browser: Browser) -> Iterator[Open]:
-    """Return what opens an address and waits until it is shown; nothing it says may be an error, nor leave its site."""
+def serve() -> Iterator[Serve]:
+    """Return what serves pages until the end of the test."""
+    with ExitStack() as servers:
+        yield lambda dsn, scene: servers.enter_context(served_page(dsn, scene))
+
+
+@pytest.fixture
+def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
+    """Return what opens an address and waits until it is shown; nothing it says may be an error, nor leave its site.
+
+    Pages are closed before the servers end: one whose server is gone says, a second later, that it asked in vain.
+    """
     said: list[str] = []
     with ExitStack() as contexts:
 

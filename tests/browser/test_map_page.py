@@ -2,8 +2,6 @@
 
 import gzip
 import math
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +9,9 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open
+from browsing import Open, rows, time_of, wait_until
 from commands import runner
-from map_page import served_page
+from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
@@ -30,35 +28,17 @@ HOSTILE = "<img src=x onerror=\"document.title='taken'\">"
 
 
 @pytest.fixture
-def strait(dsn: str) -> Iterator[str]:
+def strait(dsn: str, serve: Serve) -> str:
     with conflictdb.connect(dsn) as db:
         db.load_demo()
         db.detect("strait")
-    with served_page(dsn, "strait") as address:
-        yield address
-
-
-def rows(page: Page) -> list[str]:
-    """The pairs in the list, in its order."""
-    return page.locator(".row .keys").all_inner_texts()
+    return serve(dsn, "strait")
 
 
 def shown(page: Page, layer: str, where: str = "true") -> int:
     """How many features a layer of the map shows whose state is as asked."""
     script = f"conflictdbPage.view.map.queryRenderedFeatures({{layers: ['{layer}']}})"
     return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
-
-
-def wait_until(page: Page, expression: str) -> None:
-    """Wait until something holds; Playwright's own way evaluates texts in the page, which its policy forbids."""
-    until_s = time.monotonic() + 20
-    while not page.evaluate(expression):
-        assert time.monotonic() < until_s, expression
-        page.wait_for_timeout(50)
-
-
-def time_of(page: Page) -> float:
-    return float(page.evaluate("conflictdbPage.t"))
 
 
 ORDER = ["CABLE and SUB-1", "FIRING and FERRY", "DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"]
@@ -244,7 +224,9 @@ def tracks_of_all_kinds() -> list[Track]:
     Scene("s", earth=EarthModel.SPHERE),
     Scene("s", motion=Motion.GREAT_CIRCLE, earth=EarthModel.SPHERE, centre=(5.0, 47.0)),
 ], ids=["rhumb", "sphere", "great circle"])  # fmt: skip
-def test_havens_are_where_the_database_has_them(scene: Scene, conn: Conn, dsn: str, open_page: Open) -> None:
+def test_havens_are_where_the_database_has_them(
+    scene: Scene, conn: Conn, dsn: str, serve: Serve, open_page: Open
+) -> None:
     """The page computes them itself, so that any instant is shown at once: within a millimetre of conflictdb.havens."""
     tracks = tracks_of_all_kinds()
     if scene.motion == Motion.RHUMB:
@@ -257,10 +239,9 @@ def test_havens_are_where_the_database_has_them(scene: Scene, conn: Conn, dsn: s
     )
     known = conn.execute(query.encode(), [T0_S, T0_S + 20 * 3600]).fetchall()
     assert len(known) > 50
-    with served_page(dsn, "s") as address:
-        page = open_page(address)
-        script = "(all) => all.map(([key, t]) => conflictdbPage.model.objects.get(key).motion.haven(t))"
-        found = page.evaluate(script, [[key, t] for key, t, _ in known])
+    page = open_page(serve(dsn, "s"))
+    script = "(all) => all.map(([key, t]) => conflictdbPage.model.objects.get(key).motion.haven(t))"
+    found = page.evaluate(script, [[key, t] for key, t, _ in known])
     for (key, t, text), ring in zip(known, found, strict=True):
         there = shapely.from_wkt(text)
         places = shapely.get_coordinates(there)
@@ -272,7 +253,7 @@ def test_havens_are_where_the_database_has_them(scene: Scene, conn: Conn, dsn: s
         assert np.max(far) * 111_000 < 1e-3, (key, t)
 
 
-def test_date_line_and_poles_are_true(conn: Conn, dsn: str, open_page: Open) -> None:
+def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     """A scene on both sides of the date line is one piece; what is beyond the map is told, listed and drawn."""
     times = np.array([T0_US, T0_US + 10 * HOUR_US])
     outline = rectangle_outline_m(5000, 5000, 5000, 5000)
@@ -284,25 +265,24 @@ def test_date_line_and_poles_are_true(conn: Conn, dsn: str, open_page: Open) -> 
     ]
     load(conn, Scene("s"), [Area("SEAM", shapely.box(179.5, 5.0, 180.5, 8.0))], tracks)
     detect(conn, "s", jobs=1)
-    with served_page(dsn, "s") as address:
-        page = open_page(address)
-        assert sorted(rows(page)) == ["EAST and WEST", "POLE-1 and POLE-2"]
-        west, south, east, north = page.evaluate("conflictdbPage.model.box()")
-        assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
-        assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
-        expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
-        expect(page.locator(".row", has_text="POLE-1")).to_contain_text("beyond the map")
-        page.get_by_role("button", name="EAST and WEST").click()
-        page.wait_for_timeout(300)
-        seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
-        width = page.evaluate("document.getElementById('map').clientWidth")
-        at = dict(seen)
-        assert len(seen) == 2
-        assert abs(at["EAST"] - at["WEST"]) < width / 2
-        page.keyboard.press("Escape")
-        page.get_by_role("button", name="POLE-1 and POLE-2").click()
-        expect(page.locator("figcaption")).to_contain_text("beyond 85.05°, where the map ends")
-        expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
+    page = open_page(serve(dsn, "s"))
+    assert sorted(rows(page)) == ["EAST and WEST", "POLE-1 and POLE-2"]
+    west, south, east, north = page.evaluate("conflictdbPage.model.box()")
+    assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
+    assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
+    expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
+    expect(page.locator(".row", has_text="POLE-1")).to_contain_text("beyond the map")
+    page.get_by_role("button", name="EAST and WEST").click()
+    page.wait_for_timeout(300)
+    seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
+    width = page.evaluate("document.getElementById('map').clientWidth")
+    at = dict(seen)
+    assert len(seen) == 2
+    assert abs(at["EAST"] - at["WEST"]) < width / 2
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="POLE-1 and POLE-2").click()
+    expect(page.locator("figcaption")).to_contain_text("beyond 85.05°, where the map ends")
+    expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
 
 
 SIZES = [(1440, 900, "light"), (768, 1024, "dark"), (390, 844, "light")]

@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 import shapely
@@ -252,16 +253,38 @@ def test_what_is_shipped_is_what_it_says() -> None:
 
 
 def test_land_is_cut() -> None:
-    everything = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD))
-    assert everything.geom_type == "MultiPolygon"
+    everything, coasts = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD)).geoms
+    assert (everything.geom_type, coasts.geom_type) == ("MultiPolygon", "MultiLineString")
     # Jutland, not the sea west of it.
     assert shapely.contains_xy(everything, [9.0, 5.0], [56.2, 56.0]).tolist() == [True, False]
     box = (5.0, 54.0, 12.0, 60.0)
-    near = shapely.from_geojson(land.geojson(land.FINE, box))
+    near, near_coasts = shapely.from_geojson(land.geojson(land.FINE, box)).geoms
     assert shapely.box(*box).contains(shapely.box(*near.bounds))
-    rest = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD, box))
+    rest, rest_coasts = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD, box)).geoms
     assert rest.intersection(shapely.box(*box)).area < 1e-2
+    # Where land is cut there is no coast.
+    for lines in (near_coasts, rest_coasts):
+        assert shapely.length(shapely.intersection(lines, shapely.box(*box).boundary)) == 0.0
     assert shapely.contains_xy(rest, 100.0, 60.0)
+
+
+@pytest.mark.parametrize("detail", [land.COARSE, land.FINE])
+def test_land_at_the_date_line_and_the_pole_is_where_it_is(detail: str) -> None:
+    """Chukotka, Taveuni and Antarctica are on both sides of the date line, or all around."""
+    known = land.land(detail)
+    shapely.prepare(known.polygons)
+
+    def is_land(lon: float, lat: float) -> bool:
+        return bool(shapely.intersects_xy(known.polygons, lon, lat).any())
+
+    # Chukotka, west and east; Wrangel Island, west and east; Antarctica, and all of the pole.
+    dry = [(179.0, 68.0), (-178.0, 67.5), (179.5, 71.2), (-179.5, 71.2), (0.0, -80.0), (179.9, -86.0), (-100.0, -89.9)]
+    assert [place for place in dry if not is_land(*place)] == []
+    # The same latitudes elsewhere: Atlantic, Norwegian Sea, Greenland Sea, Barents Sea, Pacific, Indian Ocean.
+    wet = [(-30.0, 50.0), (3.0, 67.5), (0.0, 71.2), (40.0, 71.2), (-120.0, -16.5), (80.0, -16.8), (-150.0, -60.0)]
+    assert [place for place in wet if is_land(*place)] == []
+    longest = max(np.abs(np.diff(shapely.get_coordinates(line)[:, 0])).max() for line in known.coasts)
+    assert longest < 6.0
 
 
 def test_a_file_is_for_scenes_that_a_browser_opens(

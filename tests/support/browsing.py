@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 from collections.abc import Callable
 
 from playwright.sync_api import Page
@@ -16,3 +17,21 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 def chromium() -> str | None:
     """Return the program: what CONFLICTDB_TEST_BROWSER names, else the first that is installed; None if none is."""
     return os.environ.get("CONFLICTDB_TEST_BROWSER") or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
+def rows(page: Page) -> list[str]:
+    """Return the pairs in the list, in its order."""
+    return page.locator(".row .keys").all_text_contents()
+
+
+def time_of(page: Page) -> float:
+    """Return the instant that is shown, Unix seconds."""
+    return float(page.evaluate("conflictdbPage.t"))
+
+
+def wait_until(page: Page, expression: str) -> None:
+    """Wait until something holds; Playwright's own way evaluates texts in the page, which its policy forbids."""
+    until_s = time.monotonic() + 20
+    while not page.evaluate(expression):
+        assert time.monotonic() < until_s, expression
+        page.wait_for_timeout(50)

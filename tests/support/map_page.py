@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPMessage
 from threading import Thread
@@ -13,6 +13,8 @@ from conflictdb.db import store
 from conflictdb.map.serve import PageServer
 
 WAIT_S = 30.0
+# Serves the page of a scene of a database until the end of a test, and returns its address.
+Serve = Callable[[str, str], str]
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import { byId } from "./dom.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
 import { clock, counted, day } from "./format.js";
+import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
@@ -32,7 +33,8 @@ let left = []; // the conflicts that the filter leaves
 let playing = null;
 
 const list = new List(byId("list"), choose);
-const timeline = new Timeline({ canvas: byId("bars"), slider: byId("slider") }, (at) => { pause(); moveTo(at); }, choose);
+const buttons = { closer: byId("closer"), wider: byId("wider"), whole: byId("whole") };
+const timeline = new Timeline({ canvas: byId("bars"), slider: byId("slider"), buttons }, (at) => { pause(); moveTo(at); }, choose);
 const detail = new Detail(byId("detail"), { back: unchoose, goTo: moveTo, acknowledge });
 
 // --- reading ---------------------------------------------------------------------------------------------------------
@@ -67,8 +69,8 @@ function describe() {
     scene.is_current ? null : scene.remark,
     scene.copied ? `as of ${scene.copied}, changes since are not in this file` : null].filter(Boolean).join(" · "));
   byId("beyond").hidden = model.beyond === 0;
-  byId("beyond").textContent = `The map is Web Mercator, which ends at ${MERCATOR_END.toFixed(2)}° of latitude. `
-    + `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond: the list has what the map cannot show.`;
+  byId("beyond").textContent = `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond `
+    + `${MERCATOR_END.toFixed(2)}° of latitude, where the map ends: the list has what it cannot show.`;
   byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
 }
 
@@ -77,9 +79,10 @@ function describe() {
 // What the filter leaves: in the list, on the timeline and on the map.
 function applyFilter() {
   left = model.conflicts.filter((conflict) => filter.leaves(conflict, model, t));
-  list.take(left);
+  list.take(left, whyEmpty());
   timeline.take(left, model.span);
-  byId("count").textContent = filter.isNothing() ? counted(left.length, "conflict")
+  const isKnown = model.conflicts.length > 0 || model.scene.is_current;
+  byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
     : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
   const kept = new Set(left.flatMap(({ a, b }) => [a, b]));
   const isHidden = (object) => !filter.leavesObject(object) || (filter.text.trim() !== "" && !filter.names(object) && !kept.has(object.key));
@@ -87,6 +90,14 @@ function applyFilter() {
   const ids = new Set(left.map(({ id }) => id));
   hiddenConflicts = new Set(model.conflicts.filter(({ id }) => !ids.has(id)).map(({ id }) => id));
   mark();
+}
+
+// Why the list shows nothing, where that is so.
+function whyEmpty() {
+  const { scene, areas, tracks, conflicts } = model;
+  if (conflicts.length) return "The filter leaves no conflict.";
+  if (areas.length + tracks.length === 0) return "The scene has no objects yet. They show here as soon as it has some.";
+  return scene.is_current ? "No two objects are in conflict." : `No conflict is known yet (${scene.remark}).`;
 }
 
 let hiddenConflicts = new Set();
@@ -129,7 +140,7 @@ function moveTo(at) {
   byId("clock").textContent = clock(t);
   byId("clock").dateTime = new Date(t * 1000).toISOString();
   byId("day").textContent = `UTC, ${day(t)}`;
-  timeline.show(t, chosen?.id ?? null);
+  timeline.mark(t, chosen?.id ?? null);
   list.show(t, chosen?.id ?? null);
   const on = left.filter((c) => c.periods.some(([a, b]) => t >= a && t <= b));
   havens.t = t;
@@ -155,7 +166,8 @@ function choose(conflict) {
   byId("detail").hidden = false;
   detail.show(conflict, model, source.pair(conflict.a, conflict.b), model.scene.may_acknowledge);
   moveTo(Number.isFinite(conflict.start) ? conflict.start : t);
-  view.goTo(around(conflict), padding());
+  // Beyond the map there is nothing to see: it shows all that it can.
+  view.goTo(conflict.isBeyond ? model.box() : around(conflict), padding());
 }
 
 function unchoose() {
@@ -319,9 +331,12 @@ function listen() {
   document.addEventListener("keydown", (event) => {
     const isTyping = event.target.closest("input:not([type=checkbox]):not([type=range]), select, textarea");
     if (event.ctrlKey || event.metaKey || event.altKey || (isTyping && event.key !== "Escape")) return;
-    const does = {
+    // The map has keys of its own for its scale.
+    const isMap = event.target.closest("#map") && ["+", "=", "-"].includes(event.key);
+    const does = isMap ? null : {
       j: () => neighbour(1), k: () => neighbour(-1), "/": () => { if (chosen) unchoose(); byId("words").focus(); },
       Escape: () => (chosen ? unchoose() : event.target.blur()),
+      "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),
       " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => (playing === null ? play() : pause()),
     }[event.key];
     if (does) {
@@ -335,19 +350,20 @@ async function start() {
   await readAll();
   const box = model.box();
   view = await MapView.open("map", source, box, version);
+  const graticule = new Graticule(byId("graticule"), view);
   havens = new Havens(byId("havens"), view);
   havens.take(model.tracks, model.areas);
   describe();
   offerSpeeds();
   listen();
-  t = model.conflicts.find((c) => Number.isFinite(c.start))?.start ?? model.span[0];
+  t = model.conflicts.find((c) => Number.isFinite(c.start))?.start ?? (model.tracks.length ? model.span[0] : Date.now() / 1000);
   applyFilter();
   moveTo(t);
   if (source.isLive) {
     source.watch(changed, (isHeard) => { if (isHeard) describe(); else tell("The server does not answer; trying again.", true); });
   }
   // For the console of a browser, and tests.
-  globalThis.conflictdbPage = { view, havens, get model() { return model; }, get t() { return t; } };
+  globalThis.conflictdbPage = { view, havens, graticule, timeline, get model() { return model; }, get t() { return t; } };
   await view.loaded;
   mark();
   document.documentElement.dataset.ready = "true";

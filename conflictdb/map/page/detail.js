@@ -11,7 +11,7 @@ const SAYS = {
   conflict: "Conflict", grazing: "Grazing: too close to call", unresolved: "Unresolved: not proven apart",
 };
 
-const fact = (name, ...values) => [element("dt", {}, name), element("dd", {}, ...values)];
+const fact = (name, ...values) => [element("dt", {}, element("bdi", {}, name)), element("dd", {}, ...values)];
 
 export class Detail {
   // `on`: back(), goTo(t), acknowledge(conflict, reason or null)
@@ -27,7 +27,8 @@ export class Detail {
     const figure = element("figure", { class: "plan-figure" });
     const why = element("div", { class: "why" });
     const stages = element("div");
-    const heading = element("h2", { tabindex: "-1" }, conflict.a, element("span", { class: "soft" }, " and "), conflict.b);
+    const heading = element("h2", { tabindex: "-1" },
+      element("bdi", {}, conflict.a), element("span", { class: "soft" }, " and "), element("bdi", {}, conflict.b));
     this.container.replaceChildren(
       element("button", { type: "button", class: "plain back", click: this.on.back }, "All conflicts"),
       heading,
@@ -42,7 +43,8 @@ export class Detail {
     try {
       found = await pair;
     } catch (error) {
-      why.replaceChildren(element("p", { class: "soft" }, `Why is not known: ${error.message}`));
+      why.replaceChildren(element("p", { class: "problem" }, `Why, and what is around, is not known: ${error.message}`));
+      figure.remove();
       return;
     }
     if (this.conflict !== conflict) return; // another one was chosen meanwhile
@@ -98,7 +100,7 @@ export class Detail {
     if (who !== null) {
       const until = conflict.acknowledged_until ? `, until ${conflict.acknowledged_until.slice(0, 16).replace("T", " ")} UTC` : "";
       return element("section", { class: "acknowledge" },
-        element("p", {}, `Acknowledged by ${who}${until}: ${why}`),
+        element("p", {}, "Acknowledged by ", element("bdi", {}, who), `${until}: `, element("bdi", {}, why)),
         mayAcknowledge ? element("button", { type: "button", click: (event) => send(event, null) }, "Take back") : null, problem);
     }
     if (!mayAcknowledge) return "";

@@ -5,11 +5,13 @@ import { bound, clock, day, duration, moment } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
+const TOLD_S = 0.1; // an error of times that is smaller is told of one conflict, not in the list
 
 export class List {
   constructor(container, onChoose) {
     this.container = container;
     this.rows = container.querySelector("ul");
+    this.empty = container.querySelector("p");
     this.onChoose = onChoose;
     this.conflicts = [];
     this.shown = new Map();
@@ -26,7 +28,10 @@ export class List {
     });
   }
 
-  take(conflicts) {
+  // Shows conflicts; without any it says why there is none.
+  take(conflicts, why) {
+    this.empty.hidden = conflicts.length > 0;
+    this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
     this.conflicts = conflicts;
     this.several = conflicts.some((c) => Number.isFinite(c.start) && day(c.start) !== day(this.firstDay()));
@@ -87,9 +92,9 @@ export class List {
     const conflict = this.conflicts[n];
     const lasts = conflict.periods.reduce((sum, [a, b]) => sum + (b - a), 0);
     const facts = [
-      conflict.verdict,
+      conflict.verdict === "conflict" ? null : conflict.verdict,
       Number.isFinite(lasts) ? duration(lasts) : "without end",
-      `± ${bound(conflict.error_s, "s")}`,
+      conflict.error_s !== null && conflict.error_s < TOLD_S ? null : `± ${bound(conflict.error_s, "s")}`,
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
     ].filter(Boolean).join(" · ");
     const when = conflict.start === -Infinity ? "since ever"
@@ -97,7 +102,8 @@ export class List {
     const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
-        element("span", { class: "keys" }, conflict.a, element("span", { class: "soft" }, " and "), conflict.b),
+        element("span", { class: "keys" },
+          element("bdi", {}, conflict.a), element("span", { class: "soft" }, " and "), element("bdi", {}, conflict.b)),
         element("span", { class: "when" }, when),
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },

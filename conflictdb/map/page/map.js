@@ -81,7 +81,7 @@ export class MapView {
     this.map.touchZoomRotate.disableRotation();
     this.map.keyboard.disableRotation();
     this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
-    this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 100 }), "bottom-left");
+    this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-left");
     this.map.getCanvas().setAttribute("aria-label", "Map");
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
@@ -91,9 +91,10 @@ export class MapView {
 
   style(sources) {
     const paint = looks();
+    const kind = (id) => /^(near-)?(land|coast)$/.test(id) && { filter: ["==", ["get", "kind"], id.replace("near-", "")] };
     const layers = LAYERS.filter(([, , from]) => from in sources || from in this.places).map(([id, type, from]) => {
       const { source = from, sourceLayer } = this.places[from] ?? {};
-      return { id, type, source, paint: paint[id.replace("near-", "")], ...(sourceLayer && { "source-layer": sourceLayer }) };
+      return { id, type, source, paint: paint[id.replace("near-", "")], ...kind(id), ...(sourceLayer && { "source-layer": sourceLayer }) };
     });
     return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: paint.sea }, ...layers] };
   }

@@ -2,7 +2,13 @@
 
 class Refused extends Error {}
 
-async function answered(response) {
+async function answered(asked) {
+  let response;
+  try {
+    response = await asked;
+  } catch {
+    throw new Refused("the server does not answer"); // each browser has words of its own for it
+  }
   if (response.ok) return response;
   let said = `${response.status} ${response.statusText}`;
   try {
@@ -17,30 +23,30 @@ export class ServerSource {
   isLive = true;
 
   async scene() {
-    const { secret, ...scene } = await (await answered(await fetch("/api/scene"))).json();
+    const { secret, ...scene } = await (await answered(fetch("/api/scene"))).json();
     this.secret = secret;
     return scene;
   }
 
   async conflicts() {
-    return (await answered(await fetch("/api/conflicts"))).json();
+    return (await answered(fetch("/api/conflicts"))).json();
   }
 
   async areas() {
-    return (await answered(await fetch("/api/areas"))).json();
+    return (await answered(fetch("/api/areas"))).json();
   }
 
   async tracks() {
-    return (await answered(await fetch("/api/tracks"))).arrayBuffer();
+    return (await answered(fetch("/api/tracks"))).arrayBuffer();
   }
 
   // Why two objects are in conflict, and the shapes of those that are areas.
   async pair(a, b) {
-    return (await answered(await fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
+    return (await answered(fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
   }
 
   async acknowledge(a, b, reason) {
-    await answered(await fetch("/api/acknowledge", {
+    await answered(fetch("/api/acknowledge", {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Conflictdb-Secret": this.secret },
       body: JSON.stringify({ a, b, reason }),

@@ -1,4 +1,4 @@
-// Conflicts as bars over time, and the slider below them.
+// Conflicts as bars over time, and the slider below them: of all the time there is, or of a part of it.
 
 import { clock, day, moment } from "./format.js";
 import { colour, theme } from "./theme.js";
@@ -8,15 +8,24 @@ const AXIS = 18; // height of the axis
 const LANE = 10; // height of a lane of bars and the gap below it; with many lanes less
 const LEAST_LANE = 3;
 const LEAST_BAR = 3; // width of a bar
+const LEAST_S = 2; // of time that is shown
+const ZOOM = 2; // by a button or a key
+const WHEEL = 0.002; // by a pixel of a wheel, as a logarithm
+const NEAR_PX = 3; // a pointer that is so near points at it
+const STILL_PX = 6; // a pointer that moves by less only presses
+const LINE_PX = 16; // of a wheel that counts lines
+const ROOM = 0.1; // share of what is shown that is left beside an instant that comes into view
 const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800,
   1209600, 2592000, 7776000, 31536000, 63072000, 157680000];
 
 export class Timeline {
-  // `onTime(t)` hears of the slider, `onChoose(conflict)` of a bar that is clicked.
-  constructor({ canvas, slider }, onTime, onChoose) {
+  // `onTime(t)` hears of the slider, `onChoose(conflict)` of a bar that is clicked; `buttons`: closer, wider, whole.
+  constructor({ canvas, slider, buttons }, onTime, onChoose) {
     this.canvas = canvas;
     this.slider = slider;
-    this.span = [0, 1];
+    this.buttons = buttons;
+    this.span = [0, 1]; // all the time there is
+    this.shown = [0, 1]; // what is shown of it
     this.bars = [];
     this.t = 0;
     this.chosen = null;
@@ -31,57 +40,153 @@ export class Timeline {
         onTime(wanted);
       }
     });
-    let isDragged = false;
-    canvas.addEventListener("pointerdown", (event) => {
-      const bar = this.barAt(event);
-      if (bar) {
-        onChoose(bar);
-        return;
-      }
-      isDragged = true;
-      canvas.setPointerCapture(event.pointerId);
-      onTime(this.timeAt(event.offsetX));
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      if (isDragged) onTime(this.timeAt(event.offsetX));
-      else canvas.classList.toggle("on-bar", this.barAt(event) !== null);
-    });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { isDragged = false; });
+    this.listenToPointers(onTime, onChoose);
+    for (const one of [canvas, slider]) one.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
+    buttons.closer.addEventListener("click", () => this.zoom(1 / ZOOM));
+    buttons.wider.addEventListener("click", () => this.zoom(ZOOM));
+    buttons.whole.addEventListener("click", () => this.showAll());
     new ResizeObserver(() => this.lay()).observe(canvas);
     theme.onChange(() => this.draw());
   }
 
-  // A step of the keyboard: about a two hundredth of all.
-  step() {
-    const wanted = (this.span[1] - this.span[0]) / 200;
-    return STEPS.find((step) => step >= wanted) ?? wanted;
+  // One finger, or the mouse, chooses a bar or moves the time; two move and zoom what is shown.
+  listenToPointers(onTime, onChoose) {
+    const { canvas } = this;
+    const held = new Map(); // pointer: where it is
+    let isPinch = false;
+    let pressed = null; // the bar that a pointer went down on, and where
+    canvas.addEventListener("pointerdown", (event) => {
+      held.set(event.pointerId, event.offsetX);
+      canvas.setPointerCapture(event.pointerId);
+      isPinch ||= held.size > 1;
+      const bar = isPinch ? null : this.barAt(event);
+      pressed = bar && { bar, x: event.offsetX };
+      if (!bar && !isPinch) onTime(this.timeAt(event.offsetX));
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!held.has(event.pointerId)) {
+        canvas.classList.toggle("on-bar", this.barAt(event) !== null);
+        return;
+      }
+      const before = [...held.values()];
+      held.set(event.pointerId, event.offsetX);
+      if (pressed && Math.abs(event.offsetX - pressed.x) > STILL_PX) pressed = null;
+      if (held.size === 2) this.pinched(before, [...held.values()]);
+      else if (!isPinch && !pressed) onTime(this.timeAt(event.offsetX));
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, ({ pointerId }) => {
+        if (pressed && end === "pointerup") onChoose(pressed.bar);
+        pressed = null;
+        held.delete(pointerId);
+        isPinch &&= held.size > 0;
+      });
+    }
   }
 
-  take(conflicts, span) {
-    this.span = span;
-    this.conflicts = conflicts;
-    [this.slider.min, this.slider.max] = span;
+  // Two fingers keep the instants that they are on.
+  pinched(before, after) {
+    const [first, second] = before.map((x) => this.timeAt(x));
+    const [a, b] = after;
+    if (Math.abs(b - a) < 1 || first === second) return;
+    const perPixel = Math.abs((second - first) / (b - a));
+    const from = (first + second) / 2 - ((a + b) / 2 - PAD) * perPixel;
+    this.show([from, from + perPixel * this.width()]);
+  }
+
+  wheeled(event) {
+    event.preventDefault();
+    const pixels = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE_PX : 1;
+    const across = event.shiftKey && event.deltaX === 0 ? event.deltaY : event.deltaX;
+    if (Math.abs(across) > Math.abs(event.deltaY) || event.shiftKey) {
+      const by = (across * pixels * (this.shown[1] - this.shown[0])) / this.width();
+      this.show([this.shown[0] + by, this.shown[1] + by]);
+    } else {
+      this.zoom(Math.exp(event.deltaY * pixels * WHEEL), this.pointedAt(event));
+    }
+  }
+
+  // The instant that a pointer is at: of what is shown there, if something is, or else of the pixel, which may be hours.
+  pointedAt(event) {
+    const at = this.timeAt(event.offsetX);
+    const conflict = this.barAt(event);
+    if (Math.abs(this.x(this.t) - event.offsetX) <= NEAR_PX) return this.t;
+    if (!conflict) return at;
+    const within = conflict.periods.map(([a, b]) => Math.min(b, Math.max(a, at)));
+    return within.reduce((best, t) => (Math.abs(t - at) < Math.abs(best - at) ? t : best));
+  }
+
+  // Shows so many times as much time; an instant, the one that is shown unless another one is given, stays where it is.
+  zoom(factor, at = this.t) {
+    const [from, to] = this.shown;
+    const still = at >= from && at <= to ? at : (from + to) / 2;
+    const [least, most] = [Math.min(LEAST_S, this.span[1] - this.span[0]) / (to - from), (this.span[1] - this.span[0]) / (to - from)];
+    const by = Math.min(most, Math.max(least, factor));
+    this.show([still - (still - from) * by, still + (to - still) * by]);
+  }
+
+  showAll() {
+    this.show(this.span);
+  }
+
+  // Shows a part of the time, moved into what there is.
+  show([from, to]) {
+    const long = Math.min(this.span[1] - this.span[0], Math.max(to - from, LEAST_S));
+    const start = Math.min(this.span[1] - long, Math.max(this.span[0], from));
+    const isAll = long >= this.span[1] - this.span[0];
+    this.shown = isAll ? [...this.span] : [start, start + long];
+    [this.slider.min, this.slider.max] = this.shown;
+    this.slider.value = this.t;
+    this.buttons.wider.disabled = this.buttons.whole.disabled = isAll;
+    this.buttons.closer.disabled = long <= LEAST_S;
     this.lay();
   }
 
+  // Moves what is shown, if need be, so that an instant is in it.
+  reveal(t) {
+    const [from, to] = this.shown;
+    if (t >= from && t <= to) return;
+    const room = ROOM * (to - from);
+    this.show(t > to ? [t - room, t - room + to - from] : [t + room - (to - from), t + room]);
+  }
+
+  // A step of the keyboard: about a two hundredth of what is shown.
+  step() {
+    const wanted = (this.shown[1] - this.shown[0]) / 200;
+    return STEPS.find((step) => step >= wanted) ?? wanted;
+  }
+
+  // Takes what the filter leaves, and all the time there is; what is shown of it stays, unless it was all.
+  take(conflicts, span) {
+    const wasAll = this.shown[0] === this.span[0] && this.shown[1] === this.span[1];
+    this.span = span;
+    this.conflicts = conflicts;
+    this.show(wasAll ? span : this.shown);
+  }
+
+  width() {
+    return Math.max(1, this.canvas.clientWidth - 2 * PAD);
+  }
+
+  // Pixels of an instant; a pixel beyond the edge where it is not shown.
   x(t) {
-    const [from, to] = this.span;
-    const width = this.canvas.clientWidth - 2 * PAD;
-    return PAD + Math.min(1, Math.max(0, (t - from) / (to - from))) * width;
+    const [from, to] = this.shown;
+    return PAD + Math.min(this.width() + PAD + 1, Math.max(-PAD - 1, ((t - from) / (to - from)) * this.width()));
   }
 
   timeAt(x) {
-    const [from, to] = this.span;
-    const share = (x - PAD) / (this.canvas.clientWidth - 2 * PAD);
-    return from + Math.min(1, Math.max(0, share)) * (to - from);
+    const [from, to] = this.shown;
+    return from + Math.min(1, Math.max(0, (x - PAD) / this.width())) * (to - from);
   }
 
   // Each conflict in the first lane where it overlaps nothing; with more than fit, how many are on at a time.
   lay() {
     const room = this.canvas.clientHeight - AXIS - 6;
     const ends = [];
-    this.bars = (this.conflicts ?? []).map((conflict) => {
-      const pieces = conflict.periods.map(([a, b]) => {
+    const [from, to] = this.shown;
+    const isSeen = ([a, b]) => a <= to && b >= from;
+    this.bars = (this.conflicts ?? []).filter(({ periods }) => periods.some(isSeen)).map((conflict) => {
+      const pieces = conflict.periods.filter(isSeen).map(([a, b]) => {
         const [x0, x1] = [this.x(a), this.x(b)];
         return [x0, Math.max(x1, x0 + LEAST_BAR)];
       });
@@ -102,8 +207,8 @@ export class Timeline {
     const changes = new Int32Array(width + 2);
     for (const { pieces } of this.bars) {
       for (const [x0, x1] of pieces) {
-        changes[Math.max(0, Math.floor(x0))] += 1;
-        changes[Math.min(width, Math.ceil(x1))] -= 1;
+        changes[Math.min(width, Math.max(0, Math.floor(x0)))] += 1;
+        changes[Math.min(width, Math.max(0, Math.ceil(x1)))] -= 1;
       }
     }
     let on = 0;
@@ -118,9 +223,11 @@ export class Timeline {
     return found?.conflict ?? null;
   }
 
-  show(t, chosen = this.chosen) {
+  // Shows an instant, and which conflict is chosen.
+  mark(t, chosen) {
     this.t = t;
     this.chosen = chosen;
+    this.reveal(t);
     this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${moment(t)} UTC`);
     this.draw();
@@ -143,10 +250,22 @@ export class Timeline {
     else this.drawBars(context);
     context.fillStyle = colour("ink");
     context.fillRect(Math.round(this.x(this.t)) - 1, 0, 2, height - AXIS + 4);
+    this.drawPart(context, width);
+  }
+
+  // Which part of all time is shown, if it is not all.
+  drawPart(context, width) {
+    const [[first, last], [from, to]] = [this.span, this.shown];
+    if (to - from >= last - first) return;
+    const at = (t) => PAD + ((t - first) / (last - first)) * this.width();
+    context.fillStyle = colour("line");
+    context.fillRect(PAD, 0, width - 2 * PAD, 2);
+    context.fillStyle = colour("object");
+    context.fillRect(Math.min(at(from), width - PAD - 4), 0, Math.max(4, at(to) - at(from)), 2);
   }
 
   drawAxis(context, width, height) {
-    const [from, to] = this.span;
+    const [from, to] = this.shown;
     const wanted = ((to - from) * 84) / Math.max(1, width - 2 * PAD);
     const step = STEPS.find((one) => one >= wanted) ?? STEPS[STEPS.length - 1];
     context.font = `12px ${colour("font")}`;
