@@ -33,6 +33,10 @@ class Contacts:
         """Return the same contacts where pair k is number rows[k] elsewhere."""
         return replace(self, pair=rows[self.pair])
 
+    def take(self, rows: NDArray[np.int64]) -> "Contacts":
+        """Return some of the contacts."""
+        return Contacts(*(getattr(self, column.name)[rows] for column in fields(self)))
+
     def __len__(self) -> int:
         return len(self.pair)
 

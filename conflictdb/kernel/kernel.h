@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 14
+#define KERNEL_ABI 15
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -174,6 +174,18 @@ typedef struct {
     const double *aim_m;    /* (count,) how well the distance needs to be known: coarser takes less work */
 } KernelGroups;
 
+/* Areas of the plane: rings one after the other, plane metres, each with its first vertex again at its end. */
+typedef struct {
+    int64_t count, ring_count, vertex_count;
+    const double *ring;         /* (vertex_count, 2) */
+    const int64_t *ring_offset; /* (ring_count + 1,) vertices of ring r: [offset[r], offset[r + 1]) */
+    const int64_t *area_offset; /* (count + 1,) rings of area k */
+    const double *margin;       /* (count,) what is further from the border is deep, plane metres */
+} KernelAreas;
+
+/* Whether a pair is seen to be deep in an area. */
+typedef enum { KERNEL_SHALLOW = 0, KERNEL_DEEP = 1, KERNEL_DEPTH_UNKNOWN = 2 } KernelDepth;
+
 typedef struct KernelScene KernelScene;
 
 /* Return KERNEL_ABI, as the library was built with. */
@@ -212,6 +224,17 @@ KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs,
  * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be
  */
 KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
+
+/* Tell whether pairs, of which one is a part of an area, have places in common that are deep in the whole of it: at low_s, at
+ * high_s and in the middle of them.
+ *
+ * area, is_b : (count,) the area; 0 where a is the part of it, else b is
+ * east_m : (count,) how far east of the area the part is: copies of it lie whole turns away, plane metres
+ * depth : (count,) KernelDepth. What is deeper than the margin by less than a thousandth of it may be shallow. Unknown where
+ *     a piece cannot be, of an area without sides or with one of no numbers, and where the work is used up
+ */
+KernelStatus kernel_whole_depths(const KernelScene *scene, const KernelPairs *pairs, const KernelAreas *areas,
+                                 const int64_t *area, const int8_t *is_b, const double *east_m, int8_t *depth);
 
 /* Tell what each piece of a scene is: (its count,) KernelState. */
 KernelStatus kernel_states(const KernelScene *scene, int8_t *state);

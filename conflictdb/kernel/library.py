@@ -16,14 +16,14 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 14
+ABI: Final = 15
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
     3: "a count is negative, or too large",
     4: "there is no such plane",
     5: "the offsets of vertices do not begin at 0, decrease, or do not end with the vertices",
-    6: "the number of a pair's piece is none of the pieces'",
+    6: "the number of a pair's piece is none of the pieces', or that of its area none of the areas'",
     7: "a separation or tolerance is negative, or no number",
     8: "a range of pieces is not within them",
 }
@@ -39,6 +39,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_meetings": (_POINTER,) * 3,
     "kernel_distances": (_POINTER,) * 3,
     "kernel_approaches": (_POINTER,) * 10,
+    "kernel_whole_depths": (_POINTER,) * 7,
     "kernel_states": (_POINTER, _POINTER),
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
     "kernel_references": (_POINTER,) * 4,

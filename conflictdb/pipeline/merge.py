@@ -8,7 +8,9 @@ from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.whole import Depth
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
 from conflictdb.motion.contract import Plane
@@ -56,18 +58,17 @@ def merged_by_object(
     has_conflict[group[contacts.verdict[order] == Verdict.CONFLICT.code]] = True
     has_open[group[contacts.verdict[order] == Verdict.UNRESOLVED.code]] = True
     shallow = np.flatnonzero(~has_conflict & ~has_open & meet & _has_parts(pieces, a, b, group_of, n))
-    contacts_of = [order[bounds[k] : bounds[k + 1]] for k in shallow.tolist()]
-    contacts_of = [rows[contacts.touches[rows]] for rows in contacts_of]
-    for k, (deep, is_unknown) in isolated(
-        np.arange(len(shallow)),
-        lambda k: (
-            deep_in_whole_areas(scene, plane, prepared, pairs, contacts, [contacts_of[i] for i in k], footprints),
-            False,
-        ),
-        lambda k: (np.zeros(len(k), np.bool_), True),
-        "pair of objects",
+    of_shallow, rows = ragged_rows(bounds, shallow)
+    owner, rows = np.repeat(shallow, np.diff(of_shallow)), order[rows]
+    owner, rows = owner[contacts.touches[rows]], rows[contacts.touches[rows]]
+    for mine, depth in isolated(
+        np.arange(len(rows)),
+        lambda mine: deep_in_whole_areas(scene, plane, prepared, pairs, contacts.take(rows[mine]), footprints),
+        lambda mine: np.full(len(mine), Depth.UNKNOWN, np.int8),
+        "contact",
     ):
-        has_conflict[shallow[k]], has_open[shallow[k]] = deep, is_unknown
+        has_conflict[owner[mine[depth == Depth.DEEP]]] = True
+        has_open[owner[mine[depth == Depth.UNKNOWN]]] = True
 
     verdict = np.select(
         [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code

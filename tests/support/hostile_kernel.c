@@ -88,6 +88,30 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
     free(hull), free(deviation), free(size), free(offset);
 }
 
+/* Ask how deep pairs are in areas whose rings are often those of pieces; now and then of an area that there is not. */
+static void ask_whole_areas(const KernelScene *scene, const KernelPairs *pairs, const double *xy, int64_t vertices, double size,
+                            int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(4), rings = below(6), corners = vertices > 0 && below(4) ? below(vertices) + 1 : 0, m = pairs->count;
+    double *ring = block(2 * corners, 8), *margin = block(n, 8), *east = block(m, 8);
+    int64_t *ring_offset = block(rings + 1, 8), *area_offset = block(n + 1, 8), *area = block(m, 8);
+    int8_t *is_b = block(m, 1), *depth = block(m, 1);
+    for (int64_t i = 0; i < 2 * corners; i++) ring[i] = below(9 * odd) ? xy[i] : number(-1e7, 1e7, 2);
+    for (int64_t r = 0; r <= rings; r++) ring_offset[r] = below(20 * odd) ? r * corners / (rings > 0 ? rings : 1) : instant(-2, 50, 2);
+    for (int64_t k = 0; k <= n; k++) area_offset[k] = below(20 * odd) ? k * rings / (n > 0 ? n : 1) : instant(-2, 9, 2);
+    for (int64_t k = 0; k < n; k++) margin[k] = number(0.0, size, odd);
+    for (int64_t i = 0; i < m; i++) {
+        area[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 9, 2);
+        is_b[i] = (int8_t)below(2), east[i] = below(4) ? 0.0 : number(-4e7, 4e7, odd);
+    }
+    KernelAreas areas = {n, rings, corners, ring, ring_offset, area_offset, margin};
+    KernelStatus status = kernel_whole_depths(scene, pairs, &areas, area, is_b, east, depth);
+    calls[status]++;
+    for (int64_t i = 0; status == KERNEL_OK && i < m; i++)
+        if (depth[i] < KERNEL_SHALLOW || depth[i] > KERNEL_DEPTH_UNKNOWN) abort();
+    void *blocks[] = {ring, margin, east, ring_offset, area_offset, area, is_b, depth};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
+}
+
 /* Lay parts of a few bytes side by side, and digest them, with offsets that now and then lead elsewhere. */
 static void lay_rows(int64_t odd, int64_t calls[16]) {
     const int64_t n = below(6), width = below(4), size = n * width, room = 2 * size + (below(odd) ? 0 : below(9) - 4);
@@ -189,7 +213,8 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     offset[0] = 0;
     for (int64_t i = 0; i < n; i++) offset[i + 1] = offset[i] + (below(odd) ? 1 + below(most) : 0);
     KernelPieces pieces = {.count = n, .vertex_count = offset[n], .shape_offset = offset};
-    double *xy = block(2 * offset[n], 8), *to = block(2 * offset[n], 8);
+    const int64_t vertices = offset[n];
+    double *xy = block(2 * vertices, 8), *to = block(2 * vertices, 8);
     int8_t *moves = block(n, 1);
     int16_t *turn = block(n, 2);
     int64_t *start = block(n, 8), *end = block(n, 8), *leg_start = block(n, 8), *leg_end = block(n, 8);
@@ -251,6 +276,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
+    ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);
     double *aim = block(groups, 8);

@@ -167,7 +167,7 @@ def test_a_depth_that_cannot_be_found_is_unresolved(monkeypatch: pytest.MonkeyPa
     corners = [(4.5, 57.0), (4.5, 57.5), (4.0, 57.5), (4.3, 57.25), (4.0, 57.0)]
     areas = [Area("A", shapely.MultiPolygon([shapely.Polygon(corners)])), area("B", 4.5)]
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.GRAZING]
-    monkeypatch.setattr(whole_areas, "_may_be_deep", failing_for(whole_areas._may_be_deep, lambda *_: True))
+    monkeypatch.setattr(whole_areas, "whole_depths", failing_for(whole_areas.whole_depths, lambda *_: True))
     assert [one.verdict for one in conflictdb.solve([], areas, Scene("s"))] == [Verdict.UNRESOLVED]
 
 

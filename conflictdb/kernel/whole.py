@@ -1,0 +1,88 @@
+"""Whether pairs of pieces meet deeper than a margin in the whole of an area, of which a piece is a convex part."""
+
+import ctypes
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.scene import HeldPairs, Scene
+
+_Ints = NDArray[np.int64]
+
+
+class Depth(IntEnum):
+    """Whether a pair is seen to be deep in an area (KernelDepth)."""
+
+    SHALLOW = 0
+    DEEP = 1
+    UNKNOWN = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Areas:
+    """Areas of the plane, m of them.
+
+    ring_xy : (v, 2) closed rings one after the other, plane metres
+    ring_offset, area_offset : (r + 1,), (m + 1,) vertices of each ring, and rings of each area
+    margin : (m,) what is further from the border is deep, plane metres
+    """
+
+    ring_xy: Floats
+    ring_offset: _Ints
+    area_offset: _Ints
+    margin: Floats
+
+
+def whole_depths(
+    scene: Scene,
+    a: _Ints,
+    b: _Ints,
+    zero_us: _Ints,
+    low_s: Floats,
+    high_s: Floats,
+    areas: Areas,
+    area: _Ints,
+    is_b: NDArray[np.bool_],
+    east_m: Floats,
+) -> NDArray[np.int8]:
+    """Return (n,) `Depth` of pieces a and b in the whole of areas, as a time begins, in its middle and as it ends.
+
+    area, is_b : (n,) the area, and whether b is the part of it, else a is
+    east_m : (n,) how far east of the area its part is: copies lie whole turns away, plane metres
+    """
+    n = len(a)
+    given = tuple(
+        np.ascontiguousarray(column, kind) for column, kind in ((area, np.int64), (is_b, np.int8), (east_m, np.float64))
+    )
+    if any(len(column) != n for column in given):
+        raise ValueError("kernel: the columns of pairs are not of one length")
+    held, of_areas, depth = HeldPairs.arrays(a, b, zero_us, low_s, high_s), _HeldAreas.of(areas), np.empty(n, np.int8)
+    pairs = HeldPairs.of(held, slice(0, n))
+    arrays = (column.ctypes.data for column in (*given, depth))
+    check(library().kernel_whole_depths(scene.handle, ctypes.byref(pairs), ctypes.byref(of_areas), *arrays))
+    return depth
+
+
+class _HeldAreas(Held):
+    """KernelAreas."""
+
+    types: ClassVar[dict[str, Any]] = {
+        "ring": np.float64,
+        "ring_offset": np.int64,
+        "area_offset": np.int64,
+        "margin": np.float64,
+    }
+    _fields_ = fields_of(types, "count", "ring_count", "vertex_count")
+
+    @classmethod
+    def of(cls, areas: Areas) -> "_HeldAreas":
+        if len(areas.area_offset) != len(areas.margin) + 1:
+            raise ValueError("kernel: the offsets of areas are not one more than areas")
+        held = cls(len(areas.margin), len(areas.ring_offset) - 1, len(areas.ring_xy))
+        held.hold(ring=areas.ring_xy, ring_offset=areas.ring_offset, area_offset=areas.area_offset, margin=areas.margin)
+        return held
