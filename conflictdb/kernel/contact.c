@@ -221,11 +221,14 @@ static Contact contact_in_window(Encounter *pair, const Window *window, Depth de
     return (Contact){IS_IN_CONTACT, depth, start.outer, end.outer, error};
 }
 
-/* A pair that is apart, but may be within the margin from start to end, if it is so at the witness. How long it is so
+/* The plane distance up to which a pair is within the margin, wherever it is. */
+static double margin_level(const Encounter *pair, double smallest) {
+    return (pair->separation_m + pair->margin_m) * smallest;
+}
+
+/* A pair that is apart, and within the margin at the witness; at other times only from start to end. How long it is so
  * beyond doubt is told by a look at either end: a closer one would make what is only close dearer than what meets. */
-static Contact close_in(Encounter *pair, double start, double end, double witness, double smallest) {
-    double level = (pair->separation_m + pair->margin_m) * smallest;
-    if (!(encounter_plane_distance(pair, witness).gap <= level)) return UNDECIDED;
+static Contact close_in(Encounter *pair, double start, double end, double witness, double level) {
     double first = encounter_plane_distance(pair, start).gap <= level ? start : witness;
     double last = encounter_plane_distance(pair, end).gap <= level ? end : witness;
     return (Contact){IS_CLOSE, IS_SHALLOW, start, end, most(first - start, end - last)};
@@ -313,6 +316,21 @@ static void take_edges(Times *times, const Polygon *mine, const Polygon *other, 
         }
 }
 
+/* Whether rigid polygons in even motion that are apart are within the margin, at some instant of the times in which their
+ * edges say that they may be, from the middle on: where they are not, the way between them is one more direction. */
+static Contact closeness(Encounter *pair, double middle, Below near, double away, double smallest, Vector of_b) {
+    double level = margin_level(pair, smallest);
+    for (int round = 1; round <= MAX_WINDOWS; round++) {
+        double after = 0.5 * (near.first + near.last);
+        Gap seen = encounter_plane_distance(pair, middle + after);
+        if (seen.gap <= level) return close_in(pair, middle + near.first, middle + near.last, middle + after, level);
+        double rate = seen.axis.x * of_b.x + seen.axis.y * of_b.y;
+        take_gap(&near, gap_along(seen.axis, &pair->a_now, &pair->b_now) - rate * after, rate, away);
+        if (near.first > near.last) return SEPARATED;
+    }
+    return UNDECIDED;
+}
+
 /* Rigid polygons in even motion but for a departure, plane metres. */
 static Contact closed_form(Encounter *pair, double low, double high, double departure) {
     pair->work->closed_forms++;
@@ -332,8 +350,7 @@ static Contact closed_form(Encounter *pair, double low, double high, double depa
     take_edges(&times, &pair->b_now, &pair->a_now, of_a);
     Below perhaps = times.below[PERHAPS], surely = times.below[SURELY], near = times.below[NEAR], deep = times.below[DEEP];
     if (near.first > near.last) return SEPARATED;
-    if (perhaps.first > perhaps.last)
-        return close_in(pair, middle + near.first, middle + near.last, middle + 0.5 * (near.first + near.last), all.smallest);
+    if (perhaps.first > perhaps.last) return closeness(pair, middle, near, levels.near, all.smallest, of_b);
     if (!(surely.first < surely.last)) return UNDECIDED;
     bool is_shallow = deep.first > deep.last;
     double at = is_shallow ? 0.5 * (surely.first + surely.last) : 0.5 * (deep.first + deep.last);
@@ -358,16 +375,21 @@ Contact certain_contact(Encounter *pair, double low, double high) {
         Reached scales = reached_during(pair, start, end);
         double h = end - start, touch = KERNEL_TOUCH_M * scales.all.largest;
         pair->work->windows++;
-        Shares shares = window_shares(pair, levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, scales));
+        Levels levels = levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, scales);
+        Shares shares = window_shares(pair, levels);
         if (is_none(shares.near)) return SEPARATED;
         /* What is proven of a time holds in the shorter ones that follow. */
         is_apart = is_apart || is_none(shares.touch), is_shallow = is_shallow || is_none(shares.deep);
         Share likely = is_apart ? shares.near : is_shallow ? shares.touch : shares.deep;
-        double witness = start + 0.5 * (likely.u + likely.v) * h, near_start = start + shares.near.u * h;
-        end = start + shares.near.v * h;
+        double witness = start + 0.5 * (likely.u + likely.v) * h;
         if (is_apart) {
-            Contact close = close_in(pair, near_start, end, witness, scales.near.smallest);
-            if (close.outcome != IS_UNDECIDED) return close;
+            double level = margin_level(pair, scales.near.smallest);
+            Gap seen = encounter_plane_distance(pair, witness);
+            if (seen.gap <= level)
+                return close_in(pair, start + shares.near.u * h, start + shares.near.v * h, witness, level);
+            /* Corners are further apart than edges show. */
+            shares.near = window_share_along(pair, seen.axis, levels.near, shares.near);
+            if (is_none(shares.near)) return SEPARATED;
         } else {
             Window window = {.low = low, .high = high, .touch = touch, .scales = scales};
             window.start = start + shares.touch.u * h, window.end = start + shares.touch.v * h, window.witness = witness;
@@ -378,7 +400,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
                 return contact_in_window(pair, &window, depth);
             }
         }
-        start = near_start;
+        end = start + shares.near.v * h, start += shares.near.u * h;
     }
     return UNDECIDED;
 }

@@ -63,3 +63,8 @@ Shares window_shares(Encounter *pair, Levels levels) {
     narrow_by_edges(&shares, &pair->b0, &pair->b1, &pair->a0, &pair->a1, b_stands, levels);
     return shares;
 }
+
+Share window_share_along(const Encounter *pair, Vector axis, double level, Share share) {
+    narrow(&share, gap_along(axis, &pair->a0, &pair->b0) - level, gap_along(axis, &pair->a1, &pair->b1) - level);
+    return share;
+}

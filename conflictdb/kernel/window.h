@@ -21,6 +21,9 @@ typedef struct {
 /* Shares of the time at whose ends the pair's a0, b0 and a1, b1 are. levels: with what vertices leave their chords. */
 Shares window_shares(Encounter *pair, Levels levels);
 
+/* What a unit vector leaves of a share of that time, outside of which the pair is no nearer than a level. */
+Share window_share_along(const Encounter *pair, Vector axis, double level, Share share);
+
 static inline bool is_none(Share share) { return share.u > share.v; }
 
 #endif
