@@ -13,7 +13,7 @@ from scenes import T0_US
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.db.store import new_rows, writing
+from conflictdb.db.store import writing
 from conflictdb.model import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
@@ -91,10 +91,9 @@ def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatc
 
 
 def test_copied_rows_have_numbers_that_grow(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Conflicts and events, in parts of five rows; objects that are forgotten are asked for again."""
+    """Conflicts and events, in parts of five rows."""
     monkeypatch.setattr(writing, "_MANY_NEW", 1)
     monkeypatch.setattr(writing, "_ROWS_AT_ONCE", 5)
-    monkeypatch.setattr(new_rows, "_MOST_MEMBERS", 3)
     load(conn, Scene("s"), *crossing())
     run = detect(conn, "s", jobs=1)
     ids = conn.execute(

@@ -218,10 +218,20 @@ def open_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.flo
 
 def send(conn: psycopg.Connection[Any], table: str, columns: Mapping[str, Column]) -> None:
     """COPY columns into a table; the names of table and columns come from this package only."""
+    send_rows(conn, table, columns, _blocks(list(columns.values())))
+
+
+def rows(columns: Mapping[str, Column]) -> list[bytes]:
+    """Return columns as rows, for `send_rows`."""
+    return list(_blocks(list(columns.values())))
+
+
+def send_rows(conn: psycopg.Connection[Any], table: str, columns: Iterable[str], blocks: Iterable[bytes]) -> None:
+    """COPY rows of some columns into a table, as `send`."""
     statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN (FORMAT BINARY)"
     with translated(), conn.cursor() as cursor, cursor.copy(statement.encode()) as copy:
         copy.write(_HEADER)
-        for block in _blocks(list(columns.values())):
+        for block in blocks:
             copy.write(block)
         copy.write(_TRAILER)
 

@@ -52,8 +52,8 @@ class KnownPairs:
         """
         known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id, changed], _COLUMNS)
         return cls(
-            numbers(known["a_kind"], known["a_id"]),
-            numbers(known["b_kind"], known["b_id"]),
+            numbers_of(known["a_kind"], known["a_id"]),
+            numbers_of(known["b_kind"], known["b_id"]),
             known["digest"],
             known["place"].view(np.uint8).reshape(-1, 6),
         )
@@ -73,7 +73,7 @@ class KnownPairs:
         found, is_same = np.full(len(digest), -1), np.zeros(len(digest), np.bool_)
         if not len(self._pair):
             return found, is_same
-        a, b = numbers(a_kind, a_id), numbers(b_kind, b_id)
+        a, b = numbers_of(a_kind, a_id), numbers_of(b_kind, b_id)
         row = np.minimum(np.searchsorted(self._pair, self._pairs(a, b)), len(self._pair) - 1)
         known = np.flatnonzero((self._first[row] == a) & (self._second[row] == b))
         found[known] = row = row[known]
@@ -107,7 +107,7 @@ def digests(columns: Sequence[copy_binary.Column], key: bytes) -> NDArray[np.int
     return np.maximum(rows.digests(parts, key), 1).astype(np.int64)
 
 
-def numbers(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def numbers_of(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return one number for each object, in the order of kinds, then ids."""
     return (kind.astype(np.int64) << _KIND_BIT) | ids
 

@@ -4,8 +4,7 @@ A statement that takes them as arrays (_write_run) costs twice as much. It is fo
 """
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
@@ -18,11 +17,12 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.conflict_columns import columns_of
 from conflictdb.db.store.connection import call
-from conflictdb.db.store.known_pairs import numbers
+from conflictdb.db.store.known_pairs import numbers_of
+from conflictdb.db.store.parameters import Array
 from conflictdb.results import Verdict
 
-# Objects that are remembered: 200 bytes each, and 2 us to ask for one again.
-_MOST_MEMBERS: Final = 100_000
+# Beyond all versions.
+_NEVER: Final = 2**63 - 1
 # A payload has less than 8000 bytes. An event that is longer than this is told by its number alone (_notify_events).
 _PAYLOAD_BYTES: Final = 7_900
 _EVENT_BYTES: Final = 1_000
@@ -33,113 +33,149 @@ _OF_EVENT: Final = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class NewRows:
-    """Some conflicts that have no row yet.
-
-    conflicts : (k,) the object of the smaller kind and number first
-    digest : (k,) of each
-    region : (k,) where each is; known, but of pairs that are only near
-    """
-
-    conflicts: Conflicts
-    digest: NDArray[np.int64]
-    region: Polygons
-
-
 @dataclass(slots=True)
-class Members:
-    """Who the objects are, as the transaction sees them.
+class NewRows:
+    """What rows of new conflicts are finished with.
 
-    known : by their numbers (_object_number): key, key as JSON, and the first version that is theirs; None: there is
-        no such object
+    at_us : when the run began to write, microseconds since 1970
+    scene : its name, None where listeners must not know it
+    conflict_ids, event_ids : (n,) numbers that nobody else has
+    objects : (m,) numbers of all objects that have some of them, increasing (_object_number)
+    keys, told : (m,) their keys, and these as JSON
+    first_versions : (m,) the first version that is theirs; beyond all versions where there is no such object any more
+    taken : how many of the numbers are taken
     """
 
-    known: dict[int, tuple[bytes, bytes, int] | None] = field(default_factory=dict)
+    scene_id: int
+    run_id: int
+    at_us: int
+    method: str
+    scene: str | None
+    conflict_ids: NDArray[np.int64]
+    event_ids: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    keys: NDArray[np.object_]
+    told: NDArray[np.object_]
+    first_versions: NDArray[np.int64]
+    taken: int = 0
 
-    def unknown(self, objects: Sequence[int]) -> list[int]:
-        """Return those of some objects that must be asked for."""
-        if len(self.known) > _MOST_MEMBERS:
-            self.known.clear()
-        return [number for number in objects if number not in self.known]
 
-    def add(self, objects: Sequence[int], keys: Sequence[str | None], first_versions: Sequence[int]) -> None:
-        """Remember objects."""
-        for number, key, first in zip(objects, keys, first_versions, strict=True):
-            told = None if key is None else (key.encode(), json.dumps(key, ensure_ascii=False).encode(), first)
-            self.known[number] = told
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """Rows as COPY takes them.
+
+    conflicts, events : names of columns, and the rows
+    opened, unresolved : how many
+    notifications : what tells of them
+    """
+
+    run_id: int
+    conflicts: tuple[list[str], list[bytes]]
+    events: tuple[list[str], list[bytes]]
+    opened: int
+    unresolved: int
+    notifications: Array
 
 
-def copy_new(
+def begin_new(
     conn: psycopg.Connection[Any],
     scene_id: int,
     run_id: int | None,
     run: str,
     method: str,
-    members: Members,
-    new: NewRows,
-) -> int | None:
-    """Write rows of new conflicts, and their events, and notify of these; returns the run, which begins without one.
+    objects: NDArray[np.int64],
+    count: int,
+) -> NewRows | None:
+    """Return what so many rows of new conflicts among some objects are finished with; a run begins without one.
 
-    Returns None, and has done nothing, where row-level security lets nobody COPY. Pairs of which an object is there no
-    longer drop out: that has a mark of its own. Its number may be another object's by now.
+    objects : by their numbers, increasing (_object_number)
+
+    Returns None, and has done nothing, where row-level security lets nobody COPY.
     """
-    found = new.conflicts
-    of = np.concatenate([numbers(found.a_kind, found.a_id), numbers(found.b_kind, found.b_id)])
-    unique, member = np.unique(of, return_inverse=True)
-    objects = unique.tolist()
-    asked = members.unknown(objects)
+    asked = copy_binary.array([copy_binary.fixed(objects, "i8")], "bigint")
     run_id, at_us, scene, conflict_ids, event_ids, keys, first_versions = call(
-        conn, "_begin_new_rows", scene_id, run_id, run, len(found), asked
+        conn, "_begin_new_rows", scene_id, run_id, run, count, asked
     )
     if run_id is None:
         return None
-    members.add(asked, keys or [], first_versions or [])
-    who = [members.known[number] or (b"", b"", None) for number in objects]
-    key, told = (np.array([one[k] for one in who], dtype=object) for k in (0, 1))
-    first = np.array([np.iinfo(np.int64).max if one[2] is None else one[2] for one in who])
-    a, b = member[: len(found)], member[len(found) :]
-    there = np.flatnonzero((first[a] <= found.a_version) & (first[b] <= found.b_version))
+    names = ["" if key is None else key for key in keys]
+    return NewRows(
+        scene_id,
+        run_id,
+        at_us,
+        method,
+        scene,
+        copy_binary.int8_array(conflict_ids),
+        copy_binary.int8_array(event_ids),
+        objects,
+        np.array([name.encode() for name in names], dtype=object),
+        np.array([json.dumps(name, ensure_ascii=False).encode() for name in names], dtype=object),
+        np.array([_NEVER if first is None else first for first in first_versions], np.int64),
+    )
+
+
+def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region: Polygons) -> Finished:
+    """Return rows of new conflicts (k,), their digests, and where they are: known, but of pairs that are only near.
+
+    Pairs of which an object is there no longer drop out: that has a mark of its own. Its number may be another
+    object's by now.
+    """
+    a, b = (
+        np.searchsorted(new.objects, of)
+        for of in (numbers_of(found.a_kind, found.a_id), numbers_of(found.b_kind, found.b_id))
+    )
+    there = np.flatnonzero((new.first_versions[a] <= found.a_version) & (new.first_versions[b] <= found.b_version))
     # The area first, else the smaller key.
-    turned = (found.a_kind == found.b_kind) & (key[b] < key[a])
+    turned = (found.a_kind == found.b_kind) & (new.keys[b] < new.keys[a])
     a, b = np.where(turned, b, a), np.where(turned, a, b)
-    found, region, digest = found.turned(turned), new.region, new.digest
+    found = found.turned(turned)
     if len(there) < len(found):
         a, b, found, region, digest = a[there], b[there], found.take(there), region.take(there), digest[there]
-    began_at = copy_binary.instants(np.full(len(found), at_us))
+    n = len(found)
+    some = slice(new.taken, new.taken + n)
+    new.taken += n
+    began_at = copy_binary.instants(np.full(n, new.at_us))
     columns = columns_of(found, region) | {
-        "scene_id": _same(scene_id, len(found)),
-        "run_id": _same(run_id, len(found)),
-        "a_key": copy_binary.Ragged.of(key[a].tolist()),
-        "b_key": copy_binary.Ragged.of(key[b].tolist()),
-        "method": np.tile(np.frombuffer(method.encode(), np.uint8), (len(found), 1)),
+        "scene_id": copy_binary.fixed(np.full(n, new.scene_id), "i8"),
+        "run_id": copy_binary.fixed(np.full(n, new.run_id), "i8"),
+        "a_key": copy_binary.Ragged.of(new.keys[a].tolist()),
+        "b_key": copy_binary.Ragged.of(new.keys[b].tolist()),
+        "method": np.tile(np.frombuffer(new.method.encode(), np.uint8), (n, 1)),
         "found_at": began_at,
         "digest": copy_binary.fixed(digest, "i8"),
-        "conflict_id": copy_binary.fixed(copy_binary.int8_array(conflict_ids)[: len(found)], "i8"),
+        "conflict_id": copy_binary.fixed(new.conflict_ids[some], "i8"),
     }
-    copy_binary.send(conn, "conflictdb.conflict", columns)
     # Pairs that are only near are no conflicts: they open none.
     opens = np.flatnonzero(found.verdict != Verdict.NEAR.code)
-    event_id = copy_binary.int8_array(event_ids)[: len(opens)]
+    event_ids = new.event_ids[some][opens]
     events = {name: columns[name] for name in _OF_EVENT}
-    if len(opens) < len(found):
+    if len(opens) < n:
         events = {name: copy_binary.taken(column, opens) for name, column in events.items()}
     events |= {
-        "conflict_event_id": copy_binary.fixed(event_id, "i8"),
+        "conflict_event_id": copy_binary.fixed(event_ids, "i8"),
         "kind": np.tile(np.frombuffer(b"opened", np.uint8), (len(opens), 1)),
         "at": began_at[opens],
         "opened_at": began_at[opens],
     }
-    copy_binary.send(conn, "conflictdb.conflict_event", events)
-    unresolved = int(np.count_nonzero(found.verdict == Verdict.UNRESOLVED.code))
-    payloads = _notifications(scene, run_id, event_id.tolist(), told[a[opens]].tolist(), told[b[opens]].tolist())
-    notifications = copy_binary.array([copy_binary.Ragged.of(payloads)], "text")
-    call(conn, "_end_new_rows", run_id, len(opens), unresolved, notifications)
-    return int(run_id)
+    payloads = _notifications(
+        new.scene, new.run_id, event_ids.tolist(), new.told[a[opens]].tolist(), new.told[b[opens]].tolist()
+    )
+    return Finished(
+        new.run_id,
+        (list(columns), copy_binary.rows(columns)),
+        (list(events), copy_binary.rows(events)),
+        len(opens),
+        int(np.count_nonzero(found.verdict == Verdict.UNRESOLVED.code)),
+        copy_binary.array([copy_binary.Ragged.of(payloads)], "text"),
+    )
 
 
-def _same(number: int, n: int) -> copy_binary.Bytes:
-    return copy_binary.fixed(np.full(n, number), "i8")
+def copy_new(conn: psycopg.Connection[Any], finished: Finished) -> int:
+    """Write rows of new conflicts and their events, and notify of these; returns the run."""
+    copy_binary.send_rows(conn, "conflictdb.conflict", *finished.conflicts)
+    copy_binary.send_rows(conn, "conflictdb.conflict_event", *finished.events)
+    call(conn, "_end_new_rows", finished.run_id, finished.opened, finished.unresolved, finished.notifications)
+    return finished.run_id
 
 
 def _notifications(

@@ -25,8 +25,8 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.conflict_columns import Columns, columns_of
 from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
-from conflictdb.db.store.new_rows import Members, NewRows, copy_new
+from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests, numbers_of
+from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
@@ -126,8 +126,8 @@ class Staged:
     run : as far as it is known when it begins
     known : the pairs that have a row, and which of them were found
     held : rows that differ and are not sent yet, some thousand at most
-    members : who the objects of new rows are
-    may_copy : unless row-level security was seen to keep COPY from the tables
+    expected : numbers of both objects of rows that are new and not begun yet, where they are many
+    new : what new rows are finished with
     sending : what is sent by another thread, while the next rows are made here; nobody else may use the connection
     run_id : once a part of them was sent
     took_s : how long it took so far, seconds
@@ -137,8 +137,8 @@ class Staged:
     run: RunRecord
     known: KnownPairs
     held: list[Columns] = field(default_factory=list)
-    members: Members = field(default_factory=Members)
-    may_copy: bool = True
+    expected: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+    new: NewRows | None = None
     sending: Future[int] | None = None
     run_id: int | None = None
     took_s: float = 0.0
@@ -166,6 +166,13 @@ def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
     digest = _digests(found, staged.run.digest_key())
     row, is_same = staged.known.find(found.a_kind, found.a_id, found.b_kind, found.b_id, digest)
     rows = np.flatnonzero(~is_same)
+    new = rows[row[rows] < 0]
+    staged.expected, staged.new = None, None
+    if len(new) >= _MANY_NEW:
+        staged.expected = (
+            numbers_of(found.a_kind[new], found.a_id[new]),
+            numbers_of(found.b_kind[new], found.b_id[new]),
+        )
     staged.took_s += time.perf_counter() - began
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         some = rows[first : first + _ROWS_AT_ONCE]
@@ -178,15 +185,17 @@ def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
 def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Polygons) -> None:
     """Hand over what differs, and where it is (k,)."""
     began = time.perf_counter()
-    # Where new ones are that nobody knows the place of is found out by the statement.
-    is_new = (part.row < 0) & ((np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code))
-    if staged.may_copy and np.count_nonzero(is_new) >= _MANY_NEW:
-        new = NewRows(part.conflicts, part.digest, region)
-        rest = np.flatnonzero(~is_new)
-        if len(rest):
-            rows = np.flatnonzero(is_new)
-            new = NewRows(part.conflicts.take(rows), part.digest[rows], region.take(rows))
-        _send_aside(staged, lambda: _copy(conn, staged, new))
+    if staged.expected is not None:
+        (a, b), staged.expected = staged.expected, None
+        told = staged.scene_id, staged.run_id, staged.run.as_json(), staged.run.method
+        staged.new = begin_new(conn, *told, np.unique(np.concatenate([a, b])), len(a))
+    if staged.new is not None:
+        # Where others are that nobody knows the place of is found out by the statement.
+        is_new = (part.row < 0) & ((np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code))
+        rows, rest = np.flatnonzero(is_new), np.flatnonzero(~is_new)
+        new = part if not len(rest) else part.take(rows)
+        finished = finish_new(staged.new, new.conflicts, new.digest, region if not len(rest) else region.take(rows))
+        _send_aside(staged, lambda: copy_new(conn, finished))
         part, region = part.take(rest), region.take(rest)
     if len(part.rows):
         columns = columns_of(part.conflicts, region)
@@ -234,20 +243,6 @@ def _await_sent(staged: Staged) -> None:
     if staged.sending is not None:
         sending, staged.sending = staged.sending, None
         staged.run_id = sending.result()
-
-
-def _copy(conn: psycopg.Connection[Any], staged: Staged, new: NewRows) -> int:
-    """Send new rows by COPY, or by the statement where that is not allowed; returns the run."""
-    run = staged.run.as_json()
-    run_id = copy_new(conn, staged.scene_id, staged.run_id, run, staged.run.method, staged.members, new)
-    if run_id is not None:
-        return run_id
-    staged.may_copy = False
-    columns = columns_of(new.conflicts, new.region) | {
-        "place": copy_binary.Ragged.of([None] * len(new.digest)),
-        "digest": copy_binary.fixed(new.digest, "i8"),
-    }
-    return int(_send(conn, staged, _taken([columns]), run, is_last=False)[0])
 
 
 def _taken(held: list[Columns]) -> list[Array]:
