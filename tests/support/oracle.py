@@ -145,19 +145,25 @@ class Gap:
         return least_m(self.a.globe, *edges, beyond_m=self.separation_m + self.care_m)
 
 
+def lowest_between(gap: Gap, seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """What the gap is nowhere below between times (n,), and how far both sides move: (n - 1,) metres.
+
+    Over an interval the gap cannot fall below the mean of its ends less half of what both sides can move.
+    """
+    moved: Floats = np.zeros(len(seconds) - 1)
+    for phase in (gap.a, gap.b):
+        steps = np.diff(phase.vertices(gap.epoch_us, seconds), axis=0)
+        moved += SPEED_MARGIN * np.hypot(steps[..., 0], steps[..., 1]).max(axis=1)
+    return (values[1:] + values[:-1] - moved) / 2, moved
+
+
 def sample(gap: Gap, end_s: float, care_m: float, rounds: int = SAMPLING_ROUNDS) -> tuple[Floats, Floats]:
     """Times and gaps, dense wherever the gap could be less than `care_m`."""
     seconds = np.linspace(0.0, end_s, SPLIT + 1)
     values = gap(seconds)
     for _ in range(rounds - 1):
-        speed = 0.0
-        for phase in (gap.a, gap.b):
-            steps = np.diff(phase.vertices(gap.epoch_us, seconds), axis=0)
-            lengths = np.hypot(steps[..., 0], steps[..., 1]).max(axis=1)
-            speed = speed + SPEED_MARGIN * lengths
-        # Over an interval the gap cannot fall below the mean of its ends less half of what both sides can move.
-        lowest = (values[1:] + values[:-1] - speed) / 2
-        deep = np.maximum(values[1:], values[:-1]) < -speed
+        lowest, moved = lowest_between(gap, seconds, values)
+        deep = np.maximum(values[1:], values[:-1]) < -moved
         cut = (lowest < care_m) & ~deep & (np.diff(seconds) > SAME_INSTANT_S)
         if not cut.any():
             break
@@ -208,14 +214,17 @@ def contacts(gap: Gap, end_s: float, care_m: float) -> tuple[list[tuple[float, f
         return ([(0.0, 0.0)] if value <= 0.0 else []), value, 0.0
     seconds, values = sample(gap, end_s, care_m)
     # Look into the lowest dip, every dip that might touch and each bump of a contact that might part. A convex dip that
-    # touches between samples at least halves towards its lowest one; ripples of rounding do not.
+    # touches between samples at least halves towards its lowest one; ripples of rounding do not. On legs that last for
+    # months much may lie between two samples.
     lowest, extra = int(np.argmin(values)), []
+    might = np.pad(lowest_between(gap, seconds, values)[0] <= care_m, 1)
     for i, value in enumerate(values):
         left, right = max(i - 1, 0), min(i + 1, len(seconds) - 1)
         beside = values[[left, right]]
-        low = 0.0 < value <= min(beside.min(), care_m) and (value <= 0.75 * beside.max() or left == i or right == i)
+        is_near = might[i] or might[i + 1] or value <= care_m
+        low = is_near and 0.0 < value <= beside.min() and (value <= 0.75 * beside.max() or left == i or right == i)
         high = 0.0 >= value >= beside.max() and value > 0.9 * beside.min()
-        if low or high or (i == lowest and 0.0 < value <= care_m):
+        if low or high or (i == lowest and value > 0.0 and is_near):
             extra.append(extreme(gap, seconds[left], seconds[right], -1.0 if high else 1.0))
     seconds = np.concatenate([seconds, [t for t, _ in extra]])
     values = np.concatenate([values, [v for _, v in extra]])

@@ -192,3 +192,17 @@ def test_a_least_separation_within_rounding_is_seen_as_such() -> None:
     away = Track("track", [start, (-1.0, 60.5)], [0, 3_600_000_000], [(0.0, 0.0)])
     meeting = oracle.meeting(Scene("s"), area, away)
     assert meeting.least_m == pytest.approx(np.radians(1e-12) * 6378137.0, rel=0.01)
+
+
+def test_a_crossing_on_a_leg_of_months_is_seen() -> None:
+    """A point crosses a line that creeps along for a year: brute force looks there as closely as it is asked to."""
+    day_us, start, month = 86_400_000_000, np.array([58.0, -37.0]), 30
+    line = Track(
+        "line",
+        np.array([[63.5, -37.5], [60.6, -35.9]]),
+        np.array([0, 335 * day_us]),
+        np.array([[0.0, 3e5], [0.0, -2e5]]),
+    )
+    point = Track("point", np.array([start, [64.0, -36.9]]), np.array([month, 270]) * day_us, np.zeros((1, 2)))
+    found = oracle.meeting(Scene("creep", earth=EarthModel.SPHERE), line, point, care_m=2.0)
+    assert found.least_m < 1e-6
