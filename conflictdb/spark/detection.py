@@ -68,7 +68,7 @@ def detect_on_spark(
     cut = mapped(objects.repartition(count, "id"), partial(pieces.cut, scene=scene), pieces.SCHEMA)
     cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
     extent = joining.Extent.of(cut)
-    met = mapped(joining.candidates(cut, extent), solving.meeting, solving.PAIRS)
+    met = mapped(joining.candidates(spark, cut, extent), solving.meeting, solving.PAIRS)
     together = met.repartition(count, "a_key", "b_key").sortWithinPartitions("a_key", "b_key")
     solve = partial(
         solving.solved, scene=scene, outlines=_outlines(spark, objects, scene), pairs_at_once=Memory.of(memory_mb).pairs

@@ -1,25 +1,33 @@
 """Stage 1 on Spark: the pairs of pieces whose boxes meet in space, time and height, by Sedona's spatial join.
 
-Time is cut into buckets, and the boxes of a bucket are moved east by so many widths of the scene: so what Sedona
-partitions, by a tree over what there is, are space and time together, and a scene of long duration does not become
-pairs that are never there at once. A piece is in every bucket of its span; a pair counts in the bucket in which the
-later of the two begins. By the predicates of `sql/20_stage1_broad_phase.sql`.
+Sedona joins boxes of a plane, and cuts that plane into partitions by a tree over what there is. So time becomes place:
+it is cut into buckets, and the boxes of each are moved east, by a width of the scene more than those of the one before;
+boxes of what is never there at once do not come near each other. In the same way the lots of crowded cells (`crowding`)
+are moved north. A piece is in every bucket of its span and in every cell that it meets. A pair counts once: in the
+cell, and the bucket, of the least corner that both have in common. By the predicates of
+`sql/20_stage1_broad_phase.sql`.
 """
 
 from dataclasses import dataclass
 from typing import Final
 
-from pyspark.sql import Column, DataFrame, functions
+import numpy as np
+from pyspark.sql import DataFrame, SparkSession, functions
 
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.spark.crowding import SAMPLE, Cells
 from conflictdb.spark.pieces import refusal_of
 
-# Boxes are wider by this, metres: more than moving them rounds. Stage 2 looks at hulls as they are.
+# Boxes are wider by this, metres, and by as much again where Sedona compares them: more than moving them rounds. Stage
+# 2 looks at hulls as they are.
 _PAD_M: Final = 0.01
 # More buckets than this would cost coordinates their digits, and no scene is that long.
 _MOST_BUCKETS: Final = 10_000
 # So many rows may a piece become, on average, by being in several buckets.
 _COPIES: Final = 2.0
+# Corners of a piece in space and time, of which the least of two pieces says where their pair counts.
+_CORNER: Final = {"x": f"west - {_PAD_M}D", "y": f"south - {_PAD_M}D", "t": "double(start_us)"}
+_FAR_CORNER: Final = {"x": f"east + {_PAD_M}D", "y": f"north + {_PAD_M}D", "t": "double(end_us)"}
 
 _MEMBER: Final = ("kind", "key", "turn", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m", "piece")
 _PAIR: Final = ("kind", "key", "piece")
@@ -27,7 +35,7 @@ _PAIR: Final = ("kind", "key", "piece")
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What a scene's pieces cover: their number, metres of the plane from west to east, and times.
+    """What a scene's pieces cover: their number, metres of the plane from west to east and south to north, and times.
 
     first_us, last_us : of all bounded spans; the same where there are none
     span_us : of all pieces together, unbounded ones counted from first to last
@@ -35,6 +43,7 @@ class Extent:
 
     pieces: int
     width_m: float
+    height_m: float
     first_us: int
     last_us: int
     span_us: float
@@ -51,16 +60,18 @@ class Extent:
             functions.min("refused"),
             functions.count("*"),
             functions.max("east") - functions.min("west"),
+            functions.max("north") - functions.min("south"),
             functions.least(functions.min(start), functions.min(end)),
             functions.greatest(functions.max(start), functions.max(end)),
             functions.sum((end - start).cast("double")),
             functions.count(functions.when(~(is_bounded[0] & is_bounded[1]), 1)),
         ).head()
-        refused, count, width_m, first_us, last_us, span_us, unbounded = row or (None, 0, None, None, None, None, 0)
+        refused, count, width_m, height_m, first_us, last_us, span_us, unbounded = row or (None, 0, *(None,) * 5, 0)
         if refused is not None:
             raise refusal_of(refused)
         first_us, last_us = first_us or 0, last_us or 0
-        return cls(count, width_m or 0.0, first_us, last_us, (span_us or 0.0) + unbounded * float(last_us - first_us))
+        span_us = (span_us or 0.0) + unbounded * float(last_us - first_us)
+        return cls(count, width_m or 0.0, height_m or 0.0, first_us, last_us, span_us)
 
     @property
     def buckets(self) -> int:
@@ -71,58 +82,75 @@ class Extent:
         return max(1, min(_MOST_BUCKETS, int((_COPIES - 1.0) * self.pieces * duration / self.span_us)))
 
 
-def candidates(pieces: DataFrame, extent: Extent) -> DataFrame:
+def candidates(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFrame:
     """Return kind, key and piece of both members of each pair, a before b in the order of kinds and keys."""
-    boxed = _boxed(pieces, extent)
-    a, b = (boxed.select([functions.col(name).alias(f"{side}_{name}") for name in boxed.columns]) for side in "ab")
-    met = a.join(b, functions.expr("ST_Intersects(a_box, b_box)") & _may_meet())
+    placed = _placed(pieces, _cells(spark, pieces, extent), extent)
+    # Sedona's tree makes partitions of as many rows of its first side: that one has a row for each lot.
+    sides = {
+        "a": placed.withColumn("lot", functions.expr("explode(sequence(0L, lots - 1))")),
+        "b": placed.withColumn("lot", functions.expr("pmod(hash(key, turn, start_us), lots)")),
+    }
+    a, b = (_renamed(side, _boxed(rows, extent)) for side, rows in sides.items())
+    met = a.join(b, functions.expr(f"ST_Intersects(a_box, b_box) AND {_MAY_MEET}"))
     return met.select([f"{side}_{name}" for side in "ab" for name in _PAIR])
 
 
-def _boxed(pieces: DataFrame, extent: Extent) -> DataFrame:
-    """Return pieces once for each bucket of their span: with the first of these, that one, and their box in it."""
+def _cells(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFrame:
+    """Return the cells of a scene, a row each: bounds, lots, and how many lots come before."""
+    share = min(1.0, SAMPLE / max(extent.pieces, 1))
+    some = pieces.selectExpr(*_CORNER.values(), *_FAR_CORNER.values())
+    seen = np.array((some if share == 1.0 else some.sample(share, seed=1)).collect(), np.float64).reshape(-1, 6)
+    cells = Cells.of(seen[:, :3], seen[:, 3:], share)
+    columns = [*cells.low.T, *cells.high.T, cells.lots, np.cumsum(cells.lots) - cells.lots]
+    names = [f"{end}_{axis}" for end in ("low", "high") for axis in _CORNER]
+    schema = ", ".join([*(f"{name} double" for name in names), "lots bigint", "before bigint"])
+    return spark.createDataFrame(list(zip(*(column.tolist() for column in columns), strict=True)), schema)
+
+
+def _placed(pieces: DataFrame, cells: DataFrame, extent: Extent) -> DataFrame:
+    """Return pieces once for each cell that they meet and each bucket of their span in it."""
     count = extent.buckets
     bucket_us = max(float(extent.last_us - extent.first_us), 1.0) / count
 
-    def bucket_of(name: str) -> Column:
-        return functions.floor(
-            functions.least(
-                functions.greatest(
-                    (functions.col(name) - functions.lit(float(extent.first_us))) / bucket_us, functions.lit(0.0)
-                ),
-                functions.lit(count - 1.0),
-            )
-        )
+    def bucket(instant: str) -> str:
+        place = f"(({instant}) - {float(extent.first_us)!r}D) / {bucket_us!r}D"
+        return f"bigint(floor(least(greatest({place}, 0.0D), {count - 1.0!r}D)))"
 
-    boxed = pieces.select(
-        *_MEMBER,
-        "west",
-        "south",
-        "east",
-        "north",
-        bucket_of("start_us").alias("first"),
-        bucket_of("end_us").alias("last"),
+    corners = [f"{value} AS {axis}" for axis, value in _CORNER.items()]
+    far = [f"{value} AS far_{axis}" for axis, value in _FAR_CORNER.items()]
+    buckets = [f"{bucket('double(start_us)')} AS first", f"{bucket('double(end_us)')} AS last"]
+    meets = " AND ".join(f"{axis} < high_{axis} AND far_{axis} >= low_{axis}" for axis in _CORNER)
+    placed = pieces.selectExpr(*_MEMBER, *corners, *far, *buckets).join(
+        functions.broadcast(cells), functions.expr(meets)
     )
-    boxed = boxed.withColumn("bucket", functions.explode(functions.sequence("first", "last")))
+    # Of a cell's end the bucket of the instant itself, though that is the next cell's.
+    within = f"sequence(greatest(first, {bucket('low_t')}), least(last, {bucket('high_t')}))"
+    return placed.withColumn("bucket", functions.expr(f"explode({within})"))
+
+
+def _boxed(placed: DataFrame, extent: Extent) -> DataFrame:
+    """Return placed pieces with their boxes, where their bucket and lot are."""
     # Apart by twice the padding, and more.
-    away = functions.col("bucket") * functions.lit(extent.width_m + 10.0)
-    box = functions.call_function(
-        "ST_PolygonFromEnvelope",
-        functions.col("west") + away - _PAD_M,
-        functions.col("south") - _PAD_M,
-        functions.col("east") + away + _PAD_M,
-        functions.col("north") + _PAD_M,
+    east = f"bucket * {extent.width_m + 10.0!r}D"
+    north = f"(before + lot) * {extent.height_m + 10.0!r}D"
+    box = (
+        f"ST_PolygonFromEnvelope(x - {_PAD_M}D + {east}, y - {_PAD_M}D + {north},"
+        f" far_x + {_PAD_M}D + {east}, far_y + {_PAD_M}D + {north})"
     )
-    return boxed.select(*_MEMBER, "first", "bucket", box.alias("box"))
+    bounds = [f"{end}_{axis}" for end in ("low", "high") for axis in _CORNER]
+    return placed.selectExpr(*_MEMBER, *_CORNER, *bounds, "first", "bucket", f"{box} AS box")
 
 
-def _may_meet() -> Column:
-    """Return what stage 1 asks beside boxes, of columns a_… and b_…."""
-    return functions.expr(
-        """(a_kind < b_kind OR a_kind = b_kind AND a_key < b_key) AND (a_turn = 0 OR b_turn = 0)
-        AND a_floor_m < b_ceiling_m AND b_floor_m < a_ceiling_m
-        AND (greatest(a_start_us, b_start_us) < least(a_end_us, b_end_us)
-             OR greatest(a_start_us, b_start_us) = least(a_end_us, b_end_us)
-                AND (a_end_us > b_end_us OR a_end_inclusive) AND (b_end_us > a_end_us OR b_end_inclusive))
-        AND a_bucket = greatest(a_first, b_first)"""
-    )
+def _renamed(side: str, rows: DataFrame) -> DataFrame:
+    return rows.toDF(*(f"{side}_{name}" for name in rows.columns))
+
+
+# What stage 1 asks beside boxes, and where a pair counts.
+_MAY_MEET: Final = """(a_kind < b_kind OR a_kind = b_kind AND a_key < b_key) AND (a_turn = 0 OR b_turn = 0)
+    AND a_floor_m < b_ceiling_m AND b_floor_m < a_ceiling_m
+    AND (greatest(a_start_us, b_start_us) < least(a_end_us, b_end_us)
+         OR greatest(a_start_us, b_start_us) = least(a_end_us, b_end_us)
+            AND (a_end_us > b_end_us OR a_end_inclusive) AND (b_end_us > a_end_us OR b_end_inclusive))
+    AND a_bucket = greatest(a_first, b_first) AND """ + " AND ".join(
+    f"greatest(a_{axis}, b_{axis}) >= a_low_{axis} AND greatest(a_{axis}, b_{axis}) < a_high_{axis}" for axis in _CORNER
+)

@@ -19,7 +19,9 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     """All columns that are not of a database alone; by one partition and many, joined one way and the other."""
     strait, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / "strait.geojson"))
     assert strait is not None
-    near, *objects = throw(SEAM, 3, 12, 24)
+    near, closed, moving = throw(SEAM, 3, 12, 24)
+    # A crowd, which is joined in lots.
+    objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(50))]
     near = replace(near, nearest_m=20_000.0, separation_m=500.0)
     pole = scenes.circles_over_the_pole()
     jobs = [

@@ -31,7 +31,7 @@ from conflictdb.pipeline.run import run_scene
 from conflictdb.results import Kind
 
 _ROOT = Path(__file__).parents[2]
-_LONGEST_S = 300.0
+_LONGEST_S = 900.0
 
 
 @dataclass(frozen=True)
