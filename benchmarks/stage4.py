@@ -59,19 +59,15 @@ class Load:
         """Return the pieces as the kernel takes them."""
         return kernel.Scene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
 
-    def solved(
-        self,
-        prepared: kernel.Scene,
-        separation_m: float = 0.0,
-        tolerance_m: float = 0.0,
-        times: int = 1,
-        threads: int = 1,
-    ) -> Contacts:
-        """Ask the kernel about all pairs."""
+    def questions(self, times: int = 1) -> Questions:
+        """Return what is asked about all pairs, so many times over."""
         zero = np.zeros(len(self.pairs))
         columns = self.pairs.a, self.pairs.b, self.start_us, zero, self.span_s, zero + np.inf
-        many = Questions(*(np.tile(column, times) for column in columns))
-        return kernel.contacts(prepared, many, separation_m, tolerance_m, Work(), threads)
+        return Questions(*(np.tile(column, times) for column in columns))
+
+    def solved(self, prepared: kernel.Scene, separation_m: float = 0.0, tolerance_m: float = 0.0) -> Contacts:
+        """Ask the kernel about all pairs."""
+        return kernel.contacts(prepared, self.questions(), separation_m, tolerance_m, Work())
 
     def contacts(self) -> None:
         """Find all contacts, from pieces on."""
@@ -156,14 +152,12 @@ def main() -> None:
                 (given.prepared, len(np.unique(np.concatenate([given.pairs.a, given.pairs.b])))),
             ]
             least, clocks = np.full(len(works), np.inf), np.full(2, np.inf)
+            many = given.questions(-(-PAIRS_AT_ONCE // len(given.pairs)))
             for _ in range(ROUNDS):
                 least = np.minimum(least, [spent(work) / count for work, count in works])
                 for k in (0, 1):
-
-                    def many(given: Load = given, prepared: kernel.Scene = prepared, threads: int = k + 1) -> None:
-                        given.solved(prepared, times=-(-PAIRS_AT_ONCE // len(given.pairs)), threads=threads)
-
-                    clocks[k] = min(clocks[k], spent(many, time.perf_counter))
+                    solve = partial(kernel.contacts, prepared, many, 0.0, 0.0, Work(), threads=k + 1)
+                    clocks[k] = min(clocks[k], spent(solve, time.perf_counter))
             meet = len(met) / len(given.pairs)
             print(
                 f"{'mixed' if areas else 'full':>6} {workload.name:>15} {len(given.pairs):>7,} {meet:>5.0%} "
