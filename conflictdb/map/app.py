@@ -134,9 +134,12 @@ class Answers:
         key = (self.changes.version, kind, z, x, y)
         if kind not in store.TILES:
             raise HTTPException(404, "no such tiles")
-        if (tile := self._tiles.get(key)) is None:
-            with self.connections.one() as connection:
+        with self.connections.one() as connection:
+            if (tile := self._tiles.get(key)) is not None:
+                store.scene_id(connection, self._scene)  # it may be shared no longer
+            else:
                 tile = store.tile(connection, kind, z, x, y, self._scene)
+        if key not in self._tiles:
             if len(self._tiles) >= _MOST_TILES or any(known[0] != key[0] for known in list(self._tiles)[:1]):
                 self._tiles.clear()
             self._tiles[key] = tile

@@ -38,6 +38,7 @@ class Changes:
         self._scene = scene
         self._connect = connect
         self._ends = Event()
+        self._is_seen = True
         self._thread = Thread(target=self._listen, daemon=True, name="changes")
         self._subscribers: set[asyncio.Queue[str | None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -92,6 +93,8 @@ class Changes:
                 with self._connect() as connection:
                     store.never_write(connection)
                     store.hear_changes(connection)
+                    if is_first:
+                        self._is_seen = store.scene_settings(connection, self._scene) is not None
                     if not is_first:  # whatever happened meanwhile
                         self.tell(OBJECTS)
                     is_first = False
@@ -106,8 +109,11 @@ class Changes:
             if said:
                 time.sleep(_TOGETHER_S)
                 said |= set(filter(None, map(self._meaning, store.changes(connection, 0.0))))
-                # What objects are new is asked together with their conflicts.
-                self.tell(OBJECTS if OBJECTS in said else CONFLICTS)
+                # Who may not see the scene, or no longer, is told so once, and of none of its changes.
+                was_seen, self._is_seen = self._is_seen, store.scene_settings(connection, self._scene) is not None
+                if self._is_seen or was_seen:
+                    # What objects are new is asked together with their conflicts.
+                    self.tell(OBJECTS if OBJECTS in said or self._is_seen != was_seen else CONFLICTS)
 
     def _meaning(self, payload: str) -> str | None:
         """Return what a notification means for the scene: of a run it names it, unless scenes are protected."""

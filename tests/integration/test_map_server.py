@@ -186,6 +186,71 @@ def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[An
         conn.commit()
 
 
+def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Connection[Any]) -> None:
+    """Once scenes are protected: no objects, no tiles, not even those that are kept, and not that something changed."""
+    alice, bob = (f"{name}_{conn.info.dbname}" for name in ("alice", "bob"))
+    shape = "'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))'"
+
+    def does(role: str, *statements: str) -> None:
+        conn.execute(f"SET ROLE {role}".encode())
+        for statement in statements:
+            conn.execute(statement.encode())
+        conn.execute("RESET ROLE")
+        conn.commit()
+
+    def said(listens: socket.socket) -> bytes:
+        """Return what comes next, nothing if that is nothing for a while."""
+        try:
+            return listens.recv(10_000)
+        except TimeoutError:
+            return b""
+
+    asked = ["/api/scene", "/api/conflicts", "/api/areas", "/api/tracks", "/api/pair?a=A&b=B"]
+    asked += [f"/tiles/{kind}/0/0/0" for kind in ("areas", "tracks", "conflicts")]
+    for role in (alice, bob):
+        conn.execute(f"CREATE ROLE {role} LOGIN IN ROLE conflictdb_editor".encode())
+    try:
+        put = [f"SELECT conflictdb.put_area('hers', '{key}', {shape})" for key in "AB"]
+        does(alice, "SELECT conflictdb.create_scene('hers')", *put)
+        conn.execute("SELECT conflictdb.protect_scenes()")
+        conn.commit()
+        with served_page(psycopg.conninfo.make_conninfo(dsn, options=f"-c role={bob}"), "hers") as address:
+            client = Client(address)
+            with socket.create_connection(("127.0.0.1", client.url.port or 0)) as listens:
+                listens.sendall(f"GET /api/events HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode())
+                listens.settimeout(10.0)
+                while b"retry" not in said(listens):
+                    pass
+                listens.settimeout(1.5)
+                for path in asked:
+                    status, body, _ = client.ask("GET", path)
+                    assert (status, b"hers" in body.replace(b"scene 'hers'", b"")) == (400, False), path
+                does(alice, "SELECT conflictdb.put_area('hers', 'C', " + shape + ")")
+                assert said(listens) == b""
+                listens.settimeout(10.0)
+                does(alice, f"SELECT conflictdb.share_scene('hers', '{bob}')", *put[:1])
+                does(alice, "SELECT conflictdb.remove_object('hers', 'C')")
+                assert b"event: objects" in said(listens)
+                for path in asked:
+                    assert client.ask("GET", path)[0] == 200, path
+                does(alice, f"SELECT conflictdb.unshare_scene('hers', '{bob}')")
+                for path in asked:
+                    assert client.ask("GET", path)[0] == 400, path
+                # That it is over is told with the next change, and then nothing more.
+                does(alice, "SELECT conflictdb.remove_object('hers', 'A')")
+                assert b"event: objects" in said(listens)
+                listens.settimeout(1.5)
+                does(alice, "SELECT conflictdb.remove_object('hers', 'B')")
+                assert said(listens) == b""
+    finally:
+        conn.rollback()
+        conn.execute("SELECT conflictdb.protect_scenes(false)")
+        for role in (alice, bob):
+            conn.execute(f"DROP OWNED BY {role}".encode())
+            conn.execute(f"DROP ROLE {role}".encode())
+        conn.commit()
+
+
 def test_elsewhere_the_page_needs_its_token(dsn: str, conn: psycopg.Connection[Any]) -> None:
     load(conn, Scene("s"), [Area("A", shapely.box(0, 0, 1, 1))], [])
     with served_page(dsn, "s", host="0.0.0.0") as address:  # noqa: S104
