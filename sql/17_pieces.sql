@@ -128,6 +128,25 @@ COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
 'are made again, most will be what they were: then, and under row-level security, none is dropped, and the new ones go '
 'to the temporary table made_piece, for _compare_pieces.';
 
+CREATE OR REPLACE FUNCTION _pieces_of(
+    p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry,
+    p_shapes geometry, p_cuts timestamptz[]
+) RETURNS TABLE (part integer, hull geometry, span tstzrange, shape geometry)
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT n.part, n.hull,
+           CASE WHEN p_cuts IS NULL THEN p_span
+                ELSE tstzrange(p_cuts[n.nr], p_cuts[n.nr + 1],
+                               CASE WHEN n.nr < cardinality(p_parts) OR upper_inc(p_span) THEN '[]' ELSE '[)' END) END,
+           coalesce(n.shape, p_shape)
+    FROM ROWS FROM (unnest(coalesce(p_parts, ARRAY[p_part])), ST_Dump(coalesce(p_hulls, p_hull)), ST_Dump(p_shapes))
+         WITH ORDINALITY n (part, hull_path, hull, shape_path, shape, nr);
+END;
+COMMENT ON FUNCTION _pieces_of(
+    integer, geometry, tstzrange, geometry, integer[], geometry, geometry, timestamptz[]) IS
+'The pieces of a row of the table piece, from its columns: itself, or those of a bundle. For queries, which it becomes '
+'a part of.';
+
 CREATE OR REPLACE FUNCTION _compare_pieces(p_scene_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -145,19 +164,22 @@ BEGIN
         FROM known k FULL JOIN (SELECT m.ctid AS place, m.* FROM pg_temp.made_piece m) m
             USING (object_kind, object_id, part, turn)
         WHERE (k.version, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape, k.shape_to, k.leg_start, k.leg_end,
-               k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg)
+               k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg, k.parts, k.hulls,
+               k.shapes, k.cuts, k.leg_times, k.legs)
               IS DISTINCT FROM
               (m.version, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end,
-               m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg)
+               m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls,
+               m.shapes, m.cuts, m.leg_times, m.legs)
     ), removed AS (
         DELETE FROM piece p USING difference d WHERE p.piece_id = d.piece_id
     ), added AS (
-        INSERT INTO piece (scene_id, object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m,
-                           shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg)
-            SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.part, m.turn, m.hull, m.span, m.floor_m,
-                   m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
-                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg
+        INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
+                           ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
+                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+            SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn, m.hull, m.span,
+                   m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg,
+                   m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls, m.shapes, m.cuts,
+                   m.leg_times, m.legs
             FROM difference d JOIN pg_temp.made_piece m ON m.ctid = d.place
     )
     SELECT count(*) INTO v_changed FROM difference;

@@ -1,6 +1,9 @@
 -- Stage 1, broad phase: do the boxes of the swept pieces meet in space, time and height? May over-report, never misses:
 -- hulls hold all that a piece covers, padded for the scene's tolerance and separation, and spans all of its time.
 --
+-- A row holds a piece, or a bundle of some that lie near each other: here pairs of rows are found, at the client the
+-- pairs of their pieces, by comparing boxes in memory.
+--
 -- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&. The
 -- stages that follow run at the client, which reads what it can hold: some of the pairs, then their pieces.
 --
@@ -28,7 +31,8 @@ END;
 COMMENT ON FUNCTION _is_all_dirty(bigint) IS 'Whether every object of a scene changed, and its pieces are made.';
 
 CREATE OR REPLACE FUNCTION _candidates_of_all(
-    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
+    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
+    OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
@@ -44,7 +48,7 @@ BEGIN
     IF v_is_most THEN
         -- Without the scene, which takes a third of the time to look at, and there is little else in its place.
         RETURN QUERY
-            SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+            SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
             FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
             WHERE a.scene_id = p_scene_id AND b.scene_id + 0 = p_scene_id
@@ -54,7 +58,7 @@ BEGIN
     ELSE
         -- OFFSET 0: the scene is no constant of the join, which would offer itself as the only condition of the index.
         RETURN QUERY
-            SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+            SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
             FROM (SELECT p.* FROM piece p WHERE p.scene_id = p_scene_id OFFSET 0) a
             JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id
@@ -68,7 +72,8 @@ COMMENT ON FUNCTION _candidates_of_all(bigint) IS
 'Stage 1 of a whole scene: the pairs of pieces whose boxes meet in space, time and height.';
 
 CREATE OR REPLACE FUNCTION _candidates_of_dirty(
-    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_object bigint, OUT b_object bigint
+    p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
+    OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- As above.
@@ -78,7 +83,7 @@ BEGIN
     -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects to
     -- their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
     RETURN QUERY
-        SELECT a.piece_id, b.piece_id, _object_number(a.object_kind, a.object_id),
+        SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                _object_number(b.object_kind, b.object_id)
         FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
               WHERE c.scene_id = p_scene_id AND c.is_covered) d
@@ -98,8 +103,10 @@ COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
 'Stage 1 of what changed: the pairs of pieces of dirty objects, and of what they meet, whose boxes meet in space, time '
 'and height, each pair with the first of its dirty objects.';
 
-CREATE OR REPLACE FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea)
-RETURNS SETOF record
+CREATE OR REPLACE FUNCTION _candidates(
+    p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea,
+    OUT ranks bytea
+) RETURNS SETOF record
 -- Hashes would hold all of them in memory; sorts go to the disk.
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 SET enable_hashagg = off SET jit = off AS $$
@@ -108,42 +115,49 @@ BEGIN
     -- The rank of a pair of objects is how many pairs of pieces come before it.
     IF _is_all_dirty(p_scene_id) THEN
         RETURN QUERY
-            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id))
-            FROM (SELECT m.*, (rank() OVER (ORDER BY m.a_object, m.b_object) - 1) / p_at_once AS chunk
+            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id)),
+                   array_send(array_agg(c.a_pieces)), array_send(array_agg(c.b_pieces)),
+                   array_send(array_agg(c.before))
+            FROM (SELECT m.*, rank() OVER (ORDER BY m.a_object, m.b_object) - 1 AS before
                   FROM _candidates_of_all(p_scene_id) m) c
-            GROUP BY c.chunk;
+            GROUP BY c.before / p_at_once;
     ELSE
         RETURN QUERY
-            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id))
-            FROM (SELECT m.*, (rank() OVER (ORDER BY m.a_object, m.b_object) - 1) / p_at_once AS chunk
+            SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id)),
+                   array_send(array_agg(c.a_pieces)), array_send(array_agg(c.b_pieces)),
+                   array_send(array_agg(c.before))
+            FROM (SELECT m.*, rank() OVER (ORDER BY m.a_object, m.b_object) - 1 AS before
                   FROM _candidates_of_dirty(p_scene_id) m) c
-            GROUP BY c.chunk;
+            GROUP BY c.before / p_at_once;
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _candidates(bigint, bigint) IS
-'Stage 1: the pairs of pieces whose boxes meet in space, time and height, of dirty objects and of what they meet, so '
-'many pairs to a row, those of the same two objects in one: ids of the pieces as arrays without nulls (array_send). '
-'Refuses (ZC013) outside of a snapshot.';
+'Stage 1: the pairs of rows of pieces whose boxes meet in space, time and height, of dirty objects and of what they '
+'meet, so many pairs to a row, those of the same two objects in one: ids of the rows, how many pieces each holds, and '
+'how many pairs of other objects come before, as arrays without nulls (array_send). Refuses (ZC013) outside of a '
+'snapshot.';
 
 CREATE OR REPLACE FUNCTION _pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,
-    OUT object_id bigint, OUT version bigint, OUT part integer, OUT turn smallint, OUT span_start timestamptz,
-    OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
-    OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
-    OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
-    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea
+    OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint,
+    OUT span_start timestamptz, OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision,
+    OUT ceiling_m double precision, OUT leg_start timestamptz, OUT leg_end timestamptz,
+    OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision,
+    OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea,
+    OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT p.piece_id,
-           row_number() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C", p.part, p.turn DESC),
-           p.object_kind, p.object_id, p.version, p.part, p.turn,
+    SELECT p.piece_id, dense_rank() OVER (ORDER BY p.object_kind, coalesce(a.key, t.key) COLLATE "C"),
+           p.object_kind, p.object_id, p.version, p.pieces, p.part, p.turn,
            coalesce(lower(p.span), '-infinity'), coalesce(upper(p.span), 'infinity'), upper_inc(p.span),
            p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),
            coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
            coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
-           ST_AsBinary(p.hull, 'NDR'), ST_AsBinary(p.shape, 'NDR'), coalesce(ST_AsBinary(p.shape_to, 'NDR'), '')
+           ST_AsBinary(coalesce(p.hulls, p.hull), 'NDR'), ST_AsBinary(coalesce(p.shapes, p.shape), 'NDR'),
+           coalesce(ST_AsBinary(p.shape_to, 'NDR'), ''), coalesce(array_send(p.parts), ''),
+           coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), '')
     -- OFFSET 0: each is looked up; of a large scene the planner would read all pieces, time and again.
     FROM unnest(p_piece_ids) wanted (piece_id)
     CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
@@ -155,5 +169,6 @@ BEGIN ATOMIC
                          AND m.first_version <= p.version OFFSET 0) t ON true;
 END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS
-'Pieces of a scene, without nulls, for COPY. Rank orders them by kind, key, part and turn, so that results do not '
-'depend on ids. Areas have no motion: epoch and 0. shape_to is empty where nothing changes.';
+'Rows of pieces of a scene, without nulls, for COPY. Rank orders objects by kind and key, so that results do not '
+'depend on ids. Areas and bundles have no motion: epoch and 0. Of bundles hull has those of all pieces, and so has '
+'shape where they differ. Empty where there is none: shape_to, and the arrays of bundles (array_send).';

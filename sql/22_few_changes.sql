@@ -98,16 +98,19 @@ COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
 
 CREATE OR REPLACE FUNCTION _put_pieces(
     p_scene_id bigint, p_most bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[],
-    p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[],
-    p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamptz[],
-    p_leg_end timestamptz[], p_start_lon_deg double precision[], p_start_lat_deg double precision[],
-    p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[],
+    p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[],
+    p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[],
+    p_leg_start timestamptz[], p_leg_end timestamptz[], p_start_lon_deg double precision[],
+    p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[],
+    p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[],
+    p_starts timestamptz[], p_leg_times timestamptz[], p_legs double precision[],
     OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint,
-    OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
+    OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
     OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
     OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
-    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT met bytea
+    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
+    OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
@@ -119,18 +122,27 @@ DECLARE
     v_b bigint[];
     v_met bigint[];
 BEGIN
+    -- Of a bundle the arrays hold from p_first on what each piece has; each slice ends where the next one starts.
     WITH made AS (
-        INSERT INTO piece (scene_id, object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape,
-                           shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
-                           bearing_deg)
-            SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.part, m.turn, ST_GeomFromEWKB(m.hull), m.span,
-                   m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape), ST_GeomFromEWKB(m.shape_to), m.leg_start,
-                   m.leg_end, m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg
-            FROM unnest(p_object_kind, p_object_id, p_version, p_part, p_turn, p_hull, p_span, p_floor_m, p_ceiling_m,
-                        p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg, p_start_lat_deg, p_end_lon_deg,
-                        p_end_lat_deg, p_bearing_deg)
-                 m (object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape, shape_to,
-                    leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg)
+        INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
+                           ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
+                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+            SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn,
+                   ST_GeomFromEWKB(m.hull), m.span, m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape),
+                   ST_GeomFromEWKB(m.shape_to), m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
+                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg,
+                   CASE WHEN m.pieces > 1 THEN p_parts[m.first:m.first + m.pieces - 1] END,
+                   ST_GeomFromEWKB(m.hulls), ST_GeomFromEWKB(m.shapes),
+                   CASE WHEN m.has_slices THEN p_starts[m.first:m.first + m.pieces - 1] || upper(m.span) END,
+                   CASE WHEN m.has_slices THEN p_leg_times[2 * m.first - 1:2 * (m.first + m.pieces - 1)] END,
+                   CASE WHEN m.has_slices THEN p_legs[5 * m.first - 4:5 * (m.first + m.pieces - 1)] END
+            FROM (SELECT u.*, u.pieces > 1 AND u.object_kind = 1 AS has_slices
+                  FROM unnest(p_object_kind, p_object_id, p_version, p_pieces, p_part, p_turn, p_hull, p_span,
+                              p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg,
+                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, p_shapes)
+                       u (object_kind, object_id, version, pieces, part, turn, hull, span, floor_m, ceiling_m, shape,
+                          shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
+                          bearing_deg, first, hulls, shapes)) m
             RETURNING piece_id, object_kind, object_id
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
@@ -157,9 +169,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _put_pieces(
-    bigint, bigint, smallint[], bigint[], bigint[], integer[], smallint[], bytea[], tstzrange[], double precision[],
-    double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[], double precision[],
-    double precision[], double precision[], double precision[]) IS
-'Stores the pieces of the objects that _begin_detection returned, and does stage 1 for them: returns all pieces that '
-'have a candidate, as _pieces does, in the order of rank. met: of one that was stored the ids of its candidates '
-'(array_send), of each pair of two that were stored with the first; so many pairs at most.';
+    bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
+    double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
+    double precision[], double precision[], double precision[], double precision[], integer[], bytea[], bytea[],
+    integer[], timestamptz[], timestamptz[], double precision[]) IS
+'Stores the pieces of the objects that _begin_detection returned, and does stage 1 for them: returns all rows of '
+'pieces that have a candidate, as _pieces does, in the order of rank. met: of one that was stored the ids of its '
+'candidates (array_send), of each pair of two that were stored with the first; so many pairs at most.';

@@ -37,11 +37,17 @@ BEGIN
                   FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                                ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
                                (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM piece a JOIN piece b ON b.hull && a.hull
-                        WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
-                          AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
-                          AND a.scene_id + 0 = p_scene_id AND a.version < v_a_until
-                          AND b.scene_id + 0 = p_scene_id AND b.version < v_b_until
+                        FROM (SELECT o.turn, m.* FROM piece o
+                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                            o.cuts) m
+                              WHERE o.object_kind = p_a_kind AND o.object_id = p_a_id
+                                AND o.scene_id + 0 = p_scene_id AND o.version < v_a_until) a
+                        JOIN (SELECT o.turn, m.* FROM piece o
+                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                            o.cuts) m
+                              WHERE o.object_kind = p_b_kind AND o.object_id = p_b_id
+                                AND o.scene_id + 0 = p_scene_id AND o.version < v_b_until) b
+                            ON b.hull && a.hull AND (a.turn = 0 OR b.turn = 0)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
@@ -51,12 +57,18 @@ BEGIN
             INTO v_region
             FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
-                        WHERE a.object_kind = p_a_kind AND a.object_id = p_a_id
-                          AND b.object_kind = p_b_kind AND b.object_id = p_b_id AND (a.turn = 0 OR b.turn = 0)
-                          AND a.scene_id + 0 = p_scene_id AND a.version < v_a_until
-                          AND b.scene_id + 0 = p_scene_id AND b.version < v_b_until
-                          AND p_periods && (a.span * b.span)
+                        FROM (SELECT o.turn, m.* FROM piece o
+                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                            o.cuts) m
+                              WHERE o.object_kind = p_a_kind AND o.object_id = p_a_id
+                                AND o.scene_id + 0 = p_scene_id AND o.version < v_a_until) a
+                        JOIN (SELECT o.turn, m.* FROM piece o
+                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                            o.cuts) m
+                              WHERE o.object_kind = p_b_kind AND o.object_id = p_b_id
+                                AND o.scene_id + 0 = p_scene_id AND o.version < v_b_until) b
+                            ON b.hull && a.hull AND b.span && a.span AND (a.turn = 0 OR b.turn = 0)
+                        WHERE p_periods && (a.span * b.span)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;

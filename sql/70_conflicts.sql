@@ -187,11 +187,12 @@ BEGIN ATOMIC
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
     )
-    SELECT p.object_kind, p.object_id, p.version, p.span * p_span,
+    SELECT o.object_kind, o.object_id, o.version, p.span * p_span,
            ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
-    FROM boxed g JOIN piece p ON p.scene_id = p_scene_id AND p.hull && g.box AND p.span && p_span
-    WHERE p.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < p.ceiling_m
-      AND ST_Distance(p.hull, g.shape) <= g.pad_m;
+    FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box AND o.span && p_span
+    CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
+    WHERE o.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < o.ceiling_m
+      AND p.hull && g.box AND p.span && p_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
 'Pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between two heights '
@@ -263,16 +264,19 @@ BEGIN ATOMIC
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
-                 range_agg(a.span * b.span) AS spans,
-                 ST_Union(_part_from_plane(ST_Intersection(a.hull, b.hull), s.plane)) AS region
+                 range_agg(m.span * n.span) AS spans,
+                 ST_Union(_part_from_plane(ST_Intersection(m.hull, n.hull), s.plane)) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
+          CROSS JOIN LATERAL _pieces_of(a.part, a.hull, a.span, a.shape, a.parts, a.hulls, a.shapes, a.cuts) m
+          CROSS JOIN LATERAL _pieces_of(b.part, b.hull, b.span, b.shape, b.parts, b.hulls, b.shapes, b.cuts) n
           WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
-            AND ST_Intersects(a.hull, b.hull)
+            AND m.hull && b.hull AND n.hull && a.hull AND n.span && m.span
+            AND ST_Intersects(m.hull, n.hull)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
     LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version

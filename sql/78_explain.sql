@@ -23,7 +23,7 @@ BEGIN
     END IF;
     waits := EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = _explained_object.kind
                      AND m.object_id = _explained_object.id);
-    SELECT count(*), bool_or(p.part < 0), range_merge(range_agg(p.span)), min(p.floor_m), max(p.ceiling_m),
+    SELECT sum(p.pieces), bool_or(p.part < 0), range_merge(range_agg(p.span)), min(p.floor_m), max(p.ceiling_m),
            ST_Extent(p.hull)
         INTO pieces, is_covered, span, floor_m, ceiling_m, box
         FROM piece p WHERE p.object_kind = _explained_object.kind AND p.object_id = _explained_object.id
@@ -136,8 +136,11 @@ BEGIN
            (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
                       ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces
         INTO v_left
-        FROM (SELECT o.part AS a_part, p.part AS b_part, o.span * p.span AS span, ST_Intersects(o.hull, p.hull) AS meets
+        FROM (SELECT m.part AS a_part, n.part AS b_part, m.span * n.span AS span, ST_Intersects(m.hull, n.hull) AS meets
               FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && o.span
+              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
+              JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
+                  ON n.hull && m.hull AND n.span && m.span
               WHERE o.scene_id + 0 = v_scene.scene_id AND o.object_kind = a.kind AND o.object_id = a.id
                 AND p.scene_id + 0 = v_scene.scene_id AND p.object_kind = b.kind AND p.object_id = b.id
                 AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;

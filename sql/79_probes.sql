@@ -14,14 +14,14 @@ COMMENT ON FUNCTION _instant_of(bigint) IS
 CREATE OR REPLACE FUNCTION _pieces_meeting(
     p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
     p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
-) RETURNS TABLE (n bigint, piece_id bigint, object_number bigint)
+) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- By the index, as in _candidates.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 SET jit = off AS $$
 BEGIN
     RETURN QUERY
-        SELECT q.n - 1, p.piece_id, _object_number(p.object_kind, p.object_id)
+        SELECT q.n - 1, p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id)
         FROM (SELECT u.*, ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon,
                                                                            s.centre_lat))
                                                  FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
@@ -37,8 +37,8 @@ END
 $$;
 COMMENT ON FUNCTION _pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
                                     double precision[], integer[]) IS
-'Stage 1 for pieces that are not stored: which of them (n, from 0) meets which piece of a scene in space, time and '
-'height; pieces of the object with that key are left out.';
+'Stage 1 for pieces that are not stored: which of them (n, from 0) meets which row of pieces of a scene in space, '
+'time and height; pieces of the object with that key are left out.';
 
 CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 RETURNS TABLE (kind smallint, id bigint, key text)

@@ -80,34 +80,50 @@ COMMENT ON COLUMN change.changed_at IS 'When the change was made.';
 COMMENT ON COLUMN change.is_covered IS 'Whether the pieces reflect the change; its conflicts follow.';
 
 COMMENT ON TABLE piece IS
-'What objects are cut into for detection: a convex polygon, a time, heights, and a motion. Derived; nobody edits it.';
+'What objects are cut into for detection: a convex polygon, a time, heights, and a motion; or a bundle of such pieces '
+'that lie near each other, with what they differ in as arrays. Derived; nobody edits it.';
 COMMENT ON COLUMN piece.piece_id IS 'Number; a new one whenever the piece is another.';
 COMMENT ON COLUMN piece.scene_id IS 'Scene of the object.';
 COMMENT ON COLUMN piece.object_kind IS '0 area, 1 track.';
 COMMENT ON COLUMN piece.object_id IS 'area_id or track_id.';
 COMMENT ON COLUMN piece.version IS 'Version of the object it was made from.';
-COMMENT ON COLUMN piece.part IS 'Number within the object, from 0; a copy at the seam shares it.';
+COMMENT ON COLUMN piece.pieces IS 'How many pieces it is; 1 unless it is a bundle.';
+COMMENT ON COLUMN piece.part IS
+'Number within the object, from 0, of the first of its pieces; a copy at the seam shares it.';
 COMMENT ON COLUMN piece.turn IS '0; -1 for a copy one turn west, of a piece that reaches over longitude 180.';
 COMMENT ON COLUMN piece.hull IS
 'Convex hull of all the piece covers during its span, padded for what is too close: metres of the scene''s '
-'plane (EPSG:3395 for rhumb on wgs84, else no SRID), shifted by turn.';
+'plane (EPSG:3395 for rhumb on wgs84, else no SRID), shifted by turn. Of a bundle the box of all its hulls.';
 COMMENT ON COLUMN piece.span IS 'When it is there; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'First height above it, metres; infinity: no limit.';
 COMMENT ON COLUMN piece.shape IS
 'Areas: the exact convex part, metres of the plane, not shifted. Tracks: the outline at the start '
-'of the leg, metres to starboard and ahead.';
+'of the leg, metres to starboard and ahead. Null of bundles of areas.';
 COMMENT ON COLUMN piece.shape_to IS 'Tracks: the same vertices at the end of the leg; null where they stay.';
-COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of; null of areas.';
-COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg; null of areas.';
+COMMENT ON COLUMN piece.leg_start IS 'Tracks: start of the leg it is a slice of; null of areas and bundles.';
+COMMENT ON COLUMN piece.leg_end IS 'Tracks: end of the leg; null of areas and bundles.';
 COMMENT ON COLUMN piece.start_lon_deg IS
-'Tracks: longitude at the start of the leg, degrees, not shifted; null of areas.';
-COMMENT ON COLUMN piece.start_lat_deg IS 'Tracks: latitude at the start of the leg, degrees; null of areas.';
+'Tracks: longitude at the start of the leg, degrees, not shifted; null of areas and bundles.';
+COMMENT ON COLUMN piece.start_lat_deg IS
+'Tracks: latitude at the start of the leg, degrees; null of areas and bundles.';
 COMMENT ON COLUMN piece.end_lon_deg IS
-'Tracks: longitude at the end of the leg, degrees, running on from its start; null of areas.';
-COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees; null of areas.';
-COMMENT ON COLUMN piece.bearing_deg IS 'Tracks: heading of the haven, degrees clockwise from north; null of areas.';
-
+'Tracks: longitude at the end of the leg, degrees, running on from its start; null of areas and bundles.';
+COMMENT ON COLUMN piece.end_lat_deg IS 'Tracks: latitude at the end of the leg, degrees; null of areas and bundles.';
+COMMENT ON COLUMN piece.bearing_deg IS
+'Tracks: heading of the haven, degrees clockwise from north; null of areas and bundles.';
+COMMENT ON COLUMN piece.parts IS
+'Numbers of the pieces of a bundle, in the order in which it has them; null of one piece.';
+COMMENT ON COLUMN piece.hulls IS 'Hulls of the pieces of a bundle; null of one piece.';
+COMMENT ON COLUMN piece.shapes IS 'Shapes of the parts of a bundle; null of one piece and of slices, which share one.';
+COMMENT ON COLUMN piece.cuts IS
+'When the slices of a bundle begin, and the last ends; each ends, inclusive, when the next begins. Null of one piece '
+'and of areas.';
+COMMENT ON COLUMN piece.leg_times IS
+'Start and end of the leg of each slice of a bundle; null of one piece and of areas.';
+COMMENT ON COLUMN piece.legs IS
+'Of each slice of a bundle longitude and latitude at the start and at the end of its leg, and the bearing; null of one '
+'piece and of areas.';
 COMMENT ON TABLE run IS
 'Detections that were done, with settings, pairs left after each stage, and seconds each stage took.';
 COMMENT ON COLUMN run.run_id IS 'Number of the run.';

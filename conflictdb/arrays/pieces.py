@@ -1,4 +1,4 @@
-"""Pieces as arrays: the convex parts of areas and the slices of tracks that the stages work on.
+"""Pieces as arrays: the convex parts of areas and the slices of tracks that the stages work on, and bundles of them.
 
 Units: metres, degrees for longitude, latitude and bearings, microseconds since 1970. Hulls and
 shapes are ragged (`ragged`).
@@ -11,7 +11,7 @@ from typing import Any, NewType, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.arrays.ragged import offsets, ragged_rows
 
 # Row numbers in a `Pieces`: no numbers of objects, nor of the database.
 PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
@@ -103,3 +103,34 @@ class Pieces:
         if not any(batch.changes for batch in batches):
             columns["shape_to_xy"] = columns["shape_xy"]
         return cls(**columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Bundles:
+    """m bundles of pieces that are stored and looked up as one: of one object, turn and height each, near each other.
+
+    pieces : n, those of a bundle next to each other, slices in the order of time: each begins when the one before ends
+    offset : (m + 1,) int64  bundle i holds pieces [offset[i], offset[i + 1]), one at least
+    """
+
+    pieces: Pieces
+    offset: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.offset) - 1
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the bundles of some rows."""
+        offset, index = ragged_rows(self.offset, rows)
+        return type(self)(self.pieces.take(index), offset)
+
+    @classmethod
+    def of_each(cls, pieces: Pieces) -> Self:
+        """Return each piece as a bundle."""
+        return cls(pieces, np.arange(len(pieces) + 1))
+
+    @classmethod
+    def concatenate(cls, batches: Sequence["Bundles"]) -> Self:
+        """Return the bundles of all batches in one; at least one batch."""
+        sizes = np.concatenate([np.diff(batch.offset) for batch in batches])
+        return cls(Pieces.concatenate([batch.pieces for batch in batches]), offsets(sizes))

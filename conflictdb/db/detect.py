@@ -20,19 +20,18 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
-import numpy as np
 import psycopg
-from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import attached, store
+from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import Method
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.memory import DEFAULT_MEMORY, MEMORY_MB, Memory
+from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
 
@@ -172,7 +171,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
                 # Another detection came in between, or other settings: whatever is still marked becomes ours now.
                 pending = _pending(conn, scene_id, way)
                 settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
-        source = _SceneSource(conn, scene_id, way.memory)
+        source = SceneSource(conn, scene_id, way.memory)
         staged = store.begin_write(conn, scene_id, record)
         return _refresh_conflicts(conn, staged, source, settings, record, way, started)
     except BaseException as error:
@@ -224,7 +223,7 @@ def _detect_few(
     if few.known_objects is not None:
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
-    source = _FewSource(conn, scene_id, way.memory, few.srid, pieces)
+    source = FewSource(conn, scene_id, way.memory, few.srid, pieces)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
     return _refresh_conflicts(conn, staged, source, settings, record, way, started)
 
@@ -286,58 +285,10 @@ def _made_pieces(
             most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
 
 
-class _SceneSource:
-    """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
-
-    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory = DEFAULT_MEMORY) -> None:
-        self._conn, self._scene_id, self._pairs_at_once = conn, scene_id, memory.pairs
-
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
-        for found in store.candidates(self._conn, self._scene_id, self._pairs_at_once):
-            yield self._with_pieces(found.a, found.b)
-
-    def _with_pieces(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
-        """Return pieces by their ids, and the pairs as rows of them."""
-        pieces = store.pieces(self._conn, self._scene_id, np.unique(np.concatenate([a, b])))
-        return pieces, *_rows_of(pieces, a, b)
-
-    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        return store.footprints(self._conn, area_ids)
-
-
-def _rows_of(pieces: Pieces, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[PieceRows, PieceRows]:
-    """Return pairs of ids as pairs of rows of pieces, in an order that does not depend on the ids."""
-    by_id = np.argsort(pieces.piece_id)
-    first, second = (by_id[np.searchsorted(pieces.piece_id, ids, sorter=by_id)] for ids in (a, b))
-    a, b = np.minimum(first, second), np.maximum(first, second)
-    order = np.lexsort((b, a))
-    return PieceRows(a[order]), PieceRows(b[order])
-
-
-class _FewSource(_SceneSource):
-    """The pieces of few changed objects, which it stores, and all they may meet."""
-
-    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory, srid: int, pieces: Pieces) -> None:
-        super().__init__(conn, scene_id, memory)
-        self._srid, self._pieces = srid, pieces
-
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
-        if not len(self._pieces):
-            return
-        # One more tells that there are too many to hold at once.
-        most = self._pairs_at_once + 1
-        pieces, a, b = store.put_pieces(self._conn, self._scene_id, self._srid, self._pieces, most)
-        if len(a) < most:
-            yield pieces, *_rows_of(pieces, a, b)
-        else:
-            del pieces, a, b
-            yield from super().candidates()
-
-
 def _refresh_conflicts(
     conn: psycopg.Connection[Any],
     staged: store.Staged,
-    source: _SceneSource,
+    source: SceneSource,
     settings: Scene,
     record: store.RunRecord,
     way: _Way,

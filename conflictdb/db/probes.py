@@ -7,6 +7,7 @@ asks in SQL leaves a request, which a worker answers (`answer`), a scene at a ti
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import timedelta
 from typing import Any, Final
 
@@ -16,15 +17,15 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
+from conflictdb.db.sources import pairs_of_rows
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
-from conflictdb.pipeline.object_pairs import chunks_of_objects
 from conflictdb.pipeline.run import run_scene
 from conflictdb.pipeline.telling import told
 from conflictdb.results import Conflict, Kind, Listing
@@ -133,27 +134,19 @@ class _PlanSource:
 
     def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
         near = store.pieces_meeting(self._conn, self._scene_id, self._pieces, self._replaced)
-        if not len(near.row):
-            return
-        for rows in chunks_of_objects(np.zeros_like(near.number), near.number, self._memory.pairs):
-            yield self._with_pieces(near.row[rows], near.piece_id[rows])
+        if len(near):
+            yield from pairs_of_rows(near, self._with_plan, self._memory)
 
-    def _with_pieces(self, row: NDArray[np.int64], piece_id: NDArray[np.int64]) -> tuple[Pieces, PieceRows, PieceRows]:
-        """Return the pieces of both, areas first, and the pairs as rows of them, smaller rows first."""
-        others = store.pieces(self._conn, self._scene_id, np.unique(piece_id))
-        areas = np.flatnonzero(others.kind == Kind.AREA.code)
-        is_area = isinstance(self._plan, Area)
-        first = 0 if is_area else len(areas)  # row of the plan's first piece
-        tracks = np.arange(len(areas), len(others))
-        pieces = Pieces.concatenate(
-            [self._pieces, others] if is_area else [others.take(areas), self._pieces, others.take(tracks)]
-        )
-        order = np.argsort(others.piece_id)
-        other = order[np.searchsorted(others.piece_id, piece_id, sorter=order)]
-        other = other + np.where(other >= first, len(self._pieces), 0)
-        a, b = np.minimum(row + first, other), np.maximum(row + first, other)
-        sorted_rows = np.lexsort((b, a))
-        return pieces, PieceRows(a[sorted_rows]), PieceRows(b[sorted_rows])
+    def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
+        """Return rows of pieces of the scene, and the plan's, numbered -1, -2, ..., before others of its kind."""
+        others, place = store.bundles(self._conn, self._scene_id, ids[ids >= 0])
+        n = len(self._pieces)
+        plan = replace(self._pieces, piece_id=-1 - np.arange(n))
+        every = Bundles.concatenate([Bundles.of_each(plan), others])
+        order = np.lexsort((np.append(np.arange(n) - n, place), every.pieces.kind))
+        places = np.empty(len(order), np.int64)
+        places[order] = np.arange(len(order))
+        return every, places
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         found = store.footprints(self._conn, area_ids)

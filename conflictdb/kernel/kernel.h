@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 15
+#define KERNEL_ABI 16
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -288,6 +288,47 @@ KernelStatus kernel_convex_parts(const double *triangle, const int64_t *of, int6
  */
 KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset, int64_t hull_count,
                           const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
+
+/* Tell which pieces of one object are stored and looked up as one: a bundle takes up little more than its pieces do.
+ *
+ * boxes : (count, 4) least x, least y, largest x, largest y of hulls, plane metres
+ * run : (count,) pieces next to each other that have the same number may go together
+ * moves : (count,) 0 parts of areas, 1 slices of tracks, which come in the order of time and stay in it
+ * order : (count,) room for the pieces, those of a bundle next to each other, in the order in which they came
+ * begins : (count,) room: 1 where a bundle begins in that order, else 0
+ */
+KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8_t *moves, int64_t count, int64_t *order,
+                            uint8_t *begins);
+
+/* Read the rings of polygons and multipolygons without holes from WKB.
+ *
+ * wkb, offset : (size,), (count + 1,) little-endian bytes of all, and where those of each begin, and the last end
+ * xy : (vertex_room, 2) room for the vertices of all rings; size / 16 of them are room enough
+ * ring_offset : (rings + 1,) room for where the vertices of each ring begin, and the last end
+ * rings : how many rings there are; another number, and other shapes, are KERNEL_BAD_COUNT
+ */
+KernelStatus kernel_wkb_rings(const uint8_t *wkb, int64_t size, const int64_t *offset, int64_t count, double *xy,
+                              int64_t vertex_room, int64_t *ring_offset, int64_t rings);
+
+/* Pieces in bundles, each in the order of time; areas are there for the same time. */
+typedef struct {
+    int64_t count, bundles;
+    const int64_t *offset;        /* (bundles + 1,) where the pieces of each begin, and the last end */
+    const double *boxes;          /* (count, 4) as above */
+    const int64_t *start_us;      /* (count,) */
+    const int64_t *end_us;        /* (count,) */
+    const uint8_t *end_inclusive; /* (count,) whether that instant belongs to the piece */
+} KernelBundled;
+
+/* Find the pieces of pairs of bundles whose boxes meet and whose spans share an instant.
+ *
+ * a, b : (count,) bundles
+ * first, second : (room,) pieces of a and of b, in the order of these pairs; as many as the pairs of their pieces is room
+ *     enough
+ * found : (1,) how many there are
+ */
+KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
+                                  int64_t *first, int64_t *second, int64_t room, int64_t *found);
 
 /* Find how close pairs come, the closest of each group: both ends of their time count.
  *

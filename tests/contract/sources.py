@@ -14,7 +14,7 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.db.detect import _SceneSource
+from conflictdb.db.sources import SceneSource
 from conflictdb.in_memory import _InMemory
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.contract import Plane
@@ -69,7 +69,7 @@ def in_the_database(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Seque
         store.begin_snapshot(conn)
         key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
         key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
-        yield Opened(_SceneSource(conn, scene_id), store.read_settings(conn, scene_id), key)
+        yield Opened(SceneSource(conn, scene_id), store.read_settings(conn, scene_id), key)
         conn.rollback()
 
 

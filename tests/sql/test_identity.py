@@ -9,7 +9,8 @@ from piecework import load, refresh, stage
 from workloads import PAPER, throw
 
 from conflictdb.db import store
-from conflictdb.db.detect import _SceneSource, detect
+from conflictdb.db.detect import detect
+from conflictdb.db.sources import SceneSource
 from conflictdb.db.store import writing
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_scene
@@ -153,7 +154,7 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
     settings = store.read_settings(conn, scene_id)
     run = store.RunRecord("exact", {}, datetime(2026, 1, 1, tzinfo=UTC))
     staged = store.begin_write(conn, scene_id, run)
-    ((found, _),) = run_scene(settings, plane_of(settings), _SceneSource(conn, scene_id))
+    ((found, _),) = run_scene(settings, plane_of(settings), SceneSource(conn, scene_id))
     assert len(found) == 1
     stage(conn, staged, found)
     store.end_write(conn, staged, run)

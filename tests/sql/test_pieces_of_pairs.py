@@ -13,8 +13,9 @@ from workloads import PAPER, SEAM, Workload, throw
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.db.detect import _SceneSource
+from conflictdb.db.sources import SceneSource
 from conflictdb.model import Area, EarthModel, Scene
+from conflictdb.stage1_broad_phase import candidates, hulls_of
 from conflictdb.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
@@ -23,21 +24,25 @@ PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
 
 def intersecting(conn: Conn, scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
     store.begin_snapshot(conn)
-    ((pieces, a, b),) = _SceneSource(conn, scene_id).candidates()
+    ((pieces, a, b),) = SceneSource(conn, scene_id).candidates()
     return pieces, intersections(pieces, a, b, regions=regions)
+
+
+def names(pieces: Pieces) -> list[tuple[int, ...]]:
+    columns = (pieces.kind, pieces.object_id, pieces.part, pieces.turn)
+    return [tuple(map(int, row)) for row in zip(*columns, strict=True)]
 
 
 @pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
 def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) -> None:
     scene_id = load(conn, *throw(workload, 11, 20, 20))
-    refresh(conn, scene_id)
+    made = refresh(conn, scene_id)
     pieces, pairs = intersecting(conn, scene_id)
-    hull = {p.piece_id: p.hull for p in stored_pieces(conn, scene_id)}
-    (candidates,) = store.candidates(conn, scene_id, 1_000_000)
-    both_ids = zip(candidates.a.tolist(), candidates.b.tolist(), strict=True)
-    wanted = {frozenset(pair) for pair in both_ids if hull[pair[0]].intersects(hull[pair[1]])}
-    ids = pieces.piece_id
-    found = [frozenset((int(ids[a]), int(ids[b]))) for a, b in zip(pairs.a, pairs.b, strict=True)]
+    hull = dict(zip(names(made), hulls_of(made), strict=True))
+    both_names = ([names(made)[i] for i in pair] for pair in np.stack(candidates(made)).T)
+    wanted = {frozenset((a, b)) for a, b in both_names if hull[a].intersects(hull[b])}
+    ids = names(pieces)
+    found = [frozenset((ids[a], ids[b])) for a, b in zip(pairs.a, pairs.b, strict=True)]
     assert set(found) == wanted
     assert len(found) == len(wanted)
 
@@ -46,7 +51,7 @@ def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) ->
         if pieces.kind[a] == pieces.kind[b] == 0:
             assert len(region) == 0
         else:
-            both = hull[int(ids[a])].intersection(hull[int(ids[b])])
+            both = hull[ids[a]].intersection(hull[ids[b]])
             np.testing.assert_allclose(shapely.bounds(shapely.multipoints(region)), both.bounds, rtol=0, atol=1e-6)
 
 
@@ -130,4 +135,4 @@ def test_nothing_meets_nothing(conn: Conn) -> None:
     scene_id = load(conn, PLAIN, [], [])
     refresh(conn, scene_id)
     store.begin_snapshot(conn)
-    assert not list(_SceneSource(conn, scene_id).candidates())
+    assert not list(SceneSource(conn, scene_id).candidates())

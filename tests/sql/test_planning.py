@@ -15,7 +15,8 @@ from piecework import load, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
-from conflictdb.db.detect import _SceneSource, detect
+from conflictdb.db.detect import detect
+from conflictdb.db.sources import SceneSource
 from conflictdb.model import SINCE_EVER_US, Area, Scene
 
 Conn = psycopg.Connection[Any]
@@ -118,7 +119,7 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
         store.replace_scene(conn, Scene("second"), areas, [], merge=False)
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
-        for _ in _SceneSource(conn, scene_id).candidates():
+        for _ in SceneSource(conn, scene_id).candidates():
             pass
         write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
         conn.commit()

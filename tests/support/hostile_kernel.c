@@ -141,6 +141,67 @@ static void join_triangles(int64_t odd, int64_t calls[16]) {
     free(xy), free(of), free(corner), free(offset);
 }
 
+/* Bundle boxes, and tell which of two bundles meet; now and then of bundles that there are not, or without room. */
+static void bundle_boxes(int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(30), pairs = below(6);
+    double *boxes = block(4 * n, 8);
+    int64_t *run = block(n, 8), *order = block(n, 8), *start = block(n, 8), *end = block(n, 8), *offset = block(n + 1, 8);
+    uint8_t *moves = block(n, 1), *begins = block(n, 1), *inclusive = block(n, 1);
+    for (int64_t i = 0; i < 4 * n; i++) boxes[i] = number(-10.0, 10.0, odd) + (i % 4 > 1 ? 10.0 : 0.0);
+    for (int64_t i = 0; i < n; i++) {
+        run[i] = i / 9, moves[i] = (uint8_t)(run[i] % 2), inclusive[i] = (uint8_t)below(2);
+        start[i] = instant(10 * (i % 9), 10 * (i % 9) + 10, odd), end[i] = instant(start[i] % 1000, start[i] % 1000 + 20, odd);
+    }
+    KernelStatus status = kernel_bundles(boxes, run, moves, below(200) ? n : -1, order, begins);
+    calls[status]++;
+    int64_t bundles = 0, found;
+    for (int64_t i = 0; status == KERNEL_OK && i < n; i++) {
+        if (order[i] < 0 || order[i] >= n || (i == 0 && !begins[i])) abort();
+        if (begins[i]) offset[bundles++] = i;
+    }
+    offset[bundles] = below(200) ? n : instant(-3, 20, 2);
+    int64_t *a = block(pairs, 8), *b = block(pairs, 8), room = n * n * pairs, *first = block(room, 8), *second = block(room, 8);
+    for (int64_t i = 0; i < pairs; i++) {
+        a[i] = bundles > 0 && below(200) ? below(bundles) : instant(-3, 20, 2);
+        b[i] = bundles > 0 && below(200) ? below(bundles) : instant(-3, 20, 2);
+    }
+    const KernelBundled bundled = {n, bundles, offset, boxes, start, end, inclusive};
+    status = kernel_bundled_pairs(&bundled, a, b, pairs, first, second, below(9) ? room : below(3), &found);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
+        if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
+    free(boxes), free(run), free(order), free(start), free(end), free(offset), free(moves), free(begins), free(inclusive);
+    free(a), free(b), free(first), free(second);
+}
+
+/* Read polygons, some of several rings, from bytes that are now and then others, or fewer. */
+static void read_polygons(int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(5), most = n * (9 + 3 * (13 + 16 * 3)), room = below(9) ? most / 16 : below(4);
+    uint8_t *wkb = block(most, 1);
+    int64_t *offset = block(n + 1, 8), rings = 0, size = 0;
+    for (int64_t i = 0; i < n; i++) {
+        int64_t parts = 1 + below(3);
+        offset[i] = below(odd) ? size : instant(-3, 20, 2);
+        if (parts > 1) {
+            const uint8_t head[] = {1, 6, 0, 0, 0, (uint8_t)parts, 0, 0, 0};
+            for (int64_t k = 0; k < 9; k++) wkb[size++] = head[k];
+        }
+        for (int64_t part = 0; part < parts; part++, rings++) {
+            const uint8_t head[] = {1, 3, 0, 0, 0, 1, 0, 0, 0, 3, 0, 0, 0};
+            for (int64_t k = 0; k < 13; k++) wkb[size++] = below(10 * odd) ? head[k] : (uint8_t)draw();
+            for (int64_t k = 0; k < 48; k++) wkb[size++] = (uint8_t)draw();
+        }
+    }
+    offset[n] = below(odd) ? size : instant(-3, 20, 2);
+    if (below(50) == 0) rings += below(3) - 1;
+    double *xy = block(2 * room, 8);
+    int64_t *ring_offset = block(rings < 0 ? 0 : rings + 1, 8);
+    KernelStatus status = kernel_wkb_rings(wkb, size, offset, n, xy, room, ring_offset, rings);
+    calls[status]++;
+    if (status == KERNEL_OK && ring_offset[rings] > room) abort();
+    free(wkb), free(offset), free(xy), free(ring_offset);
+}
+
 /* Put rings together; now and then one that crosses itself, or offsets that are none. */
 static void join_rings(int64_t odd, int64_t calls[16]) {
     enum { CORNERS = 7 };
@@ -244,6 +305,8 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[status]++;
     lay_rows(odd, calls);
     join_triangles(odd, calls);
+    bundle_boxes(odd, calls);
+    read_polygons(odd, calls);
     join_rings(odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 

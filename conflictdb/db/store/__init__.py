@@ -53,7 +53,7 @@ from conflictdb.db.store.objects import (
     set_scene,
     waiting_scenes,
 )
-from conflictdb.db.store.pairs import Candidates, candidates, pieces
+from conflictdb.db.store.pairs import Candidates, bundles, candidates
 from conflictdb.db.store.probes import (
     ProbeRequest,
     answer_probe,
@@ -139,6 +139,7 @@ __all__ = [
     "begin_locked",
     "begin_snapshot",
     "begin_write",
+    "bundles",
     "candidates",
     "changed_areas",
     "changed_tracks",
@@ -172,7 +173,6 @@ __all__ = [
     "never_write",
     "next_probe",
     "pending",
-    "pieces",
     "pieces_meeting",
     "plan_of",
     "preview_attachment",

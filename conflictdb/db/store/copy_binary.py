@@ -51,6 +51,7 @@ _OID: Final = {
 
 WKB_POINT: Final = 1
 WKB_POLYGON: Final = 3
+WKB_MULTIPOLYGON: Final = 6
 WKB_LINESTRING_M: Final = 2002
 EWKB_SRID: Final = 0x2000_0000
 
@@ -154,6 +155,50 @@ def nullable(values: Bytes, is_null: NDArray[np.bool_]) -> Ragged:
 def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
     """Return a column of polygons of one closed ring each (EWKB), from concatenated vertices."""
     return _wkb(WKB_POLYGON, [1], xy, offset, srid)
+
+
+def multipolygons(xy: NDArray[np.float64], offset: Offsets, of_row: Offsets, srid: int) -> Ragged:
+    """Return a column of multipolygons (EWKB) of closed rings, from concatenated vertices.
+
+    of_row : (m + 1,) which rings each has, one at least: [of_row[i], of_row[i + 1])
+    """
+    rings = polygons(xy, offset, 0)
+    words = [WKB_MULTIPOLYGON | (EWKB_SRID if srid else 0), *([srid] if srid else [])]
+    head = np.empty((len(of_row) - 1, 5 + 4 * len(words)), dtype=np.uint8)
+    head[:, 0] = 1  # little-endian
+    head[:, 1:-4] = np.array(words, dtype="<u4").view(np.uint8)
+    head[:, -4:] = np.diff(of_row).astype("<u4").view(np.uint8).reshape(-1, 4)
+    of_bytes = rings.offset[of_row]
+    return Ragged(interleaved([head, (rings.data, of_bytes)]), offsets(head.shape[1] + np.diff(of_bytes)))
+
+
+def arrays(values: Bytes, offset: Offsets, of: str) -> Ragged:
+    """Return a column of arrays of a type of fixed width: row i has values [offset[i], offset[i + 1]), one at least."""
+    m = len(offset) - 1
+    head = np.empty((m, _ARRAY_HEADER), dtype=np.uint8)
+    head[:] = np.frombuffer(struct.pack(">iiiii", 1, 0, _OID[of], 0, 1), np.uint8)
+    head[:, 12:16] = fixed(np.diff(offset), "i4")
+    sized = np.concatenate([fixed(np.full(len(values), values.shape[1]), "i4"), values], axis=1)
+    width = sized.shape[1]
+    return Ragged(
+        interleaved([head, (sized.reshape(-1), width * offset)]), offsets(_ARRAY_HEADER + width * np.diff(offset))
+    )
+
+
+def where(column: Ragged, is_there: NDArray[np.bool_]) -> Ragged:
+    """Return a column with the values of another one where they are there, null elsewhere."""
+    length = np.zeros(len(is_there), dtype=np.int64)
+    length[is_there] = np.diff(column.offset)
+    return Ragged(column.data, offsets(length), ~is_there)
+
+
+def array_values(sent: Iterable[bytes], kind: str) -> NDArray[Any]:
+    """Return the values of arrays as array_send gives them, one after the other; none is null.
+
+    kind : numpy type without byte order
+    """
+    data = b"".join([one[_ARRAY_HEADER:] for one in sent])
+    return _native(np.frombuffer(data, [("length", ">i4"), ("value", f">{kind}")])["value"])
 
 
 def int8_array(sent: bytes) -> NDArray[np.int64]:

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
+from conflictdb.db.store.bundles import by_place, columns
 from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.objects import decode_heights, decode_outlines, decode_paths, decode_rings
-from conflictdb.results import Kind
+from conflictdb.pieces.bundles import bundles_of
 
 AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
@@ -149,69 +150,10 @@ def replace_pieces(
     table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"
     count = 0
     for pieces in chunks:
-        count += len(pieces)
-        for kind in Kind:
-            rows = _by_place(pieces, np.flatnonzero(pieces.kind == kind.code))
-            if rows.size:
-                copy_binary.send(conn, table, piece_columns(pieces.take(rows), scene_id, srid, kind))
+        if len(pieces):
+            bundles = by_place(bundles_of(pieces))
+            count += len(bundles)
+            copy_binary.send(conn, table, columns(bundles, scene_id, srid))
     if is_compared:
         (count,) = call(conn, "_compare_pieces", scene_id)
     call(conn, "_end_pieces", scene_id, count)
-
-
-def _by_place(pieces: Pieces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return rows in the order of a curve through where they are (Z-order of the first corners of hulls).
-
-    Of rows that are stored next to what is near them, boxes of the index are small: in a scene of 90,000 pieces stage 1
-    reads a quarter less of it, and takes a fifth less time.
-    """
-    xy = pieces.hull_xy[pieces.hull_offset[:-1][rows]]
-    least, extent = xy.min(axis=0, initial=np.inf), np.ptp(xy, axis=0) if len(xy) else np.ones(2)
-    cells = ((xy - least) / np.where(extent > 0.0, extent, 1.0) * 0xFFFF).astype(np.uint64)
-    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
-    return rows[np.argsort(cells[:, 0] | (cells[:, 1] << np.uint64(1)), kind="stable")]
-
-
-def piece_columns(pieces: Pieces, scene_id: int, srid: int, kind: Kind) -> dict[str, copy_binary.Column]:
-    """Return the columns of rows of the table `piece`; those of areas have less."""
-    n = len(pieces)
-    shape_xy, shape_offset = copy_binary.closed_rings(pieces.shape_xy, pieces.shape_offset)
-    columns: dict[str, copy_binary.Column] = {
-        "scene_id": copy_binary.fixed(np.full(n, scene_id), "i8"),
-        "object_kind": copy_binary.fixed(pieces.kind, "i2"),
-        "object_id": copy_binary.fixed(pieces.object_id, "i8"),
-        "version": copy_binary.fixed(pieces.version, "i8"),
-        "part": copy_binary.fixed(pieces.part, "i4"),
-        "turn": copy_binary.fixed(pieces.turn, "i2"),
-        "hull": copy_binary.polygons(pieces.hull_xy, pieces.hull_offset, srid),
-        "span": copy_binary.spans(pieces.start_us, pieces.end_us, pieces.end_inclusive),
-        "floor_m": copy_binary.fixed(pieces.floor_m, "f8"),
-        "ceiling_m": copy_binary.fixed(pieces.ceiling_m, "f8"),
-        "shape": copy_binary.polygons(shape_xy, shape_offset, 0),
-    }
-    if kind is Kind.TRACK:
-        columns |= {
-            "leg_start": copy_binary.instants(pieces.leg_start_us),
-            "leg_end": copy_binary.instants(pieces.leg_end_us),
-            "start_lon_deg": copy_binary.fixed(pieces.leg_start_deg[:, 0], "f8"),
-            "start_lat_deg": copy_binary.fixed(pieces.leg_start_deg[:, 1], "f8"),
-            "end_lon_deg": copy_binary.fixed(pieces.leg_end_deg[:, 0], "f8"),
-            "end_lat_deg": copy_binary.fixed(pieces.leg_end_deg[:, 1], "f8"),
-            "bearing_deg": copy_binary.fixed(pieces.bearing_deg, "f8"),
-        }
-    if pieces.changes:
-        columns["shape_to"] = _changed_shapes(pieces)
-    return columns
-
-
-def _changed_shapes(pieces: Pieces) -> copy_binary.Ragged:
-    """Return the shapes at the ends of legs; null where a piece keeps its shape."""
-    changed = np.zeros(len(pieces), dtype=np.bool_)
-    differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
-    changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = True
-    some = pieces.take(np.flatnonzero(changed))
-    wkb = copy_binary.polygons(*copy_binary.closed_rings(some.shape_to_xy, some.shape_offset), 0)
-    length = np.zeros(len(pieces), dtype=np.int64)
-    length[changed] = np.diff(wkb.offset)
-    return copy_binary.Ragged(wkb.data, copy_binary.offsets(length), ~changed)

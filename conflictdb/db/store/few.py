@@ -4,15 +4,25 @@ begin_detection; some_areas, some_tracks; put_pieces; what `writing` does; commi
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db.store import copy_binary
+from conflictdb.db.store.bundles import (
+    PIECE_COLUMNS,
+    PIECE_STRINGS,
+    decoded,
+    hulls,
+    leg_times,
+    legs,
+    scalars,
+    shapes,
+)
 from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.detection import (
     AREA_COLUMNS,
@@ -20,13 +30,12 @@ from conflictdb.db.store.detection import (
     TRACK_COLUMNS,
     TRACK_STRINGS,
     area_batch,
-    piece_columns,
     track_batch,
 )
 from conflictdb.db.store.locking import Say, begin_taking
 from conflictdb.db.store.objects import scene_of
-from conflictdb.db.store.pairs import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.model import Scene
+from conflictdb.pieces.bundles import bundles_of
 from conflictdb.results import Kind
 
 _KIND_BIT: Final = 62  # above the numbers of all objects
@@ -35,6 +44,7 @@ _TYPES: Final = {
     "object_kind": "smallint",
     "object_id": "bigint",
     "version": "bigint",
+    "pieces": "integer",
     "part": "integer",
     "turn": "smallint",
     "hull": "bytea",
@@ -133,21 +143,35 @@ def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[in
 
 def put_pieces(
     conn: psycopg.Connection[Any], scene_id: int, srid: int, pieces: Pieces, most: int
-) -> tuple[Pieces, NDArray[np.int64], NDArray[np.int64]]:
-    """Store the pieces of the changed objects, and return their candidates: all pieces of these, and the pairs.
+) -> tuple[Bundles, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Store the pieces of the changed objects, and return their candidates.
 
-    The pieces are in the order of kind, key, part and turn. Pairs are of ids of pieces a, b (n,); so many at most.
+    All rows of pieces of these, of each piece its place (`pairs.bundles`), and the pairs, so many at most: ids of rows
+    a, b (n,).
     """
-    columns = piece_columns(pieces, scene_id, srid, Kind.TRACK)
-    is_area = pieces.kind == Kind.AREA.code
-    if is_area.any():
-        for name in list(_TYPES)[list(_TYPES).index("leg_start") :]:
-            columns[name] = copy_binary.nullable(cast("copy_binary.Bytes", columns[name]), is_area)
-    nothing = copy_binary.Ragged.of([None] * len(pieces))
-    arrays = [copy_binary.array([columns.get(name, nothing)], of) for name, of in _TYPES.items()]
+    stored = bundles_of(pieces)
+    of_rows, size = scalars(stored, srid), np.diff(stored.offset)
+    is_bundle = size > 1
+    some = stored.take(np.flatnonzero(is_bundle))
+    is_area = some.pieces.kind[some.offset[:-1]] == Kind.AREA.code
+    has_shapes = is_bundle.copy()
+    has_shapes[is_bundle] = is_area
+    of_pieces = stored.pieces
+    columns: list[tuple[copy_binary.Column, str]] = [(of_rows[name], of) for name, of in _TYPES.items()]
+    columns += [
+        # Arrays count from 1.
+        (copy_binary.fixed(stored.offset[:-1] + 1, "i4"), "integer"),
+        (copy_binary.where(hulls(some, srid), is_bundle), "bytea"),
+        (copy_binary.where(shapes(some.take(np.flatnonzero(is_area))), has_shapes), "bytea"),
+        (copy_binary.fixed(of_pieces.part, "i4"), "integer"),
+        (copy_binary.instants(of_pieces.start_us), "timestamptz"),
+        (leg_times(of_pieces), "timestamptz"),
+        (legs(of_pieces), "double precision"),
+    ]
+    arrays = [copy_binary.array([column], of) for column, of in columns]
     found, strings = copy_binary.few(
         conn, "_put_pieces", [scene_id, most, *arrays], PIECE_COLUMNS, [*PIECE_STRINGS, "met"]
     )
     met = [copy_binary.int8_array(sent) if sent else np.empty(0, np.int64) for sent in strings.pop("met")]
     a = np.repeat(found["piece_id"], [len(one) for one in met])
-    return decoded(found, strings), a, np.concatenate([np.empty(0, np.int64), *met])
+    return *decoded(found, strings), a, np.concatenate([np.empty(0, np.int64), *met])

@@ -9,13 +9,13 @@ from typing import Any, cast
 import numpy as np
 import psycopg
 import shapely
-from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.db.store.objects import decode_paths, decode_rings
+from conflictdb.db.store.pairs import Candidates
 from conflictdb.db.store.reading import decode_periods
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
@@ -25,15 +25,6 @@ from conflictdb.stage1_broad_phase import hulls_of
 
 # Of a plan without a key, which nobody sees.
 _NO_KEY = "plan"
-
-
-@dataclass(frozen=True, slots=True)
-class Near:
-    """n pairs of a piece that is not stored (row), and a piece of a scene (piece_id), of an object (number)."""
-
-    row: NDArray[np.int64]
-    piece_id: NDArray[np.int64]
-    number: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +45,17 @@ class ProbeRequest:
     ceiling_m: float | None
 
 
-def pieces_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None) -> Near:
-    """Return which pieces of a scene some others meet in space, time and height; not those of the object `key`."""
+def pieces_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None) -> Candidates:
+    """Return which rows of pieces of a scene some pieces of one object meet in space, time and height.
+
+    Not those of the object `key`. The pieces are numbered -1, -2, ...: they are in no row.
+    """
     columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
     rows = call_many(conn, "_pieces_meeting", scene_id, key, hulls, *(column.tolist() for column in columns))
-    row, piece_id, number = np.array(rows, dtype=np.int64).reshape(-1, 3).T
-    return Near(row, piece_id, number)
+    found = np.array(rows, dtype=np.int64).reshape(-1, 4)
+    row, piece_id, count, number = found[np.argsort(found[:, 3], kind="stable")].T
+    return Candidates(-1 - row, piece_id, np.ones_like(row), count, number)
 
 
 def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:

@@ -1,0 +1,123 @@
+"""Where the pairs of a scene of the database come from: stage 1, rows of pieces in the database, their pieces here."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.db import store
+from conflictdb.kernel.bundles import bundled_pairs
+from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
+from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
+
+# Rows of pieces by their ids, in any order, and of each piece its place.
+Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]
+Chunk = tuple[Pieces, PieceRows, PieceRows]
+
+# Pairs of pieces that are looked at in one go, for each that is wanted at once: about one in forty meets.
+_LOOKED_AT: Final = 16
+# A few objects are read with the pieces of so many pairs of rows, of what could be read: rows may be of many pieces.
+_SHARE_OF_FEW: Final = 8
+
+
+class SceneSource:
+    """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
+
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory = DEFAULT_MEMORY) -> None:
+        self._conn, self._scene_id, self._memory = conn, scene_id, memory
+
+    def candidates(self) -> Iterator[Chunk]:
+        """As `PairSource` has it."""
+        for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
+            yield from pairs_of_rows(found, self._read, self._memory)
+
+    def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
+        return store.bundles(self._conn, self._scene_id, ids)
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """As `PairSource` has it."""
+        return store.footprints(self._conn, area_ids)
+
+
+class FewSource(SceneSource):
+    """The pieces of few changed objects, which it stores, and all they may meet.
+
+    srid : of the scene's plane
+    """
+
+    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory, srid: int, pieces: Pieces) -> None:
+        super().__init__(conn, scene_id, memory)
+        self._srid, self._pieces = srid, pieces
+
+    def candidates(self) -> Iterator[Chunk]:
+        """Store the pieces, and yield their pairs."""
+        if not len(self._pieces):
+            return
+        # One more tells that there are too many to hold at once.
+        most = self._memory.pairs // _SHARE_OF_FEW + 1
+        bundles, place, a, b = store.put_pieces(self._conn, self._scene_id, self._srid, self._pieces, most)
+        if len(a) < most:
+            yield from _pairs_of(bundles, place, a, b, self._memory.pairs)
+        else:
+            del bundles, place, a, b
+            yield from super().candidates()
+
+
+def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory) -> Iterator[Chunk]:
+    """Yield the pairs of pieces of pairs of rows, so many at once that they fit the memory."""
+    for some in _readable(found, memory.pieces):
+        yield from _pairs_of(*read(np.unique(np.concatenate([some.a, some.b]))), some.a, some.b, memory.pairs)
+
+
+def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
+    """Yield pairs of rows that have so many pieces at most, or are of the same two objects."""
+    _, first = np.unique(np.concatenate([found.a, found.b]), return_index=True)
+    between = np.flatnonzero(found.objects[1:] != found.objects[:-1]) + 1
+    if not between.size or np.concatenate([found.a_pieces, found.b_pieces])[first].sum() <= most:
+        yield found
+        return
+    middle = int(between[np.argmin(np.abs(between - len(found) // 2))])
+    yield from _readable(found.take(slice(0, middle)), most)
+    yield from _readable(found.take(slice(middle, len(found))), most)
+
+
+def _pairs_of(
+    bundles: Bundles, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], at_once: int
+) -> Iterator[Chunk]:
+    """Yield the pairs of pieces that meet of pairs of bundles, by their ids; all of the same two objects together."""
+    pieces, size = bundles.pieces, np.diff(bundles.offset)
+    first = bundles.offset[:-1]
+    ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
+    by_id = np.argsort(ids)
+    a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (a, b))
+    order = np.lexsort((number[b], number[a]))
+    a, b = a[order], b[order]
+    looked_at = np.cumsum(size[a] * size[b])
+    ends = np.append(np.flatnonzero((number[a][1:] != number[a][:-1]) | (number[b][1:] != number[b][:-1])) + 1, len(a))
+    start, met, waiting = 0, 0, []
+    while start < len(a):
+        before = int(looked_at[start - 1]) if start else 0
+        fits = int(np.searchsorted(looked_at[ends - 1], before + _LOOKED_AT * at_once, side="right")) - 1
+        end = int(ends[max(fits, int(np.searchsorted(ends, start, side="right")))])
+        waiting.append(bundled_pairs(bundles, a[start:end], b[start:end]))
+        met, start = met + len(waiting[-1][0]), end
+        if met >= at_once or start == len(a):
+            rows_a, rows_b = (np.concatenate(some) for some in zip(*waiting, strict=True))
+            numbers = object_numbers(pieces)
+            for rows in chunks_of_objects(numbers[rows_a], numbers[rows_b], at_once):
+                yield _in_order(pieces, place, rows_a[rows], rows_b[rows])
+            met, waiting = 0, []
+
+
+def _in_order(pieces: Pieces, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> Chunk:
+    """Return those pieces that are in pairs, by their places, and the pairs in an order that follows from these."""
+    used = np.unique(np.concatenate([a, b]))
+    used = used[np.argsort(place[used])]
+    row = np.empty(len(pieces), np.int64)
+    row[used] = np.arange(len(used))
+    a, b = np.minimum(row[a], row[b]), np.maximum(row[a], row[b])
+    order = np.lexsort((b, a))
+    return pieces.take(used), PieceRows(a[order]), PieceRows(b[order])
