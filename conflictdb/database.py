@@ -12,7 +12,7 @@ from datetime import timedelta
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, cast
+from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 
 import psycopg
 
@@ -21,6 +21,8 @@ from conflictdb.db import attached, schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text, write_lines
 from conflictdb.io.gather import Plan, gather
+from conflictdb.io.reading import PARQUET
+from conflictdb.io.whole_files import whole_file
 from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
@@ -780,11 +782,32 @@ class Database:
         report.write(checked, file)
 
     def export(self, scene: str, path: str | Path) -> None:
-        """Write a scene file (compressed if its name ends in .gz) that loads as exactly the same objects.
+        """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
 
-        The file appears when it is complete; if it cannot be written, an older one stays.
+        Else it is GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if it cannot be
+        written, an older one stays.
         """
-        write_lines(path, scene_text(*self._read(scene)))
+        if Path(path).suffix.lower() in PARQUET:
+            with whole_file(path) as stream:
+                self.write_geoparquet(scene, stream)
+        else:
+            write_lines(path, scene_text(*self._read(scene)))
+
+    def write_geoparquet(self, scene: str, stream: IO[bytes]) -> None:
+        """Write a scene as GeoParquet that loads as exactly the same objects, some at a time, however many there are.
+
+        Raises ConflictDBError, naming the extra to install, where there is no pyarrow.
+        """
+        from conflictdb.arrays.arrow.objects import of_objects  # needs pyarrow
+        from conflictdb.io.parquet_writing import write_objects
+
+        with store.snapshot(self.connection):
+            number = store.scene_id(self.connection, scene)
+            settings = store.read_settings(self.connection, number)
+            objects = store.each_object(self.connection, number)
+            write_objects(
+                stream, settings, (of_objects(one.areas, one.tracks, one.object_id, one.version) for one in objects)
+            )
 
     def scene_text(self, scene: str) -> str:
         """Return a scene as the text of the file that `export` writes."""

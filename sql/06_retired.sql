@@ -17,7 +17,7 @@ BEGIN
                OR NOT 'p_keys' = ANY (p.proargnames) AND p.proname IN ('_conflicts', '_approaches')
                OR NOT 'acknowledged_at' = ANY (p.proargnames)
                   AND p.proname IN ('_conflicts_known_at', 'conflicts_known_at')
-               OR NOT 'p_keys' = ANY (p.proargnames) AND p.proname IN ('_read_areas', '_read_tracks')
+               OR NOT 'version' = ANY (p.proargnames) AND p.proname IN ('_read_areas', '_read_tracks')
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
                OR NOT 'p_numbers' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
                OR 'p_first' = ANY (p.proargnames) AND p.proname = '_candidates'

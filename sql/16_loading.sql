@@ -116,14 +116,15 @@ COMMENT ON FUNCTION _load(text, text, text, text, double precision, double preci
 -- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.
 
 CREATE OR REPLACE FUNCTION _read_areas(
-    p_scene_id bigint, p_keys text[], OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea,
-    OUT key text, OUT name text, OUT properties text
+    p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamptz,
+    OUT span_end timestamptz, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
+    OUT footprint bytea, OUT key text, OUT name text, OUT properties text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce(lower(a.active_span), '-infinity'), coalesce(upper(a.active_span), 'infinity'),
-           coalesce(a.floor_m, '-infinity'), coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
+    SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
+           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
+           coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
            ST_AsBinary(a.footprint, 'NDR'), a.key, coalesce(a.name, ''), a.properties::text
     FROM area a WHERE a.scene_id = p_scene_id AND (p_keys IS NULL OR a.key = ANY (p_keys))
     ORDER BY a.area_id;
@@ -132,16 +133,17 @@ COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
 'The areas of a scene of some keys (null: all), without nulls, for COPY.';
 
 CREATE OR REPLACE FUNCTION _read_tracks(
-    p_scene_id bigint, p_keys text[], OUT floor_m double precision, OUT ceiling_m double precision,
-    OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea,
-    OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text
+    p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
+    OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea,
+    OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text,
+    OUT properties text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'), t.name IS NOT NULL, t.grow_mps,
-           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
-           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''), t.key, coalesce(t.name, ''),
-           t.properties::text
+    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
+           t.name IS NOT NULL, t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
+           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
+           coalesce(array_send(t.ceilings_m), ''), t.key, coalesce(t.name, ''), t.properties::text
     FROM track t WHERE t.scene_id = p_scene_id AND (p_keys IS NULL OR t.key = ANY (p_keys))
     ORDER BY t.track_id;
 END;

@@ -107,4 +107,4 @@ def _wait(db: Database, args: argparse.Namespace) -> None:
 
 
 def _wants_region(args: argparse.Namespace) -> bool:
-    return args.format in ("json", "geojson") and not args.no_region
+    return args.format in ("json", "geojson", "geoparquet") and not args.no_region

@@ -7,9 +7,11 @@ import logging
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import IO, Final
 
+from conflictdb.errors import InvalidInput
 from conflictdb.printable import printable
 
 _CLEAR_LINE: Final = "\r\033[K"
@@ -45,6 +47,16 @@ def data(lines: Iterable[str], *, is_json: bool) -> None:
     """Print what programs read, unchanged; a format that cannot escape is made harmless where a terminal shows it."""
     shows = not is_json and sys.stdout.isatty()
     sys.stdout.writelines(printable(line, keep=_BREAK) if shows else line for line in lines)
+
+
+@contextmanager
+def binary() -> Iterator[IO[bytes]]:
+    """Give the standard output to write what is no text; raises InvalidInput for a terminal."""
+    if sys.stdout.isatty():
+        raise InvalidInput("standard output", "", "is a terminal, which cannot show GeoParquet: name a file, or > FILE")
+    sys.stdout.flush()
+    yield sys.stdout.buffer
+    sys.stdout.buffer.flush()
 
 
 def remark(text: str) -> None:

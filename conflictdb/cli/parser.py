@@ -336,6 +336,11 @@ def _export(commands: Any) -> None:
         commands, "export", "objects:export", "write a scene file", "Loading it again gives exactly the same objects."
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write")
+    parser.add_argument(
+        "--format",
+        choices=("geojson", "geoparquet"),
+        help="default: geoparquet if the name ends in .parquet, else geojson",
+    )
     parser.add_argument("file", metavar="FILE", help="file to write (.gz: compressed); - is the standard output")
 
 
@@ -644,7 +649,7 @@ def _add_merge(parser: Parser) -> None:
         "--max-file-mb",
         type=megabytes,
         metavar="MB",
-        help="refuse files that hold, or unpack to, more (default 64)",
+        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 400)",
     )
 
 
@@ -658,8 +663,8 @@ def _add_wait(parser: Parser) -> None:
 
 
 def _add_output(parser: Parser) -> None:
-    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
-    parser.add_argument("--no-region", action="store_true", help="json and geojson: leave out where each conflict is")
+    parser.add_argument("--format", choices=(*FORMATS, "geoparquet"), default="table", help="default: table")
+    parser.add_argument("--no-region", action="store_true", help="leave out where each conflict is; tables and csv do")
 
 
 def name(text: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
-from conflictdb.cli.output import data, out, remark, table
+from conflictdb.cli.output import binary, data, out, remark, table
 from conflictdb.database import Loaded
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
@@ -19,7 +19,7 @@ _SECOND = timedelta(seconds=1)
 
 
 def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState], form: str) -> None:
-    """Print conflicts as a table, JSON, CSV or GeoJSON, and remark what may be missing from the scenes.
+    """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remark what may be missing from the scenes.
 
     All but a table, whose columns are as wide as they need to be, are printed as they come.
     """
@@ -28,6 +28,12 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
         complete = all(state.is_current for state in states)
         rows = list(conflicts)
         out(conflict_table(rows) if rows else "no conflicts" if complete else "no conflict is known")
+        return
+    if form == "geoparquet":
+        from conflictdb.io.parquet_writing import write_conflicts  # needs pyarrow
+
+        with binary() as stream:
+            write_conflicts(stream, conflicts)
         return
     _write(conflicts, states, form, conflict_text.COLUMNS)
 

@@ -26,6 +26,7 @@ TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
+PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 
 
 def read(
@@ -39,7 +40,7 @@ def read(
     """Return everything that a file holds.
 
     Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
-    areas of any other format that OGR opens.
+    GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas of any other format that OGR opens.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def read(
     skip_invalid : bool
         Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
     max_file_mb : float, optional
-        Refuse a file that holds, or unpacks to, more millions of bytes; default MAX_FILE_MB.
+        Refuse a file that holds, or unpacks to, more millions of bytes; default MAX_FILE_MB, and 400 of GeoParquet.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def _read(
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
     fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
     try:
-        if layers and suffix in _JSON | _ROWS:
+        if layers and suffix in _JSON | _ROWS | PARQUET:
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
         if suffix in _JSON:
             text = _text(path, is_packed, max_file_mb)
@@ -89,6 +90,12 @@ def _read(
             from conflictdb.io.positions import read_positions
 
             return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
+        if suffix in PARQUET:
+            if is_packed:
+                raise InvalidInput("file", "", "is compressed twice: Parquet is so already; unpack it")
+            from conflictdb.io.parquet import read_parquet  # needs pyarrow
+
+            return read_parquet(path, stem(path), max_file_mb, max_speed_kn, fastest_kn, skip_invalid=skip_invalid)
         if not path.exists():
             raise InvalidInput("file", "", "does not exist")
         from conflictdb.io.ogr import read_objects
@@ -107,7 +114,7 @@ def stem(path: Path) -> str:
     """Return the name of a file without the suffixes that say its format."""
     name = path.name
     for suffix in reversed(path.suffixes):
-        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS:
+        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS | PARQUET:
             name = name.removesuffix(suffix)
     return name if name != path.name else path.stem
 

@@ -74,7 +74,7 @@ def read_scene(
     refusals.found += names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign)
     scene = None
     with refusals:
-        scene = _scene(document["scene"], stem) if "scene" in document else None
+        scene = scene_of(document["scene"], stem) if "scene" in document else None
     features = document.get("features")
     if not isinstance(features, list):
         with refusals:
@@ -202,7 +202,8 @@ def _plain(
     return objects.track(key, geometry, fields, setting) if is_track else objects.area(key, geometry, fields, setting)
 
 
-def _scene(settings: Any, stem: str) -> Scene:
+def scene_of(settings: Any, stem: str) -> Scene:
+    """Return a scene of its settings as files have them; raises InvalidInput with all that is wrong with them."""
     if not isinstance(settings, dict):
         raise InvalidInput("scene", "", f"must be an object of settings; got {settings!r:.60}")
     refusals = Refusals()

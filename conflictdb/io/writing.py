@@ -1,21 +1,22 @@
 """Writing of files: whole or not at all, compressed if the name ends in .gz."""
 
 import gzip
-import os
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Final, cast
+from typing import Final, cast
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io.conflict_text import as_csv, as_geojson, as_json, columns_of
+from conflictdb.io.whole_files import whole_file
 from conflictdb.results import Approach, Conflict, Listing, Stream
 
-_FORMATS: Final = (".geojson", ".json", ".csv")
+_PARQUET: Final = ".parquet"
+_FORMATS: Final = (".geojson", ".json", ".csv", _PARQUET)
 
 
 def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
-    """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON or CSV.
+    """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON, CSV or GeoParquet.
 
     Members and columns are those of the views `conflicts` and `approaches`; what only a database knows is null without
     one; a CSV file of nothing has the columns of conflicts, unless it is an empty answer of `Database.approaches`. The
@@ -26,7 +27,8 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     results : iterable of Conflict, or of Approach
         Those of a database tell GeoJSON whether they are complete. They are written as they come.
     path : str or Path
-        The file; its name ends in .geojson, .json or .csv, and then in .gz if it shall be compressed.
+        The file; its name ends in .geojson, .json or .csv, and then in .gz if it shall be compressed; or in
+        .parquet, for conflicts, which needs the extra `parquet`.
 
     Raises
     ------
@@ -37,8 +39,9 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     """
     path = Path(path)
     suffix = (path.with_suffix("") if _is_packed(path) else path).suffix.lower()
-    if suffix not in _FORMATS:
-        raise InvalidInput("write", "path", f"must end in {', '.join(_FORMATS)}, or one of them and .gz", str(path))
+    if suffix not in _FORMATS or (suffix == _PARQUET and _is_packed(path)):
+        rule = f"must end in {', '.join(_FORMATS)} (one of them and .gz), or {_PARQUET}"
+        raise InvalidInput("write", "path", rule, str(path))
     rule = "must be conflicts, or closest approaches, and not both"
     if not isinstance(results, Iterable):
         raise InvalidInput(
@@ -49,6 +52,15 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     first = list(islice(rows, 1))
     kind = told.kind if told is not None else Approach if first and isinstance(first[0], Approach) else Conflict
     each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
+    if suffix == _PARQUET:
+        if kind is Approach:
+            rule = "are closest approaches: only conflicts are written as GeoParquet"
+            raise InvalidInput("write", "results", rule, str(path))
+        from conflictdb.io.parquet_writing import write_conflicts  # needs pyarrow
+
+        with whole_file(path) as stream:
+            write_conflicts(stream, cast("Iterator[Conflict]", each))
+        return
     if suffix == ".csv":
         lines = as_csv(each, columns_of(kind))
     elif suffix == ".json":
@@ -69,32 +81,13 @@ def _each(
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
     """Write a file of some lines; it appears when it is complete, and if it cannot be written, an older one stays."""
-    path = Path(path)
-    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # a link stays one
-    part = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        if file.exists() and not file.is_file():  # a pipe or a device cannot be replaced
-            _write(file, "wb", lines, is_packed=_is_packed(path))
+    with whole_file(path) as raw:
+        if _is_packed(Path(path)):
+            with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
+                packed.writelines(line.encode() for line in lines)
         else:
-            _write(part, "xb", lines, is_packed=_is_packed(path))
-            part.replace(file)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        # Of the name that the caller knows.
-        raise type(error)(error.errno, error.strerror, str(path)) from error
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+            raw.writelines(line.encode() for line in lines)
 
 
 def _is_packed(path: Path) -> bool:
     return path.suffix.lower() == ".gz"  # as `read` tells it
-
-
-def _write(path: Path, mode: str, lines: Iterable[str], *, is_packed: bool) -> None:
-    with path.open(mode) as raw:
-        if is_packed:
-            with gzip.GzipFile(filename="", fileobj=cast("IO[bytes]", raw), mode="wb", mtime=0) as packed:
-                packed.writelines(line.encode() for line in lines)
-        else:
-            raw.writelines(line.encode() for line in lines)

@@ -1121,10 +1121,10 @@ FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_object_kind smallint[],
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()

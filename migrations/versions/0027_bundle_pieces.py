@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0a02c7a1015e1ae9119dbe2338b6e879f847a4136816aecbf23c2242fdd2eca1"
+routines_sha256 = "7673592f1c3895555da222084ccb0c59b87defd4e46ff2f4aeafda76e003e8ec"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

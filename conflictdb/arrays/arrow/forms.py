@@ -107,6 +107,8 @@ def _alike(one: Any, other: Any) -> bool:
         return _alike(one.value_type, other.value_type)
     if types.is_timestamp(one) and types.is_timestamp(other):
         return one.tz is not None
+    if types.is_floating(one) and types.is_integer(other):  # as pandas has them where some are missing
+        return True
     return types.is_null(one) or any(
         any(is_kind(one) for is_kind in kind) and any(is_kind(other) for is_kind in kind) for kind in _KINDS
     )

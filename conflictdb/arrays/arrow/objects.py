@@ -251,7 +251,8 @@ def _taken(columns: Mapping[str, Array], rows: NDArray[np.int64]) -> Mapping[str
 
 def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
     try:
-        shapes = shapely.from_wkb(_as_objects(columns["geometry"].to_pylist()))
+        with np.errstate(invalid="ignore"):  # coordinates that are no numbers are refused with their object
+            shapes = shapely.from_wkb(_as_objects(columns["geometry"].to_pylist()))
     except shapely.errors.GEOSException as error:
         raise InvalidInput(_WHO, "geometry", f"must be WKB: {error}") from error
     return np.asarray(shapes, dtype=object)

@@ -26,6 +26,7 @@ from conflictdb.db.store.connection import (
     require_detecting,
     require_idle,
     require_writable,
+    snapshot,
     transaction,
     translated,
 )
@@ -42,7 +43,9 @@ from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, som
 from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.db.store.objects import (
     LoadCounts,
+    Numbered,
     SceneStatus,
+    each_object,
     is_scene,
     list_scenes,
     read_scene,
@@ -116,6 +119,7 @@ __all__ = [
     "Few",
     "Holder",
     "LoadCounts",
+    "Numbered",
     "Pending",
     "ProbeRequest",
     "RunOutcome",
@@ -152,6 +156,7 @@ __all__ = [
     "differing",
     "each_approach",
     "each_conflict",
+    "each_object",
     "end_write",
     "explain_conflict",
     "explained_text",
@@ -198,6 +203,7 @@ __all__ = [
     "set_scene",
     "share_scene",
     "shares",
+    "snapshot",
     "some_areas",
     "some_tracks",
     "stage",

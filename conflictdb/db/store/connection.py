@@ -117,6 +117,16 @@ def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
             _set_encoding(conn, former)
 
 
+@contextmanager
+def snapshot(conn: psycopg.Connection[Any]) -> Iterator[None]:
+    """Read inside from one state of the database; in an open transaction of the caller's, as that sees it."""
+    is_own = conn.info.transaction_status == TransactionStatus.IDLE
+    with transaction(conn):
+        if is_own:
+            conn.execute(b"SET TRANSACTION ISOLATION LEVEL REPEATABLE READ", prepare=False)
+        yield
+
+
 def _use_utf8(conn: psycopg.Connection[Any]) -> str | None:
     """Let the open transaction exchange texts as UTF-8; returns the encoding before, None if it was that."""
     former = conn.info.parameter_status("client_encoding")

@@ -6,6 +6,7 @@ COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WK
 
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, cast
@@ -358,10 +359,35 @@ def receive(
     The routine's columns are those of `dtype` (numpy types without byte order), then those of `ragged`; none is null.
     Rows are decoded as they come: besides the answer, no more is held than one of its columns and a chunk of rows.
     """
+    with _copied(conn, routine, arguments) as messages:
+        return decoded(messages, dtype, ragged)
+
+
+def receive_each(
+    conn: psycopg.Connection[Any],
+    routine: str,
+    arguments: Sequence[object],
+    dtype: Sequence[tuple[str, str]],
+    ragged: Sequence[str] = (),
+) -> Iterator[tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]]:
+    """Yield what `receive` returns, a chunk of rows at a time, which may be none; until the last nothing else runs."""
+    row_type = _row_type(dtype)
+    with _copied(conn, routine, arguments) as messages:
+        for rows in _chunks(messages):
+            strings: dict[str, list[bytes]] = {name: [] for name in ragged}
+            table = np.frombuffer(_cut(rows, row_type.itemsize, strings) if ragged else rows, dtype=row_type)
+            yield {name: _native(table[name]) for name, _ in dtype}, strings
+
+
+@contextmanager
+def _copied(
+    conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object]
+) -> Iterator[Iterable[bytes | bytearray | memoryview]]:
+    """Give the messages of the COPY of a routine's rows."""
     places = ", ".join(["%s"] * len(arguments))
     statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
     with translated(), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
-        return decoded(copy, dtype, ragged)
+        yield copy
 
 
 def receive_arrays(
@@ -406,10 +432,7 @@ def decoded(
     messages: Iterable[bytes | bytearray | memoryview], dtype: Sequence[tuple[str, str]], ragged: Sequence[str] = ()
 ) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
     """Return the columns of the messages of a COPY TO, as `receive` does."""
-    layout = [("fields", ">i2")]
-    for name, kind in dtype:
-        layout += [(f"{name} length", ">i4"), (name, f">{kind}")]
-    row_type = np.dtype(layout)
+    row_type = _row_type(dtype)
     chunks: dict[str, list[NDArray[Any]]] = {name: [] for name, _ in dtype}
     strings: dict[str, list[bytes]] = {name: [] for name in ragged}
     for rows in _chunks(messages):
@@ -418,6 +441,14 @@ def decoded(
             chunks[name].append(_native(table[name]))
     # One column after the other: what it was made of goes before the next.
     return {name: np.concatenate(chunks.pop(name)) for name, _ in dtype}, strings
+
+
+def _row_type(dtype: Sequence[tuple[str, str]]) -> np.dtype[Any]:
+    """Return how the fixed-width columns of a row lie in what is sent."""
+    layout = [("fields", ">i2")]
+    for name, kind in dtype:
+        layout += [(f"{name} length", ">i4"), (name, f">{kind}")]
+    return np.dtype(layout)
 
 
 def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[bytes]:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -20,8 +20,25 @@ from conflictdb.inputs import all_certain, certain
 from conflictdb.methods import Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
 
-_AREA_COLUMNS = [("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1")]
-_TRACK_COLUMNS = [("floor_m", "f8"), ("ceiling_m", "f8"), ("has_name", "b1"), ("grow_mps", "f8")]
+_AREA_COLUMNS = [
+    ("area_id", "i8"),
+    ("version", "i8"),
+    ("start", "i8"),
+    ("end", "i8"),
+    ("floor_m", "f8"),
+    ("ceiling_m", "f8"),
+    ("has_name", "b1"),
+]
+_AREA_STRINGS = ["footprint", "key", "name", "properties"]
+_TRACK_COLUMNS = [
+    ("track_id", "i8"),
+    ("version", "i8"),
+    ("floor_m", "f8"),
+    ("ceiling_m", "f8"),
+    ("has_name", "b1"),
+    ("grow_mps", "f8"),
+]
+_TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +126,32 @@ def read_scene(
     wanted = None if keys is None else list(keys)
     with transaction(conn):
         number = scene_id(conn, name)
-        return read_settings(conn, number), _areas(conn, number, wanted), _tracks(conn, number, wanted)
+        sent = copy_binary.receive(conn, "_read_areas", [number, wanted], _AREA_COLUMNS, _AREA_STRINGS)
+        areas = _areas(*sent)
+        sent = copy_binary.receive(conn, "_read_tracks", [number, wanted], _TRACK_COLUMNS, _TRACK_STRINGS)
+        return read_settings(conn, number), areas, _tracks(*sent)
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """Some objects of a scene, areas or tracks; their numbers and versions (n,)."""
+
+    areas: list[Area]
+    tracks: list[Track]
+    object_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+
+
+def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Numbered]:
+    """Yield the objects of a scene, some at a time, areas first; until the last nothing else runs on the connection."""
+    for columns, strings in copy_binary.receive_each(
+        conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS
+    ):
+        yield Numbered(_areas(columns, strings), [], columns["area_id"], columns["version"])
+    for columns, strings in copy_binary.receive_each(
+        conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS
+    ):
+        yield Numbered([], _tracks(columns, strings), columns["track_id"], columns["version"])
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
@@ -129,10 +171,7 @@ def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     return scene_of(*call(conn, "_scene", scene_id))
 
 
-def _areas(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None) -> list[Area]:
-    columns, strings = copy_binary.receive(
-        conn, "_read_areas", [scene_id, keys], _AREA_COLUMNS, ["footprint", "key", "name", "properties"]
-    )
+def _areas(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> list[Area]:
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
     return [
@@ -152,9 +191,7 @@ def _areas(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None)
     ]
 
 
-def _tracks(conn: psycopg.Connection[Any], scene_id: int, keys: list[str] | None) -> list[Track]:
-    ragged = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
-    columns, strings = copy_binary.receive(conn, "_read_tracks", [scene_id, keys], _TRACK_COLUMNS, ragged)
+def _tracks(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> list[Track]:
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)

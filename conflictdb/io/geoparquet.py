@@ -1,0 +1,190 @@
+"""GeoParquet (1.0, 1.1): what its metadata say, read and written.
+
+Where geometries are, how they are coded, and how their coordinates become longitude and latitude. Without metadata a
+column `geometry` of WKB is taken.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.columns import lists, numbers
+from conflictdb.arrays.arrow.forms import Array
+from conflictdb.errors import InvalidInput
+from conflictdb.io.reference import ToDegrees, of_name
+
+VERSION: Final = "1.1.0"
+METADATA_KEY: Final = b"geo"
+GEOMETRY: Final = "geometry"
+COVERING: Final = "bbox"
+SIDES: Final = ("xmin", "ymin", "xmax", "ymax")
+# Longitude and latitude on WGS84, as PROJJSON has it: what GeoParquet takes where it says nothing.
+CRS84: Final[Mapping[str, Any]] = {
+    "$schema": "https://proj.org/schemas/v0.7/projjson.schema.json",
+    "type": "GeographicCRS",
+    "name": "WGS 84 (CRS84)",
+    "datum_ensemble": {
+        "name": "World Geodetic System 1984 ensemble",
+        "members": [
+            {"name": "World Geodetic System 1984 (Transit)", "id": {"authority": "EPSG", "code": 1166}},
+            {"name": "World Geodetic System 1984 (G730)", "id": {"authority": "EPSG", "code": 1152}},
+            {"name": "World Geodetic System 1984 (G873)", "id": {"authority": "EPSG", "code": 1153}},
+            {"name": "World Geodetic System 1984 (G1150)", "id": {"authority": "EPSG", "code": 1154}},
+            {"name": "World Geodetic System 1984 (G1674)", "id": {"authority": "EPSG", "code": 1155}},
+            {"name": "World Geodetic System 1984 (G1762)", "id": {"authority": "EPSG", "code": 1156}},
+            {"name": "World Geodetic System 1984 (G2139)", "id": {"authority": "EPSG", "code": 1309}},
+        ],
+        "ellipsoid": {"name": "WGS 84", "semi_major_axis": 6378137, "inverse_flattening": 298.257223563},
+        "accuracy": "2.0",
+        "id": {"authority": "EPSG", "code": 6326},
+    },
+    "coordinate_system": {
+        "subtype": "ellipsoidal",
+        "axis": [
+            {"name": "Geodetic longitude", "abbreviation": "Lon", "direction": "east", "unit": "degree"},
+            {"name": "Geodetic latitude", "abbreviation": "Lat", "direction": "north", "unit": "degree"},
+        ],
+    },
+    "scope": "Not known.",
+    "area": "World.",
+    "bbox": {"south_latitude": -90, "west_longitude": -180, "north_latitude": 90, "east_longitude": 180},
+    "id": {"authority": "OGC", "code": "CRS84"},
+}
+# Encodings of GeoArrow, by how deep the coordinates lie in lists.
+_NATIVE: Final = {
+    "point": shapely.GeometryType.POINT,
+    "linestring": shapely.GeometryType.LINESTRING,
+    "polygon": shapely.GeometryType.POLYGON,
+    "multipoint": shapely.GeometryType.MULTIPOINT,
+    "multilinestring": shapely.GeometryType.MULTILINESTRING,
+    "multipolygon": shapely.GeometryType.MULTIPOLYGON,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where a file has what.
+
+    geometry : name of the column; None: it has none
+    encoding : WKB, or one of GeoArrow
+    to_degrees : how coordinates become longitude and latitude
+    aside : columns that say nothing more: boxes, and further geometries
+    is_sure : whether the file says what its reference system is
+    is_spherical : whether it says that edges are great circles
+    """
+
+    geometry: str | None
+    encoding: str
+    to_degrees: ToDegrees
+    aside: frozenset[str]
+    is_sure: bool
+    is_spherical: bool
+
+    @classmethod
+    def of(cls, schema: "pa.Schema") -> "Layout":
+        """Return what the metadata of a schema say; raises InvalidInput where they are wrong, or name no known CRS."""
+        text = (schema.metadata or {}).get(METADATA_KEY)
+        if text is None:
+            return cls(GEOMETRY if GEOMETRY in schema.names else None, "WKB", None, frozenset(), False, False)
+        try:
+            geo = json.loads(text)
+            primary = geo["primary_column"]
+            column, columns = geo["columns"][primary], dict(geo["columns"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise InvalidInput("file", "metadata geo", "must be the JSON that GeoParquet says it is") from None
+        if primary not in schema.names or not isinstance(column, dict):
+            raise InvalidInput("file", "metadata geo", f"names a geometry column that is not there: {primary!r:.60}")
+        encoding = column.get("encoding")
+        if encoding != "WKB" and encoding not in _NATIVE:
+            known = ", ".join(("WKB", *_NATIVE))
+            raise InvalidInput("file", "metadata geo", f"encoding must be one of {known}; got {encoding!r:.60}")
+        crs = column.get("crs", CRS84)
+        return cls(
+            geometry=primary,
+            encoding=encoding,
+            to_degrees=None if crs is None else of_name("file", _name_of(crs)),
+            aside=frozenset(name for name in columns if name != primary) | _covering(column),
+            is_sure=crs is not None,
+            is_spherical=column.get("edges") == "spherical",
+        )
+
+    def shapes(self, column: Array) -> NDArray[np.object_]:
+        """Return the geometries of a column (n,), None where there is none; raises InvalidInput for what is none."""
+        try:
+            if self.encoding != "WKB":
+                return _native(column, _NATIVE[self.encoding])
+            held = np.empty(len(column), dtype=object)
+            held[:] = column.to_pylist()
+            with np.errstate(invalid="ignore"):  # coordinates that are no numbers are refused with their object
+                return np.asarray(shapely.from_wkb(held), dtype=object)
+        except (
+            shapely.errors.GEOSException,
+            TypeError,
+            ValueError,
+            KeyError,
+            AttributeError,
+            pa.ArrowException,
+        ) as error:
+            rule = f"holds what is no geometry in {self.encoding}: {error}"
+            raise InvalidInput("file", f"column {self.geometry}", rule) from error
+
+
+def _name_of(crs: Any) -> str:
+    """Return a reference system in PROJJSON by its code, else as it is."""
+    known = crs.get("id") if isinstance(crs, dict) else None
+    if isinstance(known, dict) and "authority" in known and "code" in known:
+        return f"{known['authority']}:{known['code']}"
+    return json.dumps(crs)
+
+
+def _covering(column: Mapping[str, Any]) -> frozenset[str]:
+    """Return the names of the columns with the boxes of geometries."""
+    covering = column.get("covering")
+    boxes = covering.get("bbox") if isinstance(covering, dict) else None
+    paths = boxes.values() if isinstance(boxes, dict) else ()
+    return frozenset(path[0] for path in paths if isinstance(path, list) and path and isinstance(path[0], str))
+
+
+def _native(column: Array, kind: shapely.GeometryType) -> NDArray[np.object_]:
+    """Return the geometries of a column of GeoArrow with separate coordinates."""
+    known = numbers(column.is_valid())
+    inner, bounds = column.drop_null(), []
+    while isinstance(inner, pa.ListArray | pa.LargeListArray):
+        inner, offset = lists(inner)
+        bounds.append(offset)
+    names = [field.name for field in inner.type]
+    ordinates = [name for name in ("x", "y", "z") if name in names]
+    coordinates = np.column_stack([numbers(inner.field(name)).astype(np.float64) for name in ordinates])
+    shapes = np.full(len(column), None, dtype=object)
+    if "m" in names and kind == shapely.GeometryType.LINESTRING:
+        xym = np.column_stack([coordinates[:, :2], numbers(inner.field("m"))])
+        shapes[known] = [shapely.from_wkb(_line_m(xym[i:j])) for i, j in zip(bounds[0], bounds[0][1:], strict=False)]
+    else:
+        shapes[known] = shapely.from_ragged_array(kind, coordinates, tuple(reversed(bounds)) or None)
+    return shapes
+
+
+def _line_m(xym: NDArray[np.float64]) -> bytes:
+    return np.array([(1, 2002, len(xym))], "u1,<u4,<u4").tobytes() + xym.astype("<f8").tobytes()
+
+
+def metadata(bounds: NDArray[np.float64], kinds: list[str], others: Mapping[str, list[str]], primary: str) -> bytes:
+    """Return the metadata `geo` of a file that is written.
+
+    bounds : (4,) west, south, east, north of all geometries of the primary column; NaN if there is none
+    kinds : of its geometries
+    others : kinds of the geometries of other columns
+    """
+    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": kinds, "crs": CRS84}
+    if np.isfinite(bounds).all():
+        column["bbox"] = bounds.tolist()
+    covering = {"covering": {"bbox": {side: [COVERING, side] for side in SIDES}}} if not others else {}
+    columns = {primary: column | covering}
+    columns |= {name: {"encoding": "WKB", "geometry_types": of, "crs": CRS84} for name, of in others.items()}
+    return json.dumps({"version": VERSION, "primary_column": primary, "columns": columns}).encode()

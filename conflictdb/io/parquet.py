@@ -1,0 +1,337 @@
+"""Areas and tracks of a Parquet file: GeoParquet, what `export` writes, and plain columns of positions.
+
+Needs the extra `parquet`. A file of the Arrow form OBJECTS, whoever wrote it, is read as exactly these objects. Of any
+other one columns mean what they mean in scene files, in upper or lower case: a polygon is an area, a point with
+`radius_m` a circle, a line a track if the file has a column that says when, or if it has an M: seconds since 1970. Rows
+with a point, or columns `lon` and `lat`, and a time are positions: one row per waypoint, by the rules of
+`conflictdb.io.positions`. All other points and lines are left out, by name. Other columns are properties; one that
+looks like a known one is refused.
+"""
+
+import csv
+import json
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from io import StringIO
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.forms import METADATA_KEY
+from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.io import objects
+from conflictdb.io.arrow_values import plain
+from conflictdb.io.contents import Contents, Remark, Skipped, left_out
+from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
+from conflictdb.io.fields import Fields, number_as_key
+from conflictdb.io.fields import key as checked_key
+from conflictdb.io.geoparquet import COVERING, Layout
+from conflictdb.io.instants import format_instant
+from conflictdb.io.json_text import check_storable, check_text
+from conflictdb.io.names import RENAME_COLUMN
+from conflictdb.io.parquet_process import decoded
+from conflictdb.io.positions import COLUMNS, read_positions
+from conflictdb.io.scene_file import scene_of
+from conflictdb.io.speeds import within_speed
+from conflictdb.model import Area, Scene, Track
+
+# What a file may hold as Arrow, which takes five times its size in memory as objects, and JSON thirty.
+MAX_PARQUET_MB: Final = 400.0
+# Columns of which one makes lines tracks.
+_WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
+_INDEX: Final = "__index_level_0__"  # of pandas
+# Of what is left out by geometry so many are named.
+_MOST_NAMED: Final = 10
+_UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
+_SPHERICAL: Final = "says that edges are great circles; here they are what the motion of the scene says"
+
+
+@dataclass(slots=True)
+class _Found:
+    """What was read so far; others: rows that are neither, by their type."""
+
+    areas: list[Area] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    at_speed: list[objects.TrackAtSpeed] = field(default_factory=list)
+    others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    rows: dict[str, int] = field(default_factory=dict)
+    refusals: Refusals = field(default_factory=Refusals)
+
+    def add(self, row: int, item: Area | Track | objects.TrackAtSpeed) -> None:
+        """Add the object of a row; refuse an id that an earlier row has."""
+        first = self.rows.setdefault(item.key, row)
+        with self.refusals:
+            if first != row:
+                rule = f"is given twice, by rows {first} and {row} (from 0); ids must be unique in the scene"
+                raise InvalidInput(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", "id", rule)
+            if isinstance(item, Area):
+                self.areas.append(item)
+            elif isinstance(item, Track):
+                self.tracks.append(item)
+            else:
+                self.at_speed.append(item)
+
+
+def read_parquet(
+    path: Path,
+    stem: str,
+    max_file_mb: float | None,
+    max_speed_kn: float | None,
+    fastest_kn: float,
+    *,
+    skip_invalid: bool,
+) -> Contents:
+    """Return the areas and tracks of a Parquet file, or of the parts in a directory; raises InvalidInput.
+
+    max_file_mb, max_speed_kn, skip_invalid : see `conflictdb.io.read`
+    stem : name of the scene if the file tells its settings, but no name
+    fastest_kn : `max_speed_kn`, or what it is by default for plans
+    """
+    source = str(path)
+    with decoded(path, MAX_PARQUET_MB if max_file_mb is None else max_file_mb) as rows:
+        schema = rows.schema
+        told = _told(schema)
+        settings = scene_of(told["scene"], stem) if told.get("scene") is not None else None
+        if told.get("form") == OBJECTS.name or _fits(schema):
+            found = _of_form(rows.batches, told)
+            return _contents(source, found, settings, fastest_kn, [], skip_invalid=skip_invalid)
+        layout = Layout.of(schema)
+        remarks = [
+            Remark(source, "file", text)
+            for text, holds in ((_UNSURE, not layout.is_sure), (_SPHERICAL, layout.is_spherical))
+            if holds and layout.geometry is not None
+        ]
+        first, rest = _peeked(rows.batches)
+        if _are_positions(first, layout):
+            contents = read_positions(_as_csv(rest, layout), source, max_speed_kn=max_speed_kn)
+            contents.remarks = [*contents.remarks, *remarks]
+            return contents
+        if layout.geometry is None:
+            known = ", ".join(schema.names[:20])
+            rule = (
+                f"there is none: no metadata of GeoParquet, no column geometry, no lon and lat with a time; got {known}"
+            )
+            raise InvalidInput("file", "geometry", rule)
+        found = _Found()
+        setting = objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
+        row = 0
+        for batch in rest:
+            _add_rows(found, batch, row, layout, setting)
+            row += batch.num_rows
+    return _contents(source, found, settings, fastest_kn, remarks, skip_invalid=skip_invalid)
+
+
+def _told(schema: "pa.Schema") -> dict[str, Any]:
+    """Return what the metadata say of the form; whether that is known is judged with the columns."""
+    try:
+        told = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
+    except (ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict):
+        raise InvalidInput("file", "metadata conflictdb", "must be a JSON object")
+    return told
+
+
+def _fits(schema: "pa.Schema") -> bool:
+    """Return whether a file that does not say so is of the form OBJECTS."""
+    if not set(schema.names) <= {*OBJECTS.schema.names, COVERING}:
+        return False
+    try:
+        OBJECTS.columns(schema.empty_table())
+    except InvalidInput:
+        return False
+    return True
+
+
+def _contents(
+    source: str, found: _Found, settings: Scene | None, fastest_kn: float, remarks: list[Remark], *, skip_invalid: bool
+) -> Contents:
+    scene = settings or Scene("file")
+    timed = objects.timed(found.at_speed, scene, fastest_kn, found.refusals)
+    found.tracks.extend(track for track in timed if track is not None)
+    tracks = within_speed(found.tracks, scene.motion, fastest_kn, found.refusals)
+    if not skip_invalid:
+        found.refusals.raise_found()
+    contents = Contents(settings, found.areas, tracks, left_out(source, found.refusals))
+    for kind, rows in found.others.items():
+        named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
+        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
+        contents.skipped.append(
+            Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False)
+        )
+    contents.remarks = remarks
+    return contents
+
+
+def _of_form(batches: "Iterator[pa.RecordBatch]", told: dict[str, Any]) -> _Found:
+    """Return the objects of a file of the form OBJECTS."""
+    found, row = _Found(), 0
+    known = {METADATA_KEY: json.dumps({k: v for k, v in told.items() if k != "scene"})}
+    for batch in batches:
+        batch = batch.replace_schema_metadata(known)
+        OBJECTS.columns(batch)  # what does not fit is wrong with no row
+        try:
+            items = _checked(batch)
+        except InvalidInput:
+            items = []
+            for i in range(batch.num_rows):  # for all that is wrong, each with its row
+                with found.refusals:
+                    items += _checked(batch.slice(i, 1))
+        for item in items:
+            found.add(row, item)
+            row += 1
+    return found
+
+
+def _checked(batch: "pa.RecordBatch") -> list[Area | Track]:
+    areas, tracks = to_objects(batch)
+    items: list[Area | Track] = [*areas, *tracks]
+    for item in items:
+        who = f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}"
+        checked_key(who, "id", item.key)
+        if item.name is not None:
+            check_text(who, "name", item.name)
+        if item.properties:
+            check_storable(who, "", item.properties)
+    return items
+
+
+def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":
+    """Return the first batch that has rows, and all batches from it on."""
+    for batch in batches:
+        if batch.num_rows:
+            return batch, chain([batch], batches)
+    return None, iter(())
+
+
+def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: objects.Setting) -> None:
+    """Add the objects of some rows, the first of which has this number."""
+    shapes = layout.shapes(batch.column(layout.geometry))
+    names, columns = _values(batch, {layout.geometry, *layout.aside})
+    has_times = not _WHEN.isdisjoint(name.lower() for name in names)
+    measured = shapely.has_m(shapes)
+    for i, shape in enumerate(shapes):
+        where = f"row {row + i}"
+        values = {name: column[i] for name, column in zip(names, columns, strict=True)}
+        number = str(number_as_key(values.pop(_INDEX, row + i)))
+        kind = None if shape is None else shapely.get_type_id(shape)
+        is_track = kind in LINES and (has_times or bool(measured[i]))
+        is_circle = kind == shapely.GeometryType.POINT and any(name.lower() == "radius_m" for name in names)
+        if kind in POINTS | LINES and not is_track and not is_circle:
+            found.others[shape.geom_type].append(row + i)
+            continue
+        with found.refusals:
+            _check_kind(where, values, is_track=is_track)
+            if is_circle:
+                found.add(row + i, _circle(where, number, values, shape, setting))
+            elif is_track:
+                if measured[i] and all(values.get(name) is None for name in names if name.lower() in _WHEN):
+                    values = {**values, "times": _times_of(where, shape)}
+                found.add(row + i, line_track(where, number, values, shape, setting))
+            else:
+                found.add(row + i, polygon_area(where, number, values, shape, setting))
+
+
+def _check_kind(where: str, values: dict[str, Any], *, is_track: bool) -> None:
+    said = values.get("kind")
+    if said in ("area", "track") and (said == "track") != is_track:
+        rule = f"is {said!r}, but the geometry is that of {'a track' if is_track else 'an area'}"
+        raise InvalidInput(where, "kind", rule)
+
+
+def _circle(where: str, number: str, values: dict[str, Any], shape: Any, setting: objects.Setting) -> Area:
+    key = number_as_key(values.pop("id", None))
+    key = checked_key(where, "id", number if key is None or key == "" else key)
+    geometry = {"type": "Point", "coordinates": shapely.get_coordinates(shape)[0].tolist()}
+    fields = Fields(f"area {key!r}", {n.lower() if n.lower() in _CIRCLE else n: v for n, v in values.items()})
+    return objects.area(key, geometry, fields, setting)
+
+
+_CIRCLE: Final = objects.AREA_MEMBERS | {"radius_m"}
+
+
+def _times_of(where: str, line: Any) -> list[str]:
+    """Return the M of a line, seconds since 1970, as instants."""
+    seconds = shapely.get_coordinates(line, include_m=True)[:, 2]
+    if not (np.abs(seconds) < objects.MAX_DURATION_S).all():
+        raise InvalidInput(
+            where, "geometry", "has an M that is no number of seconds since 1970, in the years 1 to 9999"
+        )
+    try:
+        return [format_instant(us) for us in np.rint(seconds * 1e6).astype(np.int64).tolist()]
+    except OverflowError:
+        raise InvalidInput(where, "geometry", "has an M that leaves the years 1 to 9999") from None
+
+
+def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
+    """Return whether rows are waypoints: with a time, and a point or lon and lat."""
+    if first is None:
+        return False
+    lower = {name.lower() for name in first.schema.names}
+    if not lower.intersection(COLUMNS["time"]):
+        return False
+    if layout.geometry is None:
+        return all(lower.intersection(COLUMNS[name]) for name in ("lon", "lat"))
+    kinds = shapely.get_type_id(layout.shapes(first.column(layout.geometry)))
+    return bool(np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]).all() and (kinds >= 0).any())
+
+
+def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
+    """Return positions as the text that `read_positions` takes; coordinates and instants lose nothing."""
+    text = StringIO()
+    writer = csv.writer(text)
+    aside, row = {_INDEX, *layout.aside}, 0
+    names: list[str] = []
+    for batch in batches:
+        places: list[list[Any]] = []
+        if layout.geometry is not None:
+            own = {name for name in batch.schema.names if name.lower() in (*COLUMNS["lon"], *COLUMNS["lat"])}
+            aside |= {layout.geometry, *own}
+            places = _places(layout, batch, row)
+        names, columns = _values(batch, aside)
+        if not row:
+            writer.writerow([*names, *(("lon", "lat") if places else ())])
+        is_id = [name.lower() in COLUMNS["id"] for name in names]
+        texts = [[_cell(value, is_id=of) for value in column] for of, column in zip(is_id, columns, strict=True)]
+        writer.writerows(zip(*texts, *places, strict=True))
+        row += batch.num_rows
+    return text.getvalue()
+
+
+def _places(layout: Layout, batch: "pa.RecordBatch", row: int) -> list[list[Any]]:
+    shapes = layout.shapes(batch.column(layout.geometry))
+    kinds = shapely.get_type_id(shapes)
+    strange = np.flatnonzero(~np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]))
+    if strange.size:
+        i = int(strange[0])
+        rule = f"must be a Point, as in the rows before, which are positions; got a {shapes[i].geom_type}"
+        raise InvalidInput(f"row {row + i}", "geometry", rule)
+    xy: NDArray[np.float64] = np.column_stack([shapely.get_x(shapes), shapely.get_y(shapes)])
+    known = np.asarray(~np.isnan(xy).any(axis=1))
+    if layout.to_degrees is not None:
+        xy[known] = layout.to_degrees(xy[known])
+    return [[repr(x) if ok else "" for x, ok in zip(side.tolist(), known.tolist(), strict=True)] for side in xy.T]
+
+
+def _cell(value: Any, *, is_id: bool) -> str:
+    if value is None:
+        return ""
+    if is_id:
+        value = number_as_key(value)
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _values(batch: "pa.RecordBatch", aside: Collection[str | None]) -> tuple[list[str], list[list[Any]]]:
+    """Return the names of columns and their values, as JSON has them, but for some."""
+    names = [name for name in batch.schema.names if name not in aside]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidInput("file", f"column {twice}", "is there more than once")
+    return names, [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]

@@ -1,0 +1,90 @@
+"""GeoParquet 1.1 of scenes and of conflicts, row group by row group, however many there are (extra `parquet`)."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import islice
+from typing import IO, Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.columns import of_numbers
+from conflictdb.arrays.arrow.forms import METADATA_KEY, Form
+from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES, of_rows
+from conflictdb.arrays.arrow.objects import OBJECTS
+from conflictdb.io.geoparquet import COVERING, GEOMETRY, SIDES, metadata
+from conflictdb.model import Scene
+from conflictdb.results import Conflict
+
+# Rows of a row group: as many as a reader takes at once, and a box that is worth looking at.
+_ROWS: Final = 20_000
+_BOX: Final = pa.struct([pa.field(side, pa.float64(), nullable=False) for side in SIDES])
+_KINDS: Final = {
+    int(shapely.GeometryType.LINESTRING): "LineString",
+    int(shapely.GeometryType.POLYGON): "Polygon",
+    int(shapely.GeometryType.MULTIPOLYGON): "MultiPolygon",
+}
+
+
+def write_objects(stream: IO[bytes], scene: Scene, batches: "Iterable[pa.RecordBatch]") -> None:
+    """Write a scene that `read` reads back as exactly these settings and objects.
+
+    batches : of the form OBJECTS
+    """
+    settings = {name: value for name, value in asdict(scene).items() if value is not None}
+    schema = OBJECTS.schema.append(pa.field(COVERING, _BOX, nullable=False))
+    bounds, kinds = np.full(4, np.nan), set()
+    with _written(stream, OBJECTS, schema, {"scene": settings}) as writer:
+        for table in _grouped(batches):
+            shapes = shapely.from_wkb(table.column(GEOMETRY).to_numpy())
+            boxes = shapely.bounds(shapes)
+            bounds = _around(bounds, boxes)
+            kinds |= {_KINDS[kind] for kind in np.unique(shapely.get_type_id(shapes)).tolist()}
+            box = pa.StructArray.from_arrays([of_numbers(side) for side in boxes.T], fields=list(_BOX))
+            writer.write_table(table.append_column(schema.field(COVERING), box), row_group_size=_ROWS)
+        writer.add_key_value_metadata({"geo": metadata(bounds, sorted(kinds), {}, GEOMETRY)})
+
+
+def write_conflicts(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:
+    """Write conflicts, as they come, with the columns of the form FOUND."""
+    with _written(stream, FOUND, FOUND.schema, {}) as writer:
+        rows = iter(conflicts)
+        while some := list(islice(rows, _ROWS)):
+            writer.write_batch(of_rows(some))
+        region, *others = GEOMETRIES
+        told = metadata(np.full(4, np.nan), [], {name: ["Point"] for name in others}, region)
+        writer.add_key_value_metadata({"geo": told})
+
+
+@contextmanager
+def _written(
+    stream: IO[bytes], form: Form, schema: "pa.Schema", more: Mapping[str, Any]
+) -> "Iterator[pq.ParquetWriter]":
+    told = {"form": form.name, "edition": form.edition, **more}
+    # With its own schema in the file Arrow reads no metadata but those, and `geo` is known when all is written.
+    with pq.ParquetWriter(stream, schema.remove_metadata(), compression="zstd", store_schema=False) as writer:
+        yield writer
+        writer.add_key_value_metadata({METADATA_KEY: json.dumps(told, ensure_ascii=False)})
+
+
+def _grouped(batches: "Iterable[pa.RecordBatch]") -> "Iterator[pa.Table]":
+    """Yield small batches together, as many as become a row group."""
+    held: list[pa.RecordBatch] = []
+    for batch in batches:
+        held.append(batch)
+        if sum(one.num_rows for one in held) >= _ROWS:
+            yield pa.Table.from_batches(held)
+            held = []
+    if held:
+        yield pa.Table.from_batches(held)
+
+
+def _around(bounds: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what holds some bounds, NaN for none, and boxes (n, 4)."""
+    every = np.vstack([bounds, boxes])
+    return np.concatenate([np.fmin.reduce(every[:, :2]), np.fmax.reduce(every[:, 2:])])

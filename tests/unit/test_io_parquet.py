@@ -1,0 +1,392 @@
+"""GeoParquet: what is written comes back to the bit, what others write is read, and the rest is one clear error."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import geopandas
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+import shapely
+from hypothesis import given, settings
+from scene_strategies import assert_same, scenes
+from workloads import GROWING, throw
+
+from conflictdb import InvalidInput, solve
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.io import parquet, read, write
+from conflictdb.io.geoparquet import CRS84
+from conflictdb.io.parquet_process import Rows
+from conflictdb.io.parquet_writing import write_objects
+from conflictdb.model import Area, Scene, Track
+
+SQUARE = shapely.box(9.0, 54.0, 9.5, 54.25)
+LINE = shapely.LineString([(9.0, 54.0), (9.5, 54.5)])
+US = pa.timestamp("us", "UTC")
+EIGHT, TEN = 1_780_300_800_000_000, 1_780_308_000_000_000  # 2026-06-01, UTC
+
+# What is read as it is read outside of tests: by a process of its own.
+APART = (
+    "test_parts_in_a_directory_are_one_file",
+    "test_what_was_cut_off_or_is_something_else_is_refused",
+    "test_what_unpacks_to_too_much_is_refused",
+)
+# A ring with a vertex that is nowhere: closed all the same.
+WITH_NAN = SQUARE.wkb[:29] + np.array([np.nan, 54.1]).tobytes() + SQUARE.wkb[45:]
+
+
+@pytest.fixture(autouse=True)
+def _in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decode files in this process, but where it matters that another one does: that takes a second each."""
+
+    @contextmanager
+    def decoded(path: Path, most_mb: float) -> Iterator[Rows]:
+        with pq.ParquetFile(path) as file:
+            yield Rows(file.schema_arrow, file.iter_batches(3))
+
+    if request.node.name not in APART:
+        monkeypatch.setattr(parquet, "decoded", decoded)
+
+
+def written(path: Path, columns: dict[str, Any], geo: dict[str, Any] | None = None) -> Path:
+    """Write columns, geometries as WKB, with this metadata (default: of GeoParquet in longitude and latitude)."""
+    held = {name: wkb(column) if name == "geometry" else column for name, column in columns.items()}
+    table = pa.table(held)
+    if geo is None:
+        geo = {"version": "1.1.0", "primary_column": "geometry"}
+        geo["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": []}}
+    pq.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)} if geo else {}), path)
+    return path
+
+
+def wkb(shapes: Any) -> pa.Array:
+    if isinstance(shapes, pa.Array):
+        return shapes
+    return pa.array([None if one is None else shapely.to_wkb(one, flavor="iso") for one in shapes], pa.binary())
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(InvalidInput) as caught:
+        read(path, **options)
+    assert str(caught.value).startswith(str(path))
+    return str(caught.value).removeprefix(f"{path}: ")
+
+
+@given(scenes())
+@settings(max_examples=10, deadline=None)
+def test_a_scene_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, objects: Any) -> None:
+    scene, areas, tracks = objects
+    path = tmp_path_factory.mktemp("parquet") / "scene.parquet"
+    with path.open("wb") as stream:
+        write_objects(stream, scene, [of_objects(areas, []), of_objects([], tracks)])
+    contents = read(path, max_speed_kn=np.inf)
+    assert contents.scene == scene
+    for one, other in zip([*areas, *tracks], [*contents.areas, *contents.tracks], strict=True):
+        assert_same(one, other)
+
+
+def test_what_is_written_is_geoparquet(tmp_path: Path) -> None:
+    """By the schema of 1.1: coded as WKB, with a box for each row that its metadata name, and one of all."""
+    path = tmp_path / "scene.parquet"
+    scene, areas, tracks = throw(GROWING, 7, 8, 12)
+    with path.open("wb") as stream:
+        write_objects(stream, scene, [of_objects(areas, tracks)])
+    geo = json.loads(pq.read_schema(path).metadata[b"geo"])
+    column = geo["columns"][geo["primary_column"]]
+    assert (geo["version"], column["encoding"], column["crs"]) == ("1.1.0", "WKB", CRS84)
+    assert column["geometry_types"] == ["LineString", "MultiPolygon"]
+    frame = geopandas.read_parquet(path)
+    assert frame.crs.to_authority() == ("OGC", "CRS84")
+    assert np.allclose(column["bbox"], frame.total_bounds, rtol=0.0, atol=0.0)
+    west, south, east, north = frame.geometry.iloc[0].bounds
+    inside = geopandas.read_parquet(path, bbox=(west, south, east, north))
+    assert areas[0].key in set(inside["id"])
+    assert len(inside) < len(frame)
+
+
+@pytest.mark.parametrize("name", ["conflicts.parquet", "conflicts.PARQUET"])
+def test_conflicts_are_read_by_geopandas(tmp_path: Path, name: str) -> None:
+    scene, areas, tracks = throw(GROWING, 7, 8, 12)
+    found = solve(tracks, areas, scene)
+    write(found, tmp_path / name)
+    frame = geopandas.read_parquet(tmp_path / name)
+    assert list(frame["a_key"]) == [one.a_key for one in found]
+    assert list(frame["verdict"]) == [one.verdict for one in found]
+    assert [period[0]["start"] for period in frame["periods"]] == [one.periods[0][0] for one in found]
+    assert frame.geometry.name == "region"
+    assert frame["first_contact_point"].iloc[0].coords[0] == found[0].first_contact_deg
+    write([], tmp_path / "none.parquet")
+    assert len(geopandas.read_parquet(tmp_path / "none.parquet")) == 0
+
+
+def test_closest_approaches_are_no_conflicts(tmp_path: Path) -> None:
+    scene, areas, tracks = throw(GROWING, 7, 8, 12)
+    (one, *_) = [found.approach for found in solve(tracks, areas, scene) if found.approach]
+    with pytest.raises(InvalidInput, match="only conflicts are written as GeoParquet"):
+        write([one], tmp_path / "approaches.parquet")
+    with pytest.raises(InvalidInput, match="must end in"):
+        write([], tmp_path / "conflicts.parquet.gz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_areas_of_geopandas_are_read(tmp_path: Path) -> None:
+    """With instants that pandas holds, a further property, its index aside, in any reference system."""
+    frame = geopandas.GeoDataFrame(
+        {
+            "id": ["A", "B"],
+            "start": np.array([EIGHT, EIGHT], "datetime64[us]"),
+            "END": np.array([TEN * 1000 + 400, 0], "datetime64[ns]"),
+            "ceiling_m": [100.0, np.nan],
+            "note": ["x", None],
+        },
+        geometry=[SQUARE, SQUARE],
+        crs=4326,
+    )
+    frame["start"] = frame["start"].dt.tz_localize("Europe/Berlin").dt.tz_convert("UTC")
+    frame["END"] = frame["END"].where(frame["id"] == "A").dt.tz_localize("UTC")
+    frame.index = [5, 7]
+    frame.to_parquet(tmp_path / "areas.parquet")
+    frame.to_crs(32632).to_parquet(tmp_path / "utm.geoparquet", geometry_encoding="geoarrow")
+    plain, utm = (read(tmp_path / name) for name in ("areas.parquet", "utm.geoparquet"))
+    for contents in (plain, utm):
+        a, b = contents.areas
+        assert (a.start_us, a.end_us, a.ceiling_m) == (EIGHT - 7_200_000_000, TEN, 100.0)
+        assert (b.start_us, b.end_us, b.ceiling_m) == (EIGHT - 7_200_000_000, None, None)
+        assert dict(a.properties) == {"note": "x"}
+        assert shapely.equals_exact(a.footprint, shapely.MultiPolygon([SQUARE]), 1e-9)
+    assert shapely.equals_exact(plain.areas[0].footprint, shapely.MultiPolygon([SQUARE]), 0.0)
+
+
+def with_m(*seconds: float) -> Any:
+    places = shapely.get_coordinates(LINE)
+    text = ", ".join(f"{x!r} {y!r} {m!r}" for (x, y), m in zip(places.tolist(), seconds, strict=True))
+    return shapely.from_wkt(f"LINESTRING M ({text})")
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"geometry": [with_m(EIGHT / 1e6, TEN / 1e6)]},
+        {"geometry": [LINE], "times": pa.array([[EIGHT, TEN]], pa.list_(US))},
+        {"geometry": [LINE], "times": pa.array([[EIGHT * 1000, TEN * 1000]], pa.large_list(pa.timestamp("ns", "UTC")))},
+        {"geometry": [LINE], "times": ['["2026-06-01T08:00:00Z", "2026-06-01T12:00:00+02:00"]']},
+        {"geometry": [shapely.force_3d(LINE, 7.0)], "Times": pa.array([[EIGHT, TEN]], pa.list_(US))},
+        {"geometry": [with_m(1.0, 2.0)], "times": pa.array([[EIGHT, TEN]], pa.list_(US))},
+    ],
+    ids=["M", "instants", "nanoseconds", "texts", "Z", "times before M"],
+)
+def test_lines_are_tracks(tmp_path: Path, columns: dict[str, Any]) -> None:
+    sides = {f"{side}_m": [10.0] for side in ("fore", "aft", "port", "starboard")}
+    contents = read(written(tmp_path / "track.parquet", {"id": [7], **columns, **sides}))
+    assert_same(
+        contents.tracks[0],
+        Track("7", LINE, np.array([EIGHT, TEN], "datetime64[us]"), [(10, 10), (10, -10), (-10, -10), (-10, 10)]),
+    )
+
+
+def test_outlines_and_heights_of_legs_are_lists(tmp_path: Path) -> None:
+    """Under the names of scene files, as lists of lists."""
+    columns = {
+        "id": ["T"],
+        "geometry": [LINE],
+        "times": pa.array([[EIGHT, TEN]], pa.list_(US)),
+        "outline_m": [[[0.0, 5.0], [3.0, -5.0], [-3.0, -5.0]]],
+        "floor_m": [[None]],
+        "ceiling_m": [[50.0]],
+    }
+    (track,) = read(written(tmp_path / "track.parquet", columns)).tracks
+    assert track.outline_m.tolist() == [[0.0, 5.0], [3.0, -5.0], [-3.0, -5.0]]
+    assert (track.floor_m, track.ceiling_m) == (None, 50.0)
+
+
+def fixes(geometry: bool) -> dict[str, Any]:
+    """Two waypoints each of two tracks, mixed, with a size and what changes."""
+    places = [(9.0, 54.0), (10.0, 55.0), (9.5, 54.5), (10.5, 55.5)]
+    columns: dict[str, Any] = {
+        "id": [1, 2, 1, 2],
+        "time": pa.array([EIGHT, EIGHT, TEN, TEN], US),
+        "length_m": [100.0, 50.0, 100.0, 50.0],
+        "width_m": [20.0, 10.0, 20.0, 10.0],
+        "sog": [1.0, 2.0, 3.0, 4.0],
+        "flag": ["DE", "DK", "DE", "DK"],
+    }
+    if geometry:
+        return {**columns, "geometry": [shapely.Point(place) for place in places]}
+    return {**columns, "lon": [x for x, _ in places], "lat": [y for _, y in places]}
+
+
+@pytest.mark.parametrize("geometry", [True, False], ids=["points", "lon and lat"])
+def test_rows_per_waypoint_are_positions(tmp_path: Path, geometry: bool) -> None:
+    path = written(tmp_path / "fixes.parquet", fixes(geometry), None if geometry else {})
+    first, second = read(path).tracks
+    assert (first.key, second.key) == ("1", "2")
+    assert first.positions_deg.tolist() == [[9.0, 54.0], [9.5, 54.5]]
+    assert first.times_us.tolist() == [EIGHT, TEN]
+    assert np.ptp(first.outline_m, axis=0).tolist() == [20.0, 100.0]
+    assert dict(first.properties) == {"flag": "DE"}
+
+
+def test_points_are_circles_with_a_radius_and_left_out_without(tmp_path: Path) -> None:
+    columns = {"id": ["C"], "geometry": [shapely.Point(9.0, 54.0)], "radius_m": [1000.0]}
+    (circle,) = read(written(tmp_path / "circles.parquet", columns)).areas
+    assert circle.footprint.contains(shapely.Point(9.015, 54.0))
+    columns = {"id": ["P", "L", "A"], "geometry": [shapely.Point(9.0, 54.0), LINE, SQUARE]}
+    contents = read(written(tmp_path / "others.parquet", columns))
+    assert [area.key for area in contents.areas] == ["A"]
+    assert [one.reason for one in contents.skipped] == [
+        "1 rows are Points, no areas or tracks (0)",
+        "1 rows are LineStrings, without times: no tracks (1)",
+    ]
+
+
+def test_a_file_that_says_no_reference_system_is_remarked(tmp_path: Path) -> None:
+    """As Sedona and DuckDB may write it; coordinates in metres are refused all the same."""
+    unknown = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", "crs": None}}}
+    for geo in (unknown, {}):
+        path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, geo)
+        assert [one.text for one in read(path).remarks] == [
+            "does not say its reference system: taken for longitude and latitude on WGS84"
+        ]
+        metres = shapely.box(500_000.0, 6_000_000.0, 501_000.0, 6_001_000.0)
+        assert "latitude must lie within" in refusal(written(path, {"id": ["A"], "geometry": [metres]}, geo))
+
+
+def test_parts_in_a_directory_are_one_file(tmp_path: Path) -> None:
+    """As Spark writes it, with files beside that are no parts."""
+    directory = tmp_path / "areas.parquet"
+    directory.mkdir()
+    for k in range(3):
+        written(directory / f"part-{k}.snappy.parquet", {"id": [f"A{k}"], "geometry": [SQUARE]})
+    (directory / "_SUCCESS").touch()
+    (directory / ".part-0.crc.parquet").touch()
+    assert [area.key for area in read(directory).areas] == ["A0", "A1", "A2"]
+    written(directory / "part-3.parquet", {"id": ["A3"], "geometry": [SQUARE], "more": [1]})
+    assert "its parts have different columns" in refusal(directory)
+    (tmp_path / "empty.parquet").mkdir()
+    assert "directory without parts" in refusal(tmp_path / "empty.parquet")
+
+
+def test_a_misspelt_column_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.parquet", {"id": ["A"], "geometry": [SQUARE], "floor_ft": [100.0]})
+    assert "floor_ft: is not known; did you mean floor_m? Rename the column" in refusal(path)
+    path = written(tmp_path / "b.parquet", {"id": ["A"], "geometry": [SQUARE], "begins": pa.array([EIGHT], US)})
+    assert "begins: is not known; did you mean start?" in refusal(path)
+    path = written(tmp_path / "c.parquet", {"id": ["A"], "geometry": [SQUARE], "separation_m": [100.0]})
+    assert "separation_m: is a setting of the whole scene" in refusal(path)
+
+
+def of_form(name: str, column: pa.Array) -> Callable[[Path], Path]:
+    """Return what writes a scene of one area of which a column is another."""
+
+    def write_it(path: Path) -> Path:
+        stream = BytesIO()
+        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [])])
+        table = pq.read_table(pa.BufferReader(stream.getvalue()))
+        pq.write_table(table.set_column(table.schema.get_field_index(name), name, column), path)
+        return path
+
+    return write_it
+
+
+def plain(**columns: Any) -> Callable[[Path], Path]:
+    return lambda path: written(path, {"id": ["A"], "geometry": [SQUARE], **columns})
+
+
+def with_geo(**column: Any) -> Callable[[Path], Path]:
+    geo = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", **column}}}
+    return lambda path: written(path, {"id": ["A"], "geometry": [SQUARE]}, geo)
+
+
+@pytest.mark.parametrize(
+    ("make", "rule"),
+    [
+        (plain(geometry=[None]), "row 0: geometry: must be a non-empty Polygon or MultiPolygon"),
+        (plain(geometry=pa.array([b"\x01\x06"])), "column geometry: holds what is no geometry in WKB"),
+        (plain(geometry=pa.array(["POLYGON"])), "column geometry: holds what is no geometry in WKB"),
+        (plain(geometry=pa.array([WITH_NAN])), "coordinates must be finite numbers"),
+        (plain(geometry=[with_m(np.nan, 1.0)]), "has an M that is no number of seconds"),
+        (plain(geometry=[with_m(1e300, 2e300)]), "has an M that is no number of seconds"),
+        (plain(start=pa.array([EIGHT], pa.timestamp("us"))), "start: needs an offset from UTC"),
+        (plain(start=pa.array([2**62], US)), "column start: holds instants outside of the years 1 to 9999"),
+        (plain(start=pa.array([5])), "start: must be a date and time as a string; got 5"),
+        (plain(floor_m=["high"]), "floor_m: must be a number; got 'high'"),
+        (plain(note=["x"], kind=["track"]), "row 0: kind: is 'track', but the geometry is that of"),
+        (
+            lambda path: written(path, {"id": ["A", "A"], "geometry": [SQUARE, SQUARE]}),
+            "is given twice, by rows 0 and 1",
+        ),
+        (lambda path: written(path, {"id": ["A"], "geom": [1]}, {}), "geometry: there is none"),
+        (lambda path: written(path, {**fixes(True), "time": ["now"] * 4}), "time: must be a date and time"),
+        (
+            lambda path: written(path, {**fixes(True), "time": pa.array([EIGHT] * 4, pa.timestamp("us"))}),
+            "time: needs an offset from UTC",
+        ),
+        (with_geo(encoding="WKT"), "encoding must be one of WKB, point"),
+        (with_geo(encoding="polygon"), "column geometry: holds what is no geometry in polygon"),
+        (with_geo(crs={"id": {"authority": "EPSG", "code": 999999}}), "is not known to PROJ: EPSG:999999"),
+        (with_geo(crs={"name": "mine"}), "is not known to PROJ"),
+        (
+            lambda path: written(path, {"id": ["A"]}, {"primary_column": "geometry", "columns": {"geometry": {}}}),
+            "not there",
+        ),
+        (lambda path: written(path, {"id": ["A"]}, {"columns": []}), "must be the JSON that GeoParquet says it is"),
+        (of_form("geometry", pa.array([shapely.Point(1, 2).wkb])), "area 'A': geometry: must be a non-empty Polygon"),
+        (of_form("start", pa.array([EIGHT], pa.timestamp("us"))), "instants need a time zone"),
+        (of_form("properties", pa.array(["[1]"])), "properties: must be a JSON object"),
+        (of_form("properties", pa.array(['{"a": "\\u0000"}'])), "must not contain the character U+0000"),
+        (of_form("id", pa.array(["A" * 2000])), "must be at most 1000 bytes long"),
+        (of_form("version", pa.array([1.5])), "version: must be int64; got double"),
+    ],
+)
+def test_what_is_wrong_is_told(tmp_path: Path, make: Callable[[Path], Path], rule: str) -> None:
+    assert rule in refusal(make(tmp_path / "areas.parquet"))
+
+
+def test_all_mistakes_of_a_scene_are_told_or_left_out(tmp_path: Path) -> None:
+    areas = [Area(key, SQUARE) for key in "ABCD"]
+    path = tmp_path / "scene.parquet"
+    with path.open("wb") as stream:
+        write_objects(stream, Scene("s"), [of_objects(areas, [])])
+    table = pq.read_table(path)
+    ceiling = pc.if_else(pc.is_in(table["id"], pa.array(["B", "D"])), 0.0, None)
+    table = table.set_column(table.schema.get_field_index("ceiling_m"), "ceiling_m", ceiling.cast(pa.float64()))
+    floor = pa.array([0.0] * 4)
+    pq.write_table(table.set_column(table.schema.get_field_index("floor_m"), "floor_m", floor), path)
+    told = refusal(path)
+    assert "area 'B': ceiling_m: must be above floor_m" in told
+    assert "area 'D': ceiling_m" in told
+    contents = read(path, skip_invalid=True)
+    assert [area.key for area in contents.areas] == ["A", "C"]
+    assert [one.key for one in contents.skipped] == ["area 'B'", "area 'D'"]
+
+
+def test_what_was_cut_off_or_is_something_else_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scene.parquet"
+    with path.open("wb") as stream:
+        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [])])
+    whole = path.read_bytes()
+    for damaged in (whole[:-9], whole[:100], whole[:50] + b"\xff" * 50 + whole[100:], b"{}", b""):
+        path.write_bytes(damaged)
+        assert "file: cannot be read as Parquet" in refusal(path) or "Arrow" in refusal(path)
+    path.write_bytes(whole)
+    packed = tmp_path / "scene.parquet.gz"
+    packed.write_bytes(whole)
+    assert "is compressed twice" in refusal(packed)
+    assert "has no layers" in refusal(path, layers=["x"])
+    assert "does not exist" in refusal(tmp_path / "none.parquet")
+
+
+def test_what_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
+    """Many equal rows are a file of some kilobytes."""
+    path = tmp_path / "bomb.parquet"
+    text = pa.array(["x" * 100_000]).dictionary_encode()
+    note = pa.DictionaryArray.from_arrays(pa.array(np.zeros(300, np.int32)), text.dictionary)
+    pq.write_table(pa.table({"geometry": pa.repeat(SQUARE.wkb, 300), "note": note}), path, compression="zstd")
+    assert path.stat().st_size < 20_000
+    assert "holds more than 20 MB" in refusal(path, max_file_mb=20.0)
