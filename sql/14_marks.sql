@@ -73,6 +73,19 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _mark_all(bigint) IS 'Marks every object of a scene as changed; returns how many.';
 
+CREATE OR REPLACE FUNCTION _cover_all(p_scene_id bigint) RETURNS void
+LANGUAGE sql VOLATILE PARALLEL UNSAFE
+BEGIN ATOMIC
+    UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
+    INSERT INTO change (scene_id, object_kind, object_id, version, is_covered)
+        SELECT p_scene_id, 0, a.area_id, nextval('version_seq'), true FROM area a WHERE a.scene_id = p_scene_id
+        UNION ALL
+        SELECT p_scene_id, 1, t.track_id, nextval('version_seq'), true FROM track t WHERE t.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _cover_all(bigint) IS
+'Marks every object of a scene as changed, all marks covered: by a detection in full, which makes all pieces in the '
+'same transaction.';
+
 CREATE OR REPLACE FUNCTION _after_scene_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN

@@ -14,10 +14,12 @@ The lock counts how often it was taken: a second transaction that does not follo
 import logging
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final
 
 import psycopg
@@ -159,7 +161,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
         if begun.few is not None:
             return _detect_few(conn, begun, begun.few, record, way, started)
         if full:
-            store.mark_all(conn, scene_id)
+            store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, way)
         is_first = pending.objects > _FEW_OBJECTS
         settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first, is_full=full)
@@ -171,9 +173,9 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
                 # Another detection came in between, or other settings: whatever is still marked becomes ours now.
                 pending = _pending(conn, scene_id, way)
                 settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
-        source = SceneSource(conn, scene_id, way.memory)
-        staged = store.begin_write(conn, scene_id, record)
-        return _refresh_conflicts(conn, staged, source, settings, record, way, started)
+        writing = _Aside(partial(store.begin_write, conn, scene_id, record))
+        source = SceneSource(conn, scene_id, way.memory, writing.start)
+        return _refresh_conflicts(conn, writing.result, source, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
         is_removed = False
@@ -225,7 +227,7 @@ def _detect_few(
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
     source = FewSource(conn, scene_id, way.memory, few.srid, pieces)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
-    return _refresh_conflicts(conn, staged, source, settings, record, way, started)
+    return _refresh_conflicts(conn, lambda: staged, source, settings, record, way, started)
 
 
 def _told(settings: Scene) -> dict[str, Any]:
@@ -285,9 +287,30 @@ def _made_pieces(
             most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
 
 
+class _Aside:
+    """The beginning of a write-back, done by another thread while pairs are solved here."""
+
+    def __init__(self, work: Callable[[], store.Staged]) -> None:
+        self._work = work
+        self._begun: Future[store.Staged] | None = None
+
+    def start(self) -> None:
+        """Begin, unless that was done."""
+        if self._begun is None:
+            thread = ThreadPoolExecutor(1)
+            self._begun = thread.submit(self._work)
+            thread.shutdown(wait=False)
+
+    def result(self) -> store.Staged:
+        """Return it; raises what the work did."""
+        if self._begun is None:
+            return self._work()
+        return self._begun.result()
+
+
 def _refresh_conflicts(
     conn: psycopg.Connection[Any],
-    staged: store.Staged,
+    begun: Callable[[], store.Staged],
     source: SceneSource,
     settings: Scene,
     record: store.RunRecord,
@@ -298,6 +321,7 @@ def _refresh_conflicts(
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
     chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
     for found, of_chunk in chunks:
+        staged = begun()
         for part in store.differing(staged, found):
             store.stage(conn, staged, part, found.where(part.rows))
         funnel.add(of_chunk)
@@ -305,7 +329,7 @@ def _refresh_conflicts(
         del found, of_chunk
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
-    outcome = store.end_write(conn, staged, replace(record, settings=kept, counted=counted))
+    outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))
     with store.translated():
         conn.commit()
     return Run(

@@ -24,10 +24,19 @@ _SHARE_OF_FEW: Final = 8
 
 
 class SceneSource:
-    """The changed pieces of a scene of the database and all they may meet, as a source of pairs."""
+    """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
 
-    def __init__(self, conn: psycopg.Connection[Any], scene_id: int, memory: Memory = DEFAULT_MEMORY) -> None:
-        self._conn, self._scene_id, self._memory = conn, scene_id, memory
+    meanwhile : begins something whenever pieces were read, and the database has nothing to do until they are solved
+    """
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        memory: Memory = DEFAULT_MEMORY,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._conn, self._scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
 
     def candidates(self) -> Iterator[Chunk]:
         """As `PairSource` has it."""
@@ -35,7 +44,9 @@ class SceneSource:
             yield from pairs_of_rows(found, self._read, self._memory)
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
-        return store.bundles(self._conn, self._scene_id, ids)
+        found = store.bundles(self._conn, self._scene_id, ids)
+        self._meanwhile()
+        return found
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """As `PairSource` has it."""

@@ -833,6 +833,9 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
+FUNCTION _cover_all(p_scene_id bigint)
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
 FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
     RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7673592f1c3895555da222084ccb0c59b87defd4e46ff2f4aeafda76e003e8ec"
+routines_sha256 = "13cd5d669754e17532ec87279d1096cc1e95b3548f4e3adcc376275194d69b2d"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

@@ -42,6 +42,11 @@ def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
     return int(call(conn, "_mark_all", scene_id)[0])
 
 
+def cover_all(conn: psycopg.Connection[Any], scene_id: int) -> None:
+    """Mark every object of a scene as changed, and as one whose pieces follow in this transaction."""
+    call(conn, "_cover_all", scene_id)
+
+
 @dataclass(frozen=True, slots=True)
 class Pending:
     """How many marks areas and tracks of a scene have that wait for a detection; beyond a thousand a thousand."""
