@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from unicodedata import bidirectional
 
 import numpy as np
 import shapely
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 _MOST_ROWS: Final = 40
 _MOST_NAMES: Final = 30
 _LONGEST_NAME: Final = 28
+_LEFT_TO_RIGHT: Final = "\N{LEFT-TO-RIGHT MARK}"
 _INSTANTS: Final = 301
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _DPI: Final = 150
@@ -213,7 +215,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 markersize=3,
                 scalex=False,
                 scaley=False,
-                label=f"{_name(sketch.keys[number])}: way, and what its haven sweeps",
+                label=f"{_name(sketch.keys[number])}: way and sweep of its haven",
             )
         else:
             page.polygons(
@@ -276,7 +278,7 @@ def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> lis
                 page.polygons(panel, np.array([shape], dtype=object), zorder=4, **look)
                 drawn.append(shape)
     if drawn:
-        words = " and ".join(what for what, at in instants if at is not None)
+        words = " and ".join(what for what, at in instants if at is not None).replace("first contact and", "first and")
         panel.fill([], [], facecolor=QUIET + "70", edgecolor=INK, label=f"havens at {words}")
     if conflict.first_contact_deg is not None:
         number = sketch.keys.index(conflict.a_key)
@@ -313,13 +315,15 @@ def _draw_separation(mpl: Any, panel: Any, sketch: Sketch, conflict: Conflict | 
     panel.fill_between(times, found.low_m, found.high_m, color=FIRST, alpha=0.25, linewidth=0)
     panel.plot(times, middle, color=FIRST, linewidth=1.2)
     panel.axhline(wanted_m, color=INK, linewidth=0.8, label="apart" if wanted_m else None)
+    verdict = Verdict.CONFLICT if conflict is None else conflict.verdict
     for start, end in conflict.periods if conflict else ():
         ends = [times[0] if start is None else start, times[-1] if end is None else end]
-        panel.axvspan(ends[0], ends[1], color=CONFLICT, alpha=0.2, linewidth=0)
+        panel.axvspan(ends[0], ends[1], color=OF_VERDICT.get(verdict, QUIET), alpha=0.2, linewidth=0)
     panel.set_ylabel("separation, metres")
     time_axis(mpl, panel, times[0], times[-1])
     bound = "" if conflict is None else f", each end to {bound_text(conflict.time_error_s)}"
-    periods = f"; shaded: in conflict{bound}" if conflict and conflict.periods else ""
+    shaded = {Verdict.GRAZING: "too close to call", Verdict.UNRESOLVED: "not proven apart"}.get(verdict, "in conflict")
+    periods = f"; shaded: {shaded}{bound}" if conflict and conflict.periods else ""
     least = f" (wanted: {wanted_m:g} m)" if wanted_m else ""
     panel.set_title(f"How far apart, UTC{least}; below zero: how deep in each other{periods}", fontsize=9)
 
@@ -397,7 +401,8 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
                 linewidth=0,
                 label=str(verdict),
             )
-        panel.legend(loc="lower right", fontsize=7, frameon=True, edgecolor="none")
+        # Beside the title, where no bar is.
+        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(verdicts), fontsize=7, frameon=False)
 
 
 def _title(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]) -> str:
@@ -412,4 +417,7 @@ def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
 
 def _name(key: str) -> str:
     text = printable(key)
-    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
+    text = text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
+    # What is written from right to left is kept together, and what stands beside it where it is.
+    is_leftward = any(bidirectional(sign) in ("R", "AL") for sign in text)
+    return f"{_LEFT_TO_RIGHT}{text}{_LEFT_TO_RIGHT}" if is_leftward else text

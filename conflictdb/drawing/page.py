@@ -24,6 +24,7 @@ _EDGE: Final = 0.02
 # What a name takes, points.
 _NAME_WIDTH: Final = 40.0
 _NAME_HEIGHT: Final = 8.5
+_SIGN_WIDTH: Final = 4.5
 # What has more objects than these is drawn as an image within the figure: a vector each would make files of megabytes.
 MOST_VECTORS: Final = 2_000
 
@@ -98,13 +99,16 @@ def polygons(panel: Any, shapes: NDArray[np.object_], **look: Any) -> None:
 def names(panel: Any, places: dict[str, tuple[float, float]]) -> None:
     """Write names beside places of the map that is shown, below each other where they would be on each other."""
     taken: list[tuple[float, float]] = []
+    right = panel.get_window_extent().x1 * 72.0 / panel.figure.dpi
     for name, place in places.items():
         x, above = panel.transData.transform(place) * 72.0 / panel.figure.dpi
         y = above
         while any(abs(x - left) < _NAME_WIDTH and abs(y - low) < _NAME_HEIGHT for left, low in taken):
             y -= _NAME_HEIGHT
         taken.append((x, y))
-        panel.annotate(name, place, (3, 3 + y - above), textcoords="offset points", fontsize=7, color=INK)
+        # To the left of its place where it would leave the map.
+        aside, side = (-3, "right") if x + _SIGN_WIDTH * len(name) > right else (3, "left")
+        panel.annotate(name, place, (aside, 3 + y - above), textcoords="offset points", ha=side, fontsize=7, color=INK)
 
 
 def _path(polygon: shapely.Polygon) -> Any:
@@ -142,7 +146,8 @@ def _degrees(value: float, names: str, step: float) -> str:
         text += f"{minutes:02.0f}\N{PRIME}"
     if step < 1.0 / 60.0:
         text += f"{rest:02.0f}\N{DOUBLE PRIME}"
-    return text + ("" if seconds == 0.0 else names[0] if value > 0.0 else names[1])
+    has_no_side = seconds == 0.0 or (names == "EW" and abs(value) == 180.0)
+    return text + ("" if has_no_side else names[0] if value > 0.0 else names[1])
 
 
 def _scale_bar(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) -> None:

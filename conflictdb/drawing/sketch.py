@@ -40,15 +40,11 @@ class Sketch:
         self.pieces = pieces_of(self.scene, self.plane, AreaBatch.of(areas), TrackBatch.of(tracks))
         self._owner = self.pieces.object_id + np.where(self.pieces.kind == Kind.TRACK.code, len(areas), 0)
         self._prepared = kernel.Scene(self.plane.kernel_plane, self.pieces)
-        self._shift_m = self._shifts()
+        self._middle_m = self._middles()
 
     def is_track(self, number: int) -> bool:
         """Return whether an object is a track."""
         return number >= len(self._areas)
-
-    def _shift(self, number: int) -> Floats:
-        """Return by how much an object is moved on the page: whole turns of longitude, so that all are near."""
-        return np.array([self._shift_m[number], 0.0])
 
     def outline(self, number: int) -> shapely.Geometry:
         """Return an area."""
@@ -56,17 +52,13 @@ class Sketch:
 
     def on_page(self, shape: shapely.Geometry, number: int) -> shapely.Geometry:
         """Return a shape in degrees, beside an object."""
-        return shapely.transform(shape, lambda deg: self._placed(deg, number))
+        parts = [self._beside(shapely.transform(part, self._in_plane), number) for part in shapely.get_parts(shape)]
+        return parts[0] if len(parts) == 1 else shapely.union_all(parts)
 
     def way(self, number: int) -> Floats:
         """Return the waypoints (n, 2) of a track: straight in between."""
-        rows = self.rows(number)
-        _, first = np.unique(self.pieces.leg_start_us[rows], return_index=True)
-        legs = rows[first]
-        if not len(legs):
-            return np.empty((0, 2))
-        places = np.concatenate([self.pieces.leg_start_deg[legs], self.pieces.leg_end_deg[legs[-1:]]])
-        return self._placed(places, number)
+        places = self._waypoints_deg(number)
+        return places if not len(places) else self._moved(self._in_plane(places), number)
 
     def rows(self, number: int) -> PieceRows:
         """Return the pieces of an object that are no copies, in the order of its parts, and no cover of it."""
@@ -91,11 +83,12 @@ class Sketch:
             return None
         zero_us = self.pieces.start_us[rows]
         corners = Movement.of(self._prepared, rows, zero_us).positions((at_us - zero_us) / 1e6)[:, :, 0]
-        return shapely.MultiPoint(corners.T + self._shift(number)).convex_hull
+        return self._beside(shapely.MultiPoint(corners.T).convex_hull, number)
 
     def hulls(self, number: int) -> NDArray[np.object_]:
         """Return what the pieces of an object sweep (stage 1 and 2: padded convex hulls)."""
-        return self._moved(hulls_of(self.pieces.take(self.rows(number))), number)
+        hulls = hulls_of(self.pieces.take(self.rows(number)))
+        return np.array([self._beside(hull, number) for hull in hulls], dtype=object)
 
     def meetings(self, a: int, b: int) -> tuple[NDArray[np.object_], list[tuple[int, Floats]]]:
         """Return where stages 2 and 3 let two objects meet: the regions, and the projection lines.
@@ -115,9 +108,7 @@ class Sketch:
         for k, ring in enumerate(rings):
             if len(ring) < 3 or not first_s[k] <= last_s[k]:
                 continue
-            # The page shows the piece that is no copy.
-            anchor = pairs.a[k] if self.pieces.turn[pairs.a[k]] == 0 else pairs.b[k]
-            regions.append(shapely.Polygon(ring + self._shift(int(self._owner[anchor]))))
+            regions.append(self._beside(shapely.Polygon(ring), int(self._owner[pairs.a[k]])))
             zero_us = self.pieces.shared_span(PieceRows(pairs.a[k : k + 1]), PieceRows(pairs.b[k : k + 1]))[0]
             for piece in (pairs.a[k], pairs.b[k]):
                 if self.pieces.kind[piece] == Kind.TRACK.code:
@@ -138,29 +129,53 @@ class Sketch:
                 continue
             right = np.array([velocity[1], -velocity[0]]) / speed
             reach = float(np.abs(right @ (corners - here[:, None])).max())
-            middle = here + self._shift(number)
+            middle = self._moved(here[None], number)[0]
             found.append((number, np.stack([middle - 1.5 * reach * right, middle + 1.5 * reach * right])))
         return found
 
-    def _placed(self, deg: Floats, number: int) -> Floats:
-        return np.stack(self.plane.to_plane(deg[:, 0], deg[:, 1]), axis=1) + self._shift(number)
+    def _in_plane(self, deg: Floats) -> Floats:
+        return np.stack(self.plane.to_plane(deg[:, 0], deg[:, 1]), axis=1)
+
+    def _waypoints_deg(self, number: int) -> Floats:
+        """Return the waypoints (n, 2) of a track, longitudes running on across the date line."""
+        rows = self.rows(number)
+        _, first = np.unique(self.pieces.leg_start_us[rows], return_index=True)
+        legs = rows[first]
+        if not len(legs):
+            return np.empty((0, 2))
+        # A leg may end a turn further than the next one starts.
+        places = np.concatenate([self.pieces.leg_start_deg[legs], self.pieces.leg_end_deg[legs[-1:]]])
+        places[:, 0] = np.unwrap(places[:, 0], period=_TURN_DEG)
+        return places
+
+    def _moved(self, xy: Floats, number: int) -> Floats:
+        """Return places (n, 2) of an object moved by whole turns of longitude, to where the object is on the page."""
+        if self.plane.turn_m == 0.0:
+            return xy
+        middle = 0.5 * (xy[:, 0].min() + xy[:, 0].max())
+        turns = np.round((self._middle_m[number] - middle) / self.plane.turn_m)
+        return xy + np.array([turns * self.plane.turn_m, 0.0])
+
+    def _beside(self, shape: shapely.Geometry, number: int) -> shapely.Geometry:
+        return shapely.transform(shape, lambda xy: self._moved(xy, number))
 
     def _is_whole(self, rows: PieceRows) -> NDArray[np.bool_]:
         return self.pieces.part[rows] != COVER
 
-    def _moved(self, shapes: NDArray[np.object_], number: int) -> NDArray[np.object_]:
-        return np.asarray(shapely.transform(shapes, lambda xy: xy + self._shift(number)))
+    def _span_deg(self, number: int) -> tuple[float, float]:
+        """Return from which longitude to which an object reaches; NaN where it has no shape."""
+        if self.is_track(number):
+            lon = self._waypoints_deg(number)[:, 0]
+            return (lon.min(), lon.max()) if len(lon) else (np.nan, np.nan)
+        # Parts of an area that is cut at the date line belong side by side.
+        bounds = shapely.bounds(shapely.get_parts(self._areas[number].footprint))
+        middle = 0.5 * (bounds[:, 0] + bounds[:, 2])
+        turns = np.round((middle[0] - middle) / _TURN_DEG) * _TURN_DEG
+        return (bounds[:, 0] + turns).min(), (bounds[:, 2] + turns).max()
 
-    def _shifts(self) -> Floats:
-        """Return (n,) the shifts that put all objects east of the widest gap of longitudes that they leave."""
-        west = np.full(len(self.keys), np.nan)
-        for number in range(len(self.keys)):
-            lon = (
-                self.pieces.leg_start_deg[self.rows(number), 0]
-                if self.is_track(number)
-                else shapely.get_coordinates(self._areas[number].footprint)[:, 0]
-            )
-            west[number] = lon.min() if len(lon) else np.nan
+    def _middles(self) -> Floats:
+        """Return (n,) where the middle of each object is on the page: east of the widest gap in longitude."""
+        west, east = np.array([self._span_deg(number) for number in range(len(self.keys))]).reshape(-1, 2).T
         if self.plane.turn_m == 0.0 or np.isnan(west).all():
             return np.zeros(len(west))
         around = np.sort(np.remainder(west[~np.isnan(west)], _TURN_DEG))
@@ -168,5 +183,6 @@ class Sketch:
         first = around[(int(np.argmax(gaps)) + 1) % len(around)]
         turns = np.floor((west - first) / _TURN_DEG + 1e-12)
         # As near to the usual longitudes as may be.
-        turns += np.round((first + np.nanmean(west - turns * _TURN_DEG - first)) / _TURN_DEG)
-        return np.where(np.isnan(west), 0.0, -turns * self.plane.turn_m)
+        turns += np.round(np.nanmean(west - turns * _TURN_DEG) / _TURN_DEG)
+        middle = 0.5 * (west + east) / _TURN_DEG - turns
+        return np.where(np.isnan(west), 0.0, middle * self.plane.turn_m)

@@ -14,7 +14,19 @@ import shapely
 from pyproj import Geod
 
 import conflictdb
-from conflictdb import Area, Conflict, InvalidInput, Motion, Scene, Track, plot_pair, plot_scene, plot_timeline, solve
+from conflictdb import (
+    Area,
+    Conflict,
+    InvalidInput,
+    Motion,
+    Scene,
+    Track,
+    Verdict,
+    plot_pair,
+    plot_scene,
+    plot_timeline,
+    solve,
+)
 from conflictdb.drawing import figures, report
 from conflictdb.drawing.separation import separation
 from conflictdb.drawing.sketch import Sketch
@@ -120,6 +132,54 @@ def test_objects_at_the_date_line_are_near_on_the_page(west: float) -> None:
     haven = sketch.shape_at(1, microseconds(START + timedelta(hours=1)))
     assert haven is not None
     assert sketch.outline(0).contains(haven.centroid)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_scene_at_the_date_line_is_one_piece(sign: float) -> None:
+    """Its map is as wide as the scene, with ways, hulls, havens and what the stages leave on the same side of it."""
+    at = [sign * lon for lon in (176.0, 183.0)]
+    wrapped = [(lon + 180.0) % 360.0 - 180.0 for lon in at]
+    east = track("EAST", (wrapped[0], 4.0), (wrapped[1], 8.5), hours=12.0)
+    west = track("WEST", (wrapped[1], 4.0), (sign * 179.5, 6.25), (wrapped[0], 8.5), hours=12.0)
+    cut = shapely.MultiPolygon([shapely.box(179.5, 5.0, 180.0, 5.4), shapely.box(-180.0, 5.0, -179.5, 5.4)])
+    scene, areas, tracks = Scene("s"), [Area("SEAM", cut)], [east, west]
+    found = solve(tracks, areas, scene)
+    sketch = Sketch(scene, areas, tracks)
+    turn_m = sketch.plane.turn_m
+    box = shapely.total_bounds([sketch.outline(0), *(shapely.LineString(sketch.way(n)) for n in (1, 2))])
+    assert (box[2] - box[0]) / turn_m * 360.0 == pytest.approx(7.0)
+    for number in (1, 2):
+        way = shapely.LineString(sketch.way(number))
+        hulls = shapely.union_all(sketch.hulls(number))
+        assert hulls.covers(way)
+        assert hulls.bounds[2] - hulls.bounds[0] < 0.03 * turn_m
+        for hours in (1, 6, 11):
+            haven = sketch.shape_at(number, microseconds(START + timedelta(hours=hours)))
+            assert shapely.distance(haven, way) == 0.0
+    (conflict,) = [one for one in found if (one.a_key, one.b_key) == ("EAST", "WEST")]
+    regions, lines = sketch.meetings(1, 2)
+    first = sketch.on_page(shapely.Point(conflict.first_contact_deg), 1)
+    assert shapely.distance(regions, first).min() < 1.0
+    assert all(box[0] <= ends[:, 0].min() <= ends[:, 0].max() <= box[2] for _, ends in lines)
+    assert conflict.plot().axes
+
+
+def test_what_is_not_decided_is_not_called_a_conflict(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    by_key = {one.key: one for one in (*areas, *tracks)}
+    for verdict, says in [(Verdict.UNRESOLVED, "not proven apart"), (Verdict.GRAZING, "too close to call")]:
+        one = replace(found[0], verdict=verdict)
+        said = " ".join(texts(plot_pair(scene, by_key[one.a_key], by_key[one.b_key], one)))
+        assert f"shaded: {says}" in said
+        assert "in conflict" not in said
+
+
+def test_names_from_right_to_left_stand_in_their_place() -> None:
+    """What is beside one keeps its own direction: marks hold it."""
+    ships = [track("\N{HEBREW LETTER ALEF}1", (0.0, 0.0), (0.1, 0.0)), track("<b>", (0.1, 0.0), (0.0, 0.0))]
+    said = texts(plot_timeline(solve(ships, [], Scene("s"))))
+    mark = "\N{LEFT-TO-RIGHT MARK}"
+    assert f"<b>, {mark}\N{HEBREW LETTER ALEF}1{mark}" in said
 
 
 def test_a_haven_is_drawn_where_it_is_and_only_while_it_is_there(strait: Any) -> None:
