@@ -37,6 +37,35 @@ END;
 COMMENT ON FUNCTION _map_areas(text) IS
 'The areas of a scene: when (Unix seconds, null: no limit) and in what box (degrees, not wrapped) they are.';
 
+CREATE OR REPLACE FUNCTION _map_overview(p_scene text) RETURNS bytea
+LANGUAGE sql STABLE CALLED ON NULL INPUT
+BEGIN ATOMIC
+    -- Half a pixel where the areas are 16 times as high as a screen of 1,000 pixels. What is wider than plain_deg bends
+    -- by more than that (_tile_measures has how).
+    WITH place AS MATERIALIZED (
+        SELECT s.scene_id, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane
+        FROM scene s WHERE s.scene_id = _scene_id(p_scene)
+    ), measure AS MATERIALIZED (
+        SELECT p.scene_id, p.plane, m.unit_deg,
+               CASE WHEN p.plane IN ('wgs84', 'sphere')
+                    THEN least(20, sqrt(m.unit_deg * 111000 / 2)) ELSE least(5, sqrt(m.unit_deg * 111000 / 300)) END
+                   AS plain_deg
+        FROM place p CROSS JOIN LATERAL (
+            SELECT greatest((max(ST_YMax(a.footprint)) - min(ST_YMin(a.footprint))) / 32768, 1e-7) AS unit_deg
+            FROM area a WHERE a.scene_id = p.scene_id) m
+    )
+    SELECT string_agg(int8send(a.area_id) || ST_AsBinary(ST_Multi(CASE
+               WHEN NOT _is_plain(Box2D(a.footprint)::box3d, m.plain_deg, 180)
+                   THEN ST_Simplify(_drawn(a.footprint, m.plane), m.unit_deg, true)
+               WHEN ST_NPoints(a.footprint) > 16 THEN ST_Simplify(a.footprint, m.unit_deg, true)
+               ELSE a.footprint END), 'NDR'), ''::bytea)
+    FROM measure m JOIN area a USING (scene_id);
+END;
+COMMENT ON FUNCTION _map_overview(text) IS
+'The outlines of the areas of a scene as they are seen from afar: of each its number (eight bytes, the highest first) '
+'and a multipolygon, longitude and latitude in degrees, not wrapped, as well-known binary (little-endian); null '
+'without any.';
+
 CREATE OR REPLACE FUNCTION _map_tracks(p_scene text) RETURNS TABLE (
     track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
     path bytea, outline bytea, grow_mps double precision, outlines bytea

@@ -115,6 +115,11 @@ class Answers:
         with self.connections.one() as connection:
             return _json(content.areas(connection, self._scene))
 
+    def overview(self, request: Request) -> Response:
+        """Return the outlines of all areas as they are seen from afar."""
+        with self.connections.one() as connection:
+            return Response(store.map_overview(connection, self._scene), media_type="application/octet-stream")
+
     def tracks(self, request: Request) -> Response:
         """Return all tracks with what their havens are computed from."""
         with self.connections.one() as connection:
@@ -197,6 +202,7 @@ def application(scene: str, connect: "Connect", access: Access) -> Starlette:
             Route("/api/scene", answers.scene),
             Route("/api/conflicts", answers.conflicts),
             Route("/api/areas", answers.areas),
+            Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/pair", answers.pair),
             Route("/api/events", events),

@@ -1007,6 +1007,9 @@ FUNCTION _map_fields(p_kind smallint)
 FUNCTION _map_may_acknowledge()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL UNSAFE;
 
+FUNCTION _map_overview(p_scene text)
+    RETURNS bytea LANGUAGE sql STABLE PARALLEL UNSAFE;
+
 FUNCTION _map_shapes(p_scene text, p_keys text[])
     RETURNS TABLE(layer text, feature_id bigint, key text, shape text) LANGUAGE sql STABLE PARALLEL UNSAFE;
 

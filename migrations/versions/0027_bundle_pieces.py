@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "13cd5d669754e17532ec87279d1096cc1e95b3548f4e3adcc376275194d69b2d"
+routines_sha256 = "59891d4bb0acb2449f8e81dd6247ab6bf969aa69d846bba6f74e23f4efd0ea2f"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

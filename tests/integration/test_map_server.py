@@ -28,7 +28,7 @@ from conflictdb.model import Area, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
 HOSTILE = "<img src=x onerror=alert(1)>"
-READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
+READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/overview", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
 READS += ["/tiles/areas/0/0/0", "/land/50m", "/page/app.js", "/vendor/maplibre-gl.css", "/api/events"]
 
 
@@ -70,6 +70,31 @@ def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
     pair = strait.read("/api/pair?a=CABLE&b=SUB-1")
     assert (pair["explanation"]["verdict"], list(pair["footprints"])) == ("conflict", ["CABLE"])
     assert sorted(decode(strait.ask("GET", "/tiles/conflicts/6/33/19")[1])) == ["conflicts", "first_contacts"]
+
+
+def test_page_asks_for_its_modules_at_once() -> None:
+    """Not for each when the one that imports it has come."""
+    page = VENDOR.parent / "page"
+    asked = (page / "index.html").read_text()
+    assert [module.name for module in page.glob("*.js") if f'"/page/{module.name}"' not in asked] == []
+
+
+def _polygons(text: str) -> Any:
+    (land_feature, _) = json.loads(text)["features"]
+    return shapely.geometry.shape(land_feature["geometry"])
+
+
+def test_land_in_a_box_is_land() -> None:
+    """Where coasts cross the edge of a box often, what is within stays what it is."""
+    places = [(4.0, 57.0), (-4.0, 52.5), (9.5, 61.5), (2.5, 49.0), (0.5, 55.5)]
+    box = (-7.0, 47.0, 15.0, 67.0)
+    for detail in (land.COARSE, land.FINE):
+        found = _polygons(land.geojson(detail, box))
+        assert [bool(shapely.contains_xy(found, *place)) for place in places] == [False, True, True, True, False]
+        assert found.area == pytest.approx(202.0, abs=0.5)  # square degrees
+    rest = _polygons(land.geojson(land.COARSE, land.WORLD, box))
+    assert not shapely.contains_xy(rest, *places[1])
+    assert shapely.contains_xy(rest, 25.0, 55.0)
 
 
 def test_mistakes_are_told(strait: Client) -> None:

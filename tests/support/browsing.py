@@ -10,8 +10,8 @@ from playwright.sync_api import Page
 Open = Callable[..., Page]
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
-# As root there is no sandbox, and without a graphics card WebGL is in software.
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# As root there is no sandbox. Without a graphics card Chromium draws pages by itself, and WebGL where that is allowed.
+ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
 
 def chromium() -> str | None:

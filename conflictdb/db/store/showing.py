@@ -27,6 +27,12 @@ def map_areas(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]
         return call_many(conn, "_map_areas", scene)
 
 
+def map_overview(conn: psycopg.Connection[Any], scene: str) -> bytes:
+    """Return the outlines of the areas of a scene as routine _map_overview packs them; InvalidInput as map_areas."""
+    with transaction(conn):
+        return bytes(call(conn, "_map_overview", scene)[0] or b"")
+
+
 def map_tracks(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
     """Return the tracks of a scene as routine _map_tracks has them; InvalidInput if it is not known."""
     with transaction(conn):

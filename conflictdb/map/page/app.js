@@ -16,10 +16,8 @@ import { Timeline } from "./timeline.js";
 const SPEEDS = [1, 10, 60, 300, 900, 3600, 21600, 86400, 604800]; // seconds in a second
 const PLAYED_S = 40; // how long all of a scene takes at the speed that is set at first
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
-// Of so many objects, the map takes a second without a graphics card to draw what is on: it hears when the time rests.
-const MANY = 2000;
-const MANY_MARKS_MS = 3000;
-const RESTS_MS = 250;
+const MARKS_SHARE = 0.2; // of the time, at most, that this takes
+const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 const source = byId("scene-data") ? new EmbeddedSource() : new ServerSource();
 const filter = new Filter();
@@ -41,12 +39,16 @@ const detail = new Detail(byId("detail"), { back: unchoose, goTo: moveTo, acknow
 
 async function readAll() {
   const scene = await source.scene();
-  const [conflicts, areas, tracks] = await Promise.all([source.conflicts(), source.areas(), source.tracks()]);
+  const [conflicts, areas, tracks, outlines] = await Promise.all([
+    source.conflicts(), source.areas(), source.tracks(), hasOverview(scene) ? source.overview() : null,
+  ]);
   model = new Model(scene);
-  model.takeObjects(areas, tracks);
+  model.takeObjects(areas, tracks, outlines);
   model.takeConflicts(conflicts);
   version = scene.version;
 }
+
+const hasOverview = ({ objects }) => (view ? view.overview !== null : source.isLive && objects > LARGE);
 
 async function readConflicts() {
   const scene = await source.scene();
@@ -102,6 +104,7 @@ function whyEmpty() {
 
 let hiddenConflicts = new Set();
 let marked = 0;
+let markTakes = 0; // milliseconds, the last time
 let marking = null;
 
 // Tells the map what is on at the time that is shown, what is hidden and what is chosen.
@@ -110,6 +113,13 @@ function mark() {
   marking = null;
   marked = performance.now();
   const pair = chosen ? new Set([chosen.a, chosen.b]) : new Set();
+  if (view.overview) {
+    const before = performance.now();
+    const isHidden = ({ key, id }) => (key === undefined ? hiddenConflicts.has(id) : havens.marks.hidden.has(key));
+    view.overview.mark(t, isHidden, (one) => one === chosen || pair.has(one.key));
+    markTakes = performance.now() - before;
+    if (!view.showsDetail()) return;
+  }
   const object = ({ key, id, start, end }) => [id, {
     on: (start ?? -Infinity) <= t && (end ?? Infinity) >= t, hidden: havens.marks.hidden.has(key), chosen: pair.has(key),
   }];
@@ -121,17 +131,9 @@ function mark() {
 }
 
 function markSoon() {
-  const isMany = model.areas.length + model.tracks.length > MANY;
-  if (isMany && marking === null) marked = performance.now(); // it begins to move
-  const wait = (isMany ? MANY_MARKS_MS : MARKS_MS) - (performance.now() - marked);
-  if (wait <= 0) {
-    mark();
-  } else if (isMany) {
-    clearTimeout(marking);
-    marking = setTimeout(mark, RESTS_MS);
-  } else {
-    marking ??= setTimeout(mark, wait);
-  }
+  const wait = Math.max(MARKS_MS, markTakes / MARKS_SHARE) - (performance.now() - marked);
+  if (wait <= 0) mark();
+  else marking ??= setTimeout(mark, wait);
 }
 
 function moveTo(at) {
@@ -274,7 +276,7 @@ async function changed(what) {
 }
 
 function taken(what) {
-  if (what === "objects") havens.take(model.tracks, model.areas);
+  take(what);
   view.renew(version, what === "objects" ? undefined : ["conflicts"]);
   describe();
   if (chosen) {
@@ -284,6 +286,18 @@ function taken(what) {
   }
   applyFilter();
   moveTo(t);
+}
+
+// Gives what changed to those that draw it.
+function take(what) {
+  if (what === "objects") havens.take(model.tracks, model.areas);
+  if (!view.overview) return;
+  view.overview.takeConflicts(model.conflicts);
+  if (what === "conflicts") return;
+  const halfPixel = 0.5 / (512 * 2 ** view.detailZoom);
+  const known = new Map(model.areas.map((area) => [area.id, area]));
+  const outlines = model.outlines.map(({ id, rings }) => ({ object: known.get(id), rings })).filter(({ object }) => object);
+  view.overview.take(outlines, havens.lines(halfPixel));
 }
 
 // --- what people do --------------------------------------------------------------------------------------------------
@@ -314,8 +328,9 @@ function listen() {
   };
   byId("theme").addEventListener("click", () => { theme.next(); nameTheme(); havens.draw(); });
   nameTheme();
+  if (view.overview) view.map.on("zoomend", mark);
   view.map.on("click", ({ point }) => {
-    const [id] = view.conflictAt(point);
+    const [id] = view.conflictsAt(point);
     const conflict = model.conflicts.find((one) => one.id === id);
     if (conflict) {
       choose(conflict);
@@ -349,10 +364,10 @@ function listen() {
 async function start() {
   await readAll();
   const box = model.box();
-  view = await MapView.open("map", source, box, version);
+  view = await MapView.open("map", source, box, version, hasOverview(model.scene));
   const graticule = new Graticule(byId("graticule"), view);
   havens = new Havens(byId("havens"), view);
-  havens.take(model.tracks, model.areas);
+  take("objects");
   describe();
   offerSpeeds();
   listen();
@@ -366,6 +381,7 @@ async function start() {
   globalThis.conflictdbPage = { view, havens, graticule, timeline, get model() { return model; }, get t() { return t; } };
   await view.loaded;
   mark();
+  performance.mark("shown");
   document.documentElement.dataset.ready = "true";
 }
 

@@ -1,8 +1,8 @@
 // Meridians and parallels above the map, and what they are. On Web Mercator they are straight, to the pixel.
 
-import { mercatorX, mercatorY } from "./map.js";
 import { MERCATOR_END } from "./model.js";
 import { colour } from "./theme.js";
+import { mercatorX, mercatorY } from "./world.js";
 
 const STEPS = [60, 30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001];
 const LEAST_PX = 110; // between two of them

@@ -1,17 +1,19 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
-import { mercatorX, mercatorY } from "./map.js";
 import { colour } from "./theme.js";
+import { mercatorX, mercatorY, shortest } from "./world.js";
 
 const DOT_PX = 3; // a haven that is smaller is a dot
 const MOST_NAMES = 80; // more would cover the map
 const NEAR_PX = 8; // how near a click must be
+const MOST_PARTS = 128; // of which a leg is drawn
 
 export class Havens {
   constructor(canvas, view) {
     this.canvas = canvas;
     this.view = view;
-    this.context = canvas.getContext("2d");
+    // In memory, as the overview: ten thousand dots are drawn in some milliseconds whatever the graphics card.
+    this.context = canvas.getContext("2d", { willReadFrequently: true });
     this.tracks = [];
     this.areas = [];
     this.shown = []; // of each track that was drawn: x, y, reach in pixels
@@ -35,6 +37,11 @@ export class Havens {
       });
       return { ...track, x, y, bend };
     });
+  }
+
+  // Paths as lines on the map, x and y in turn (units of the world, without jumps), within a share of a unit of the truth.
+  lines(unit) {
+    return this.tracks.map((track) => ({ object: track, line: lineOf(track, unit) }));
   }
 
   // Where a reference point is, in units of the world, within a share of a pixel of the truth.
@@ -166,12 +173,23 @@ export class Havens {
   }
 }
 
-const shortest = (turn) => (Math.abs(turn) > 0.5 ? turn - Math.round(turn) : turn);
-
 // Longitudes of a ring run on from those of its reference point, which may be a turn away from what `place` gives.
 function turnsBetween(one, lon, frame) {
   const middle = frame.left + one.x / frame.size - one.turn;
   return -Math.round(mercatorX(lon) - middle);
+}
+
+function lineOf({ motion, x, y, bend }, unit) {
+  const line = [x[0], y[0]];
+  for (let i = 0; i + 1 < x.length; i += 1) {
+    const parts = Math.min(MOST_PARTS, Math.ceil(Math.sqrt(bend[i] / unit)));
+    for (let n = 1; n < parts; n += 1) {
+      const [[lon, lat]] = motion.leg(i).at(n / parts, null);
+      line.push(x[i] + shortest(mercatorX(lon) - x[i] + Math.floor(x[i])), mercatorY(lat));
+    }
+    line.push(x[i + 1], y[i + 1]);
+  }
+  return line;
 }
 
 // By how much a leg may leave the straight line, in time or space, on the map: units of the world.

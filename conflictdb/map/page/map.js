@@ -2,7 +2,11 @@
 // in time asks for no tile again.
 
 import * as maplibregl from "../vendor/maplibre-gl.mjs";
+import { Overview } from "./overview.js";
 import { colour, theme } from "./theme.js";
+import { mercatorX, mercatorY } from "./world.js";
+
+maplibregl.prewarm(); // its threads load while the scene does
 
 const state = (name) => ["boolean", ["feature-state", name], false];
 // Hidden: nothing; else what holds for a feature that is chosen, on at the time that is shown, or neither.
@@ -53,22 +57,31 @@ const LAYERS = [
 const MERCATOR_M = 2 * Math.PI * 6378137;
 const SMALL_DEG = 30; // around a scene that is smaller than this, with its margin, land is the finer one
 const MARGIN_DEG = 5;
+const MOST_TILED = 16; // the zoom of the finest tiles
+const FIT = { padding: 48, maxZoom: 12 };
+const FAR_ZOOMS = 3; // up to so many zooms beyond that which shows all of a large scene, tiles would hold too much
 
 export class MapView {
-  // Shows a scene in a container: box is [west, south, east, north].
-  static async open(container, source, box, version) {
-    return new MapView(container, source, box, await source.sources(version, nearOf(box)));
+  // Shows a scene in a container: box is [west, south, east, north]; a large scene has an overview.
+  static async open(container, source, box, version, isLarge) {
+    const detailZoom = isLarge ? detailZoomOf(box, document.getElementById(container)) : 0;
+    const near = nearOf(box);
+    const view = new MapView(container, source, box, detailZoom, await source.sources(version, near, detailZoom));
+    if (near && source.allLand) view.loaded.then(() => view.take(source.allLand(near)));
+    return view;
   }
 
-  constructor(container, source, box, { sources, places }) {
+  // Tiles are shown from detailZoom on: below, `overview` shows the scene, which is null where that is 0.
+  constructor(container, source, box, detailZoom, { sources, places }) {
     this.source = source;
+    this.detailZoom = detailZoom;
     this.places = places;
     this.states = new Map(KINDS.map((kind) => [kind, new Map()]));
     this.map = new maplibregl.Map({
       container,
       style: this.style(sources),
       bounds: [[box[0], Math.max(box[1], -85)], [box[2], Math.min(box[3], 85)]],
-      fitBoundsOptions: { padding: 48, maxZoom: 12 },
+      fitBoundsOptions: FIT,
       dragRotate: false,
       pitchWithRotate: false,
       touchPitch: false,
@@ -86,17 +99,32 @@ export class MapView {
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
     this.map.once("style.load", () => { this.isReady = true; });
+    this.overview = detailZoom > 0
+      ? new Overview(document.getElementById("overview"), this, () => !this.showsDetail() || !this.isDetailLoaded()) : null;
     this.loaded = new Promise((resolve) => this.map.once("load", resolve));
   }
 
   style(sources) {
-    const paint = looks();
+    const layers = LAYERS.filter(([, , from]) => from in sources || from in this.places).map((one) => this.layer(one));
+    return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: looks().sea }, ...layers] };
+  }
+
+  layer([id, type, from]) {
     const kind = (id) => /^(near-)?(land|coast)$/.test(id) && { filter: ["==", ["get", "kind"], id.replace("near-", "")] };
-    const layers = LAYERS.filter(([, , from]) => from in sources || from in this.places).map(([id, type, from]) => {
-      const { source = from, sourceLayer } = this.places[from] ?? {};
-      return { id, type, source, paint: paint[id.replace("near-", "")], ...kind(id), ...(sourceLayer && { "source-layer": sourceLayer }) };
-    });
-    return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: paint.sea }, ...layers] };
+    const { source = from, sourceLayer } = this.places[from] ?? {};
+    return { id, type, source, paint: looks()[id.replace("near-", "")], ...kind(id), ...(sourceLayer && { "source-layer": sourceLayer }) };
+  }
+
+  // Shows further land, and other land instead of what was shown.
+  take(sources) {
+    for (const [id, source] of Object.entries(sources)) {
+      if (this.map.getSource(id)) {
+        this.map.getSource(id).setData(source.data);
+      } else {
+        this.map.addSource(id, source);
+        for (const one of LAYERS.filter(([, , from]) => from === id)) this.map.addLayer(this.layer(one), "areas");
+      }
+    }
   }
 
   paint() {
@@ -111,6 +139,15 @@ export class MapView {
   // Asks for shapes again, of another state of the scene.
   renew(version, kinds = KINDS) {
     for (const kind of kinds) this.map.getSource(kind)?.setTiles?.([this.source.tilesAt(kind, version)]);
+  }
+
+  // Whether the map is so near that tiles show the scene.
+  showsDetail() {
+    return this.map.getZoom() >= this.detailZoom;
+  }
+
+  isDetailLoaded() {
+    return KINDS.every((kind) => this.map.isSourceLoaded(kind));
   }
 
   // Sets which features of a kind are on, hidden and chosen; asks MapLibre only where that is new.
@@ -146,12 +183,22 @@ export class MapView {
     this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
   }
 
-  conflictAt(point) {
+  // The conflicts at a pixel, those on top first.
+  conflictsAt(point) {
+    if (!this.showsDetail()) return this.overview.conflictsAt(point);
     const around = [[point.x - 4, point.y - 4], [point.x + 4, point.y + 4]];
     return this.map.queryRenderedFeatures(around, { layers: ["first-contacts", "conflicts"] })
       .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & 2))
       .map(({ id }) => id);
   }
+}
+
+// The zoom from which a large scene is shown by tiles: not all that they then hold is in view.
+function detailZoomOf([west, south, east, north], { clientWidth, clientHeight }) {
+  const room = (length) => Math.max(1, length - 2 * FIT.padding) / 512;
+  const [width, height] = [mercatorX(east) - mercatorX(west), mercatorY(clamp(south)) - mercatorY(clamp(north))];
+  const fits = Math.log2(Math.min(room(clientWidth) / width, room(clientHeight) / height));
+  return Math.min(MOST_TILED, Math.ceil(Math.max(0, Math.min(fits, FIT.maxZoom)) + FAR_ZOOMS));
 }
 
 // What is around a scene, null where that is large or reaches the edge of the map.
@@ -162,9 +209,3 @@ function nearOf([west, south, east, north]) {
 }
 
 const clamp = (lat) => Math.min(85, Math.max(-85, lat));
-
-export const mercatorX = (lon) => lon / 360 + 0.5;
-
-export function mercatorY(lat) {
-  return 0.5 - Math.asinh(Math.tan((lat * Math.PI) / 180)) / (2 * Math.PI);
-}

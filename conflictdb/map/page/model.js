@@ -56,6 +56,43 @@ export function unpackTracks(buffer, scene) {
   });
 }
 
+// Outlines of areas from what routine _map_overview packs: [{id, rings}], each ring longitudes and latitudes in turn, outer
+// ones anticlockwise and holes clockwise.
+export function unpackOutlines(buffer) {
+  const view = new DataView(buffer);
+  const areas = [];
+  let at = 0;
+  while (at < buffer.byteLength) {
+    const area = { id: Number(view.getBigInt64(at)), rings: [] };
+    let polygons = view.getUint32(at + 13, true); // after the number, the order of bytes and the type
+    at += 17;
+    for (; polygons > 0; polygons -= 1) {
+      const count = view.getUint32(at + 5, true);
+      at += 9;
+      for (let n = 0; n < count; n += 1) {
+        const numbers = new Float64Array(2 * view.getUint32(at, true));
+        at += 4;
+        for (let i = 0; i < numbers.length; i += 1, at += 8) numbers[i] = view.getFloat64(at, true);
+        area.rings.push(windsLeft(numbers) === (n === 0) ? numbers : backward(numbers));
+      }
+    }
+    areas.push(area);
+  }
+  return areas;
+}
+
+function windsLeft(ring) {
+  let doubled = 0;
+  for (let i = 2; i + 3 < ring.length; i += 2) {
+    doubled += (ring[i] - ring[0]) * (ring[i + 3] - ring[1]) - (ring[i + 2] - ring[0]) * (ring[i + 1] - ring[1]);
+  }
+  return doubled >= 0;
+}
+
+function backward(ring) {
+  return ring.map((_, i) => ring[ring.length - 2 - i + 2 * (i % 2)]);
+}
+
 function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north }) {
   return { kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north] };
 }
@@ -71,12 +108,14 @@ export class Model {
     this.scene = scene;
     this.areas = [];
     this.tracks = [];
+    this.outlines = null;
     this.objects = new Map();
     this.conflicts = [];
     this.beyond = 0;
   }
 
-  takeObjects(areas, tracks) {
+  takeObjects(areas, tracks, outlines) {
+    this.outlines = outlines && unpackOutlines(outlines);
     this.areas = records(areas).map(areaOf);
     this.tracks = unpackTracks(tracks, this.scene);
     this.objects = new Map([...this.areas, ...this.tracks].map((object) => [object.key, object]));

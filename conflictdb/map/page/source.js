@@ -19,6 +19,16 @@ async function answered(asked) {
   throw new Refused(said);
 }
 
+const land = (detail, asked) => ({
+  type: "geojson", data: `${location.origin}/land/${detail}?${new URLSearchParams(asked)}`,
+});
+
+// A box and as much of the world on each side of it.
+function seenAround([west, south, east, north]) {
+  const [width, height] = [east - west, north - south];
+  return [Math.max(-180, west - width), Math.max(-90, south - height), Math.min(180, east + width), Math.min(90, north + height)];
+}
+
 export class ServerSource {
   isLive = true;
 
@@ -40,6 +50,11 @@ export class ServerSource {
     return (await answered(fetch("/api/tracks"))).arrayBuffer();
   }
 
+  // Outlines of areas as they are seen from afar.
+  async overview() {
+    return (await answered(await fetch("/api/overview"))).arrayBuffer();
+  }
+
   // Why two objects are in conflict, and the shapes of those that are areas.
   async pair(a, b) {
     return (await answered(fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
@@ -53,19 +68,15 @@ export class ServerSource {
     }));
   }
 
-  // Shapes in one state of the scene as MapLibre takes them, and which of these each layer shows; and land: the coarser
-  // one, and the finer one around `near`, if that is not null.
-  async sources(version, near) {
-    const land = (detail, asked) => ({
-      type: "geojson", data: `${location.origin}/land/${detail}?${new URLSearchParams(asked)}`,
-    });
+  // Shapes in one state of the scene as MapLibre takes them, from a zoom on, and which of these each layer shows; and
+  // the coarser land: of what is to be seen at first, if there is a finer one `near` the scene, which comes with all land.
+  async sources(version, near, minzoom) {
     return {
       sources: {
         ...Object.fromEntries(["areas", "tracks", "conflicts"].map((kind) => [kind, {
-          type: "vector", tiles: [this.tilesAt(kind, version)], minzoom: 0, maxzoom: 16,
+          type: "vector", tiles: [this.tilesAt(kind, version)], minzoom, maxzoom: 16,
         }])),
-        land: land("50m", near ? { but: near.join() } : {}),
-        ...(near && { "near-land": land("10m", { box: near.join() }) }),
+        land: land("50m", near ? { box: seenAround(near).join() } : {}),
       },
       places: {
         areas: { source: "areas", sourceLayer: "areas" },
@@ -74,6 +85,11 @@ export class ServerSource {
         first_contacts: { source: "conflicts", sourceLayer: "first_contacts" },
       },
     };
+  }
+
+  // All land as sources: the finer one around `near`, and the coarser one elsewhere.
+  allLand(near) {
+    return { land: land("50m", { but: near.join() }), "near-land": land("10m", { box: near.join() }) };
   }
 
   tilesAt(kind, version) {
