@@ -158,10 +158,12 @@ def copied_out(conn: psycopg.Connection[Any], query: str) -> list[bytes]:
 
 
 def _copied_in(conn: psycopg.Connection[Any], rows: list[bytes]) -> None:
-    conn.execute("TRUNCATE bare")
-    with conn.cursor().copy("COPY bare FROM STDIN (FORMAT binary)") as copy:
-        for block in rows:
-            copy.write(block)
+    # In a subtransaction, for new files: an SP-GiST index that is emptied in place looks for pages that are gone.
+    with conn.transaction():
+        conn.execute("TRUNCATE bare")
+        with conn.cursor().copy("COPY bare FROM STDIN (FORMAT binary)") as copy:
+            for block in rows:
+                copy.write(block)
 
 
 def table(rows: list[dict[str, Any]]) -> str:
