@@ -92,7 +92,7 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
     """
     taken = []
     for tolerance_m in (0.0, 0.01, 1.0, 10.0, 100.0, 1000.0):
-        work, pairs, close = 0, 0, 0
+        work, pairs, close, searched = 0, 0, 0, 0
         for seed in range(12):
             scene, areas, tracks = throw(workload, seed, 10, 10, tolerance_m=tolerance_m)
             pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
@@ -101,9 +101,12 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
             conflicts, funnel = run_stages(scene, plane_of(scene), pieces, found, footprints.__getitem__)
             work += funnel.effort.exact.windows + funnel.effort.exact.evaluations
             pairs += funnel.solved_pairs
+            searched += funnel.effort.exact.searched_pairs
             close += int((conflicts.closest_m > 0.0).sum())
             assert (conflicts.closest_error_m <= tolerance_m + 1e-3).all()
         taken.append(work / pairs)
+        # Corners that pass each other at about the tolerance are told apart without a search.
+        assert searched <= 0.01 * pairs
     assert close >= 1
     assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.03
 
