@@ -380,7 +380,7 @@ async function start() {
   // For the console of a browser, and tests.
   globalThis.conflictdbPage = { view, havens, graticule, timeline, get model() { return model; }, get t() { return t; } };
   await view.loaded;
-  mark();
+  if (view.showsDetail()) mark();
   performance.mark("shown");
   document.documentElement.dataset.ready = "true";
 }

@@ -1,7 +1,7 @@
 // The list of conflicts, by first contact. Only rows in view are elements: there may be tens of thousands.
 
 import { element } from "./dom.js";
-import { bound, clock, day, duration, moment } from "./format.js";
+import { bound, clock, duration, moment } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
@@ -34,16 +34,14 @@ export class List {
     this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
     this.conflicts = conflicts;
-    this.several = conflicts.some((c) => Number.isFinite(c.start) && day(c.start) !== day(this.firstDay()));
+    const dayOf = ({ start }) => Math.floor(start / 86400);
+    const dated = conflicts.filter(({ start }) => Number.isFinite(start));
+    this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
     this.rows.replaceChildren();
     this.shown.clear();
     this.rows.style.height = `${conflicts.length * ROW}px`;
     this.render();
     if (focused >= 0) this.focus(Math.min(focused, conflicts.length - 1));
-  }
-
-  firstDay() {
-    return this.conflicts.find((c) => Number.isFinite(c.start))?.start ?? 0;
   }
 
   show(t, chosen) {
