@@ -3,7 +3,7 @@
 Of a bundle a row holds the box of all hulls, the whole time, and arrays of what its pieces differ in.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -151,11 +151,11 @@ def _changed_shapes(pieces: Pieces, rows: NDArray[np.int64]) -> copy_binary.Ragg
     return copy_binary.where(wkb, changed[rows])
 
 
-def by_place(bundles: Bundles) -> Bundles:
-    """Return bundles in the order of a curve through where they are (Z-order of the first corners of hulls).
+def by_place(bundles: Bundles, most: int) -> Iterator[NDArray[np.int64]]:
+    """Yield rows of bundles in the order of a curve through where they are (Z-order of the first corners of hulls).
 
-    Of rows that are stored next to what is near them, boxes of the index are small: in a scene of 90,000 pieces stage 1
-    reads a quarter less of it, and takes a fifth less time.
+    So many pieces at once, or one bundle. Of rows stored next to what is near them, boxes of the index are small:
+    in a scene of 90,000 pieces stage 1 reads a quarter less of it, and takes a fifth less time.
     """
     pieces = bundles.pieces
     xy = pieces.hull_xy[pieces.hull_offset[bundles.offset[:-1]]]
@@ -163,7 +163,14 @@ def by_place(bundles: Bundles) -> Bundles:
     cells = ((xy - least) / np.where(extent > 0.0, extent, 1.0) * 0xFFFF).astype(np.uint64)
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
-    return bundles.take(np.argsort(cells[:, 0] | (cells[:, 1] << np.uint64(1)), kind="stable"))
+    rows = np.argsort(cells[:, 0] | (cells[:, 1] << np.uint64(1)), kind="stable")
+    ends = np.cumsum(np.diff(bundles.offset)[rows])
+    first = 0
+    while first < len(rows):
+        before = int(ends[first - 1]) if first else 0
+        end = max(int(np.searchsorted(ends, before + most, side="right")), first + 1)
+        yield rows[first:end]
+        first = end
 
 
 def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> tuple[Bundles, NDArray[np.int64]]:

@@ -33,6 +33,8 @@ TRACK_COLUMNS = [
 ]  # fmt: skip
 TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
 
+# Pieces that are encoded at once: megabytes, and many to a COPY.
+_PIECES_SENT: Final = 20_000
 # Before the numbers of all objects.
 _FIRST: Final = -(2**63)
 
@@ -155,10 +157,12 @@ def replace_pieces(
     table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"
     count = 0
     for pieces in chunks:
-        if len(pieces):
-            bundles = by_place(bundles_of(pieces))
-            count += len(bundles)
-            copy_binary.send(conn, table, columns(bundles, scene_id, srid))
+        bundles = bundles_of(pieces)
+        del pieces
+        count += len(bundles)
+        for rows in by_place(bundles, _PIECES_SENT):
+            copy_binary.send(conn, table, columns(bundles.take(rows), scene_id, srid))
+        del bundles
     if is_compared:
         (count,) = call(conn, "_compare_pieces", scene_id)
     call(conn, "_end_pieces", scene_id, count)
