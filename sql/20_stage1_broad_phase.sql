@@ -37,8 +37,8 @@ CREATE OR REPLACE FUNCTION _candidates_of_all(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
 -- also while the statistics know nothing of the pieces yet.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
-SET jit = off AS $$
+SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
@@ -77,8 +77,8 @@ CREATE OR REPLACE FUNCTION _candidates_of_dirty(
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- As above.
-SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
-SET jit = off AS $$
+SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects to
     -- their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
@@ -107,19 +107,28 @@ CREATE OR REPLACE FUNCTION _candidates(
     p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea,
     OUT ranks bytea
 ) RETURNS SETOF record
--- Hashes would hold all of them in memory; sorts go to the disk.
+-- Hashes would hold all of them in memory; sorts go to the disk. No object is compared with all pairs, whatever the
+-- statistics know.
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
-SET enable_hashagg = off SET jit = off AS $$
+SET enable_hashagg = off SET enable_nestloop = off SET jit = off AS $$
 BEGIN
     PERFORM _require_snapshot();
     -- The rank of a pair of objects is how many pairs of pieces come before it.
     IF _is_all_dirty(p_scene_id) THEN
+        -- By where the first of them is (geometries are in the order of a curve): pairs of a chunk share pieces.
         RETURN QUERY
+            WITH objects AS MATERIALIZED (
+                SELECT p.number, row_number() OVER (ORDER BY p.hull) AS place
+                FROM (SELECT DISTINCT ON (_object_number(o.object_kind, o.object_id))
+                             _object_number(o.object_kind, o.object_id) AS number, o.hull
+                      FROM piece o WHERE o.scene_id = p_scene_id
+                      ORDER BY _object_number(o.object_kind, o.object_id), o.part, o.turn) p
+            )
             SELECT array_send(array_agg(c.a_piece_id)), array_send(array_agg(c.b_piece_id)),
                    array_send(array_agg(c.a_pieces)), array_send(array_agg(c.b_pieces)),
                    array_send(array_agg(c.before))
-            FROM (SELECT m.*, rank() OVER (ORDER BY m.a_object, m.b_object) - 1 AS before
-                  FROM _candidates_of_all(p_scene_id) m) c
+            FROM (SELECT m.*, rank() OVER (ORDER BY o.place, m.b_object) - 1 AS before
+                  FROM _candidates_of_all(p_scene_id) m JOIN objects o ON o.number = m.a_object) c
             GROUP BY c.before / p_at_once;
     ELSE
         RETURN QUERY
