@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from conflictdb.advice.advise import Advice
     from conflictdb.db.detect import Progress, Run
+    from conflictdb.db.write_back import WrittenBack
 
 _log = logging.getLogger(__name__)
 
@@ -412,6 +413,41 @@ class Database:
             lock_timeout_s=lock_timeout_s,
             say=say,
         )
+
+    def write_back(
+        self,
+        scene: str,
+        path: str | Path,
+        *,
+        lock_timeout_s: float | None = None,
+        say: Callable[[str], object] = _log.warning,
+    ) -> "WrittenBack":
+        """Write conflicts that Spark computed into a scene, by the routine of `detect` and in one transaction.
+
+        Written again, they change nothing. Objects that have changed since they were exported, that are new or gone,
+        keep their conflicts and wait for a detection.
+
+        Parameters
+        ----------
+        path : path
+            The directory that ``conflictdb spark detect --output`` wrote, of objects that `export` did.
+        lock_timeout_s, say
+            See `detect`.
+
+        Raises
+        ------
+        InvalidInput
+            What was computed was of other settings, of another scene, or does not say; nothing was written.
+        LockTimeout
+            Somebody else kept a lock for `lock_timeout_s`; nothing was written.
+        """
+        from conflictdb.db.write_back import write_back
+        from conflictdb.io.computed import read_computed, read_conflicts  # needs pyarrow
+
+        of = read_computed(Path(path))
+        states = store.ObjectStates.of(of.kind, of.object_id, of.version, of.key)
+        found = read_conflicts(Path(path))
+        return write_back(self.connection, scene, of.settings, states, found, lock_timeout_s=lock_timeout_s, say=say)
 
     def conflicts(
         self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False

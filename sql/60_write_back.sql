@@ -414,6 +414,38 @@ COMMENT ON FUNCTION _write_run(
 'deleted, channel conflictdb is notified. A conflict that stays keeps its number and the instant it opened; what '
 'opens, changes by more than its bound on time, or closes is an event (conflict_event), of which each part notifies.';
 
+-- What was computed elsewhere is written back by the same routines.
+
+CREATE OR REPLACE FUNCTION _object_states(
+    p_scene_id bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT key text
+) RETURNS SETOF record
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 0::smallint, a.area_id, a.version, a.key FROM area a WHERE a.scene_id = p_scene_id
+    UNION ALL
+    SELECT 1::smallint, t.track_id, t.version, t.key FROM track t WHERE t.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _object_states(bigint) IS 'The objects of a scene and the versions that they are of, for COPY.';
+
+CREATE OR REPLACE FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[]) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_nestloop = off AS $$
+BEGIN
+    PERFORM _require_snapshot();
+    UPDATE change c SET is_covered = false
+        WHERE c.scene_id = p_scene_id AND c.is_covered
+          AND NOT EXISTS (SELECT FROM unnest(p_kinds, p_ids) d (kind, id)
+                          WHERE d.kind = c.object_kind AND d.id = c.object_id);
+    INSERT INTO change (scene_id, object_kind, object_id, version, is_covered)
+        SELECT p_scene_id, d.kind, d.id, nextval('version_seq'), true FROM unnest(p_kinds, p_ids) d (kind, id)
+        WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered
+                          AND c.object_kind = d.kind AND c.object_id = d.id);
+END
+$$;
+COMMENT ON FUNCTION _cover(bigint, smallint[], bigint[]) IS
+'Covers the marks of exactly these objects of a scene, and marks those that have none: theirs are the conflicts that '
+'the transaction replaces.';
+
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import note, out
+from conflictdb.cli.output import note, out, remark
 from conflictdb.cli.report import conflict_table
+from conflictdb.cli.session import database
 from conflictdb.database import DEMO_SCENE
 from conflictdb.errors import ConflictDBError
 from conflictdb.in_memory import solve
@@ -35,12 +37,29 @@ def detect(args: argparse.Namespace) -> int:
     scene = Scene(args.scene, **{name: value for name, value in given.items() if value is not None})
     with _session(args) as spark:
         from conflictdb.spark.detection import detect_on_spark
-        from conflictdb.spark.files import read_objects, write_conflicts
+        from conflictdb.spark.files import read_objects, write_conflicts, write_states
 
         objects = read_objects(spark, args.input)
         found = detect_on_spark(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
         write_conflicts(found, args.output)
+        write_states(objects, scene, args.output)
         note(f"{scene.name}: {spark.read.parquet(args.output).count():,} pairs in {args.output}")
+    return DONE
+
+
+def write_back(args: argparse.Namespace) -> int:
+    """Write conflicts that Spark computed into the scene of a database."""
+    with database(args) as db:
+        done = db.write_back(args.scene, args.file, lock_timeout_s=args.lock_timeout, say=remark)
+    out(
+        f"{args.scene}: run {done.run_id}, {done.total_s:.1f} s: {done.conflicts:,} conflicts, "
+        f"{done.unresolved:,} unresolved; {done.opened:,} opened, {done.changed:,} changed, {done.closed:,} closed"
+    )
+    if done.behind:
+        remark(
+            f"{args.scene}: {done.behind:,} objects changed since it was exported, and wait for a detection "
+            f"(`conflictdb detect --scene {shlex.quote(args.scene)}` does it)"
+        )
     return DONE
 
 

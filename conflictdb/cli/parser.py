@@ -475,6 +475,17 @@ def _spark(commands: Any) -> None:
     _add_memory(parser)
     parser = _command(
         on_spark,
+        "write-back",
+        "on_spark:write_back",
+        "write the conflicts that Spark found into the scene that its objects were exported from",
+        "In one transaction; again, it changes nothing. Objects that have changed since wait for a detection. Needs no "
+        "Spark.",
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write into")
+    parser.add_argument("file", metavar="PATH", help="what `conflictdb spark detect --output PATH` wrote")
+    _add_lock_timeout(parser, "wait no longer for a detection of the scene, or any other lock")
+    parser = _command(
+        on_spark,
         "demo",
         "on_spark:demo",
         "take the scene that comes with the program through Spark, and compare",

@@ -37,7 +37,7 @@ from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
 
-__all__ = ["Progress", "Run", "detect", "detect_pending"]
+__all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
 _log = logging.getLogger(__name__)
 
@@ -164,7 +164,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, way)
         is_first = pending.objects > _FEW_OBJECTS
-        settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first, is_full=full)
+        settings, record = refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first, is_full=full)
         if is_first:
             with store.translated():
                 conn.commit()
@@ -172,7 +172,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
                 # Another detection came in between, or other settings: whatever is still marked becomes ours now.
                 pending = _pending(conn, scene_id, way)
-                settings, record = _refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
+                settings, record = refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
         writing = _Aside(partial(store.begin_write, conn, scene_id, record))
         source = SceneSource(conn, scene_id, way.memory, writing.start)
         return _refresh_conflicts(conn, writing.result, source, settings, record, way, started)
@@ -243,7 +243,7 @@ def _pending(conn: psycopg.Connection[Any], scene_id: int, way: _Way) -> store.P
     return pending
 
 
-def _refresh_pieces(
+def refresh_pieces(
     conn: psycopg.Connection[Any],
     scene_id: int,
     pending: store.Pending,

@@ -8,6 +8,8 @@ from pyspark.sql import DataFrame, SparkSession, functions
 from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
+from conflictdb.io.computed import STATES, settings_text
+from conflictdb.model import Scene
 
 
 def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
@@ -34,6 +36,13 @@ def write_conflicts(found: DataFrame, path: str) -> None:
         found.write.format("geoparquet").option("geoparquet.crs", "").save(path)
     except AnalysisException as error:
         raise InvalidInput(path, "", f"cannot be written: {_first_line(error)}") from error
+
+
+def write_states(objects: DataFrame, scene: Scene, path: str) -> None:
+    """Write beside conflicts which states of which objects they were computed from, if these have numbers."""
+    if {"object_id", "version"} <= set(objects.columns):
+        states = objects.select("kind", "id", "object_id", "version").where("object_id IS NOT NULL")
+        states.withColumn("settings", functions.lit(settings_text(scene))).write.parquet(f"{path}/{STATES}")
 
 
 def _first_line(error: Exception) -> str:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ce103903a8429ec49510d52ee4b85c3e056855cd4c71cf750d12c6ac1b32c7b3"
+routines_sha256 = "c919ae982fa48b8811bf56babc2c30733f18526eb20dd4ac1bd5721c7d69e967"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

@@ -79,6 +79,18 @@ FOUND: Final = Form.of(
         pa.field("b_version", pa.int64()),
     ],
 )
+# What conflicts were computed from: settings of the scene (JSON, the same in all rows), and each object as of a state.
+COMPUTED: Final = Form.of(
+    "computed",
+    1,
+    [
+        pa.field("settings", pa.string(), nullable=False),
+        pa.field("kind", pa.string(), nullable=False),
+        pa.field("id", pa.string(), nullable=False),
+        pa.field("object_id", pa.int64(), nullable=False),
+        pa.field("version", pa.int64(), nullable=False),
+    ],
+)
 _WHO: Final = f"Arrow form {FOUND.name!r}"
 _KINDS: Final = pa.array([Kind.of_code(code).value for code in range(len(Kind))])
 _VERDICTS: Final = pa.array([Verdict.of_code(code).value for code in range(len(Verdict))])
@@ -216,6 +228,11 @@ def _geometries(column: Array, name: str) -> NDArray[np.object_]:
         return np.asarray(shapely.from_wkb(held), dtype=object)
     except shapely.errors.GEOSException as error:
         raise InvalidInput(_WHO, name, f"must be WKB: {error}") from error
+
+
+def kinds(column: Array) -> NDArray[np.int8]:
+    """Return the codes of the kinds in a column of names; raises InvalidInput for others."""
+    return _codes({"kind": column}, "kind", _KINDS)
 
 
 def _codes(columns: dict[str, Array], name: str, names: Array) -> NDArray[np.int8]:

@@ -40,6 +40,7 @@ from conflictdb.db.store.detection import (
     pending,
     replace_pieces,
 )
+from conflictdb.db.store.elsewhere import ObjectStates, cover, object_states
 from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
 from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
 from conflictdb.db.store.objects import (
@@ -122,6 +123,7 @@ __all__ = [
     "Holder",
     "LoadCounts",
     "Numbered",
+    "ObjectStates",
     "Pending",
     "ProbeRequest",
     "RunOutcome",
@@ -154,6 +156,7 @@ __all__ = [
     "conflicts",
     "conflicts_known_at",
     "connect",
+    "cover",
     "cover_all",
     "detach",
     "differing",
@@ -181,6 +184,7 @@ __all__ = [
     "may_acknowledge",
     "never_write",
     "next_probe",
+    "object_states",
     "pending",
     "pieces_meeting",
     "plan_of",

@@ -88,13 +88,17 @@ class KnownPairs:
         place[known] = self._place[of[known]]
         return copy_binary.nullable(place, of < 0)
 
+    def leave(self, among: NDArray[np.int64]) -> None:
+        """Let the pairs stay that have a member which is not among some objects (increasing numbers)."""
+        self._is_found |= ~(np.isin(self._first, among) & np.isin(self._second, among))
+
     def gone(self) -> NDArray[np.int64]:
         """Return the rows of pairs that were not found again."""
         return np.flatnonzero(~self._is_found)
 
     def members(self, of: NDArray[np.int64]) -> tuple[_Objects, _Objects]:
         """Return kinds and numbers of the first and of the second members of rows (n,), as in `find`."""
-        return _kinds_and_ids(self._first[of]), _kinds_and_ids(self._second[of])
+        return kinds_and_ids(self._first[of]), kinds_and_ids(self._second[of])
 
     def _pairs(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return a number (n,) for each pair of members: another one for another pair, if all of them are known."""
@@ -112,5 +116,6 @@ def numbers_of(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
     return (kind.astype(np.int64) << _KIND_BIT) | ids
 
 
-def _kinds_and_ids(of: NDArray[np.int64]) -> _Objects:
+def kinds_and_ids(of: NDArray[np.int64]) -> _Objects:
+    """Return the kinds and ids of objects by the numbers that `numbers_of` gave them."""
     return of >> _KIND_BIT, of & ((1 << _KIND_BIT) - 1)

@@ -1,0 +1,65 @@
+"""Write-back of what was computed elsewhere: which state of its objects a scene has, and whose marks are covered."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call
+from conflictdb.db.store.known_pairs import kinds_and_ids, numbers_of
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectStates:
+    """n objects as of a state each.
+
+    number : (n,) int64, one for each object of any kind (`known_pairs.numbers_of`), increasing
+    version : (n,) int64
+    key : (n,) object, texts
+    """
+
+    number: NDArray[np.int64]
+    version: NDArray[np.int64]
+    key: NDArray[np.object_]
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    @classmethod
+    def of(
+        cls, kind: NDArray[Any], ids: NDArray[np.int64], version: NDArray[np.int64], key: NDArray[np.object_]
+    ) -> "ObjectStates":
+        """Return objects by kind and id, in order."""
+        number = numbers_of(kind, ids)
+        order = np.argsort(number, kind="stable")
+        return cls(number[order], version[order], key[order])
+
+    def rows(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the rows (k,) of objects by their numbers, -1 for those that are not among these."""
+        if not len(self):
+            return np.full(len(number), -1)
+        row = np.minimum(np.searchsorted(self.number, number), len(self) - 1)
+        return np.where(self.number[row] == number, row, -1)
+
+
+def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
+    """Return the states of the objects of a scene, as the transaction sees them."""
+    columns, strings = copy_binary.receive(
+        conn, "_object_states", [scene_id], [("kind", "i2"), ("id", "i8"), ("version", "i8")], ["key"]
+    )
+    key = np.empty(len(columns["id"]), dtype=object)
+    key[:] = [one.decode() for one in strings["key"]]
+    return ObjectStates.of(columns["kind"], columns["id"], columns["version"], key)
+
+
+def cover(conn: psycopg.Connection[Any], scene_id: int, number: NDArray[np.int64]) -> None:
+    """Cover the marks of exactly these objects, and mark those that have none, before `begin_write`."""
+    kind, ids = kinds_and_ids(number)
+    arrays = [
+        copy_binary.array([copy_binary.fixed(kind, "i2")], "smallint"),
+        copy_binary.array([copy_binary.fixed(ids, "i8")], "bigint"),
+    ]
+    call(conn, "_cover", scene_id, *arrays)

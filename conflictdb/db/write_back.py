@@ -1,0 +1,169 @@
+"""Write-back of conflicts that were computed elsewhere, by the routine that a detection writes with.
+
+All in one transaction that holds the scene's lock. What is written is true of the objects in the states that it was
+computed from: of these alone pairs are replaced and marks cleared. An object that has changed since, or is new, or
+gone, keeps its mark and its rows; the next detection finds out about it.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.db import store
+from conflictdb.db.detect import refresh_pieces
+from conflictdb.db.store.known_pairs import numbers_of
+from conflictdb.errors import InvalidInput
+from conflictdb.model import Scene
+from conflictdb.pipeline.memory import MEMORY_MB, Memory
+
+_NOT_THESE: Final = (
+    "are none of those that the conflicts were computed from, as they were then: export the scene, and compute again"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenBack:
+    """What a write-back did.
+
+    run_id : its row in the table `run`
+    objects : of the scene that are as they were when the conflicts were computed
+    behind : objects that have changed since, are new or gone: they wait for a detection
+    conflicts, unresolved : of the scene now
+    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
+    """
+
+    run_id: int
+    objects: int
+    behind: int
+    conflicts: int
+    unresolved: int
+    opened: int
+    changed: int
+    closed: int
+    total_s: float
+
+
+def write_back(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    settings: Scene,
+    computed: store.ObjectStates,
+    conflicts: Iterator[tuple[Conflicts, Polygons]],
+    *,
+    lock_timeout_s: float | None = None,
+    say: store.Say = print,
+    memory_mb: int = MEMORY_MB,
+) -> WrittenBack:
+    """Write conflicts that were computed elsewhere into a scene; written again, they change nothing.
+
+    Parameters
+    ----------
+    conn : psycopg connection without an open transaction
+    settings, computed : what the conflicts were computed with and from; they are all that these have
+    conflicts : some at a time, of objects by their numbers, and where they are
+    lock_timeout_s, say, memory_mb : see `detect`
+
+    Raises
+    ------
+    InvalidInput
+        The scene has other settings, or none of these objects as they were; nothing was written.
+    LockTimeout
+        Somebody else kept a lock for `lock_timeout_s`; nothing was written.
+    StoreError
+        The database failed; all is as it was.
+    """
+    started = time.perf_counter()
+    store.require_idle(conn, "a write-back")
+    store.require_writable(conn)
+    scene_id = store.scene_id(conn, scene)
+    record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
+    try:
+        store.begin_locked(conn, scene_id, scene, lock_timeout_s, say)
+        _check_settings(scene, store.read_settings(conn, scene_id), settings)
+        current = store.object_states(conn, scene_id)
+        same = _same(scene, current, computed)
+        pending = store.pending(conn, scene_id)
+        _, record = refresh_pieces(conn, scene_id, pending, record, Memory.of(memory_mb), is_first=False)
+        store.cover(conn, scene_id, same)
+        staged = store.begin_write(conn, scene_id, record)
+        staged.known.leave(same)
+        for found, region in _each(conflicts, computed, same):
+            for part in store.differing(staged, found):
+                store.stage(conn, staged, part, region.take(part.rows))
+        kept = {**record.settings, "is_written_back": True}
+        outcome = store.end_write(conn, staged, replace(record, settings=kept))
+        with store.translated():
+            conn.commit()
+    except BaseException:
+        conn.rollback()
+        raise
+    return WrittenBack(
+        run_id=outcome.run_id,
+        objects=len(same),
+        behind=len(np.union1d(current.number, computed.number)) - len(same),
+        conflicts=outcome.conflicts,
+        unresolved=outcome.unresolved,
+        opened=outcome.opened,
+        changed=outcome.changed,
+        closed=outcome.closed,
+        total_s=time.perf_counter() - started,
+    )
+
+
+def _check_settings(scene: str, known: Scene, given: Scene) -> None:
+    """Refuse conflicts that were computed with other settings than those of the scene."""
+    for field in fields(Scene):
+        now, then = getattr(known, field.name), getattr(given, field.name)
+        if field.name != "name" and now != then:
+            rule = f"is {now!s}, but the conflicts were computed with {then!s}: they would say something untrue"
+            raise InvalidInput(f"scene {scene!r}", field.name, rule)
+
+
+def _same(scene: str, current: store.ObjectStates, computed: store.ObjectStates) -> NDArray[np.int64]:
+    """Return the numbers of the objects of a scene that are as they were, increasing; raises InvalidInput for none."""
+    who = f"scene {scene!r}"
+    if not len(computed):
+        raise InvalidInput(who, "objects", _NOT_THESE)
+    if (np.diff(computed.number) == 0).any():
+        raise InvalidInput(who, "objects", "are listed twice by what was computed")
+    row = computed.rows(current.number)
+    same = np.flatnonzero((row >= 0) & (computed.version[row] == current.version))
+    other = np.flatnonzero(current.key[same] != computed.key[row[same]])
+    if other.size:
+        here, there = current.key[same[other[0]]], computed.key[row[same[other[0]]]]
+        rule = f"are of another database: {there!r} there has the number that {here!r} has here"
+        raise InvalidInput(who, "objects", rule)
+    if not same.size:
+        raise InvalidInput(who, "objects", _NOT_THESE)
+    return np.asarray(current.number[same])
+
+
+def _each(
+    conflicts: Iterator[tuple[Conflicts, Polygons]], computed: store.ObjectStates, same: NDArray[np.int64]
+) -> Iterator[tuple[Conflicts, Polygons]]:
+    """Yield the conflicts of objects that are as they were; raises InvalidInput for those of others than computed."""
+    seen: set[tuple[int, int]] = set()
+    for found, region in conflicts:
+        members = []
+        for kind, ids, version in (
+            (found.a_kind, found.a_id, found.a_version),
+            (found.b_kind, found.b_id, found.b_version),
+        ):
+            number = numbers_of(kind, ids)
+            row = computed.rows(number)
+            if ((row < 0) | (computed.version[row] != version)).any():
+                raise InvalidInput("conflicts", "objects", "are not all of those that they say they were computed from")
+            members.append(number)
+        pairs = list(zip(np.minimum(*members).tolist(), np.maximum(*members).tolist(), strict=True))
+        if len(seen) + len(pairs) > len(seen := seen.union(pairs)):
+            raise InvalidInput("conflicts", "objects", "are twice in them: two answers for one pair")
+        kept = np.flatnonzero(np.isin(members[0], same) & np.isin(members[1], same))
+        yield found.take(kept), region.take(kept)

@@ -1,0 +1,96 @@
+"""Conflicts that were computed elsewhere, with what they were computed from, as `conflictdb spark detect` writes them.
+
+A directory of Parquet of the Arrow form FOUND, and in it another, STATES, of the form COMPUTED.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.arrow.columns import numbers
+from conflictdb.arrays.arrow.found import COMPUTED, kinds, to_conflicts
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.errors import InvalidInput
+from conflictdb.io.parquet_process import decoded
+from conflictdb.io.scene_file import scene_of
+from conflictdb.model import Scene
+
+# Readers of the directory leave aside what begins so.
+STATES: Final = "_objects"
+# As Arrow; what is read of conflicts is written, and not kept.
+MAX_COMPUTED_MB: Final = 16_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """What conflicts were computed from: settings, and n objects.
+
+    kind : (n,) int8
+    object_id, version : (n,) int64
+    key : (n,) object, texts
+    """
+
+    settings: Scene
+    kind: NDArray[np.int8]
+    object_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+    key: NDArray[np.object_]
+
+
+def settings_text(scene: Scene) -> str:
+    """Return settings as what was computed tells them."""
+    return json.dumps({name: value for name, value in asdict(scene).items() if name != "name" and value is not None})
+
+
+def read_computed(path: Path) -> Computed:
+    """Return what the conflicts in a directory were computed from; raises InvalidInput where it does not say."""
+    states = path / STATES
+    if not path.exists():
+        raise InvalidInput("file", "", "does not exist", str(path))
+    if not states.is_dir():
+        rule = (
+            f"does not say which objects it was computed from (no directory {STATES} in it): give the directory that "
+            "`conflictdb spark detect` wrote, of objects that `conflictdb export` did"
+        )
+        raise InvalidInput("file", "", rule, str(path))
+    told: set[str] = set()
+    parts: list[Mapping[str, Any]] = []
+    try:
+        with decoded(states, MAX_COMPUTED_MB) as rows:
+            for batch in rows.batches:
+                columns = COMPUTED.columns(batch)
+                told |= set(columns["settings"].unique().to_pylist())
+                parts.append(
+                    {
+                        "kind": kinds(columns["kind"]),
+                        "object_id": numbers(columns["object_id"]),
+                        "version": numbers(columns["version"]),
+                        "key": np.array([*columns["id"].to_pylist(), None], dtype=object)[:-1],
+                    }
+                )
+        if len(told) != 1:
+            raise InvalidInput("file", "settings", "must be those of one scene")
+        return Computed(
+            settings=scene_of(json.loads(told.pop()), "computed"),
+            **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+        )
+    except InvalidInput as refused:
+        raise refused.at(str(states)) from refused.__cause__
+    except ValueError as error:
+        raise InvalidInput("file", "settings", "must be JSON", str(states)) from error
+
+
+def read_conflicts(path: Path) -> Iterator[tuple[Conflicts, Polygons]]:
+    """Yield conflicts of numbered objects, and where they are, some at a time; raises InvalidInput."""
+    try:
+        with decoded(path, MAX_COMPUTED_MB) as rows:
+            for batch in rows.batches:
+                yield to_conflicts(batch)
+    except InvalidInput as refused:
+        raise refused.at(str(path)) from refused.__cause__

@@ -1,0 +1,204 @@
+"""Conflicts that were computed elsewhere are written as `detect` writes them, or refused if they would be untrue."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from commands import STRAIT, Run, runner
+
+from conflictdb.arrays.arrow.found import COMPUTED, of_found
+from conflictdb.arrays.arrow.objects import to_batches
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.io import read
+from conflictdb.io.computed import STATES, settings_text
+from conflictdb.model import Scene
+from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.run import run_scene
+from conflictdb.stage1_broad_phase import candidates
+
+# What a detection, and who computed elsewhere, say alike.
+KEPT = (
+    "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
+    "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
+)  # fmt: skip
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+class Elsewhere:
+    """The stages on numbered objects, without a database: what executors do."""
+
+    def __init__(self, pieces: Pieces, footprint: dict[int, Any]) -> None:
+        self._pieces, self._footprint = pieces, footprint
+
+    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+        a, b = candidates(self._pieces)
+        a, b = np.minimum(a, b), np.maximum(a, b)  # in the order of their keys, as everywhere
+        order = np.lexsort((b, a))
+        yield self._pieces, PieceRows(a[order]), PieceRows(b[order])
+
+    def footprints(self, ids: np.ndarray) -> np.ndarray:
+        found = np.empty(len(ids), object)
+        found[:] = [self._footprint[i] for i in ids.tolist()]
+        return found
+
+
+def computed(objects: Path, directory: Path, scene: Scene) -> Path:
+    """Compute the conflicts of an exported scene, and write them as `conflictdb spark detect` does."""
+    table = pq.read_table(objects).sort_by([("kind", "ascending"), ("id", "ascending")])
+    areas, tracks = to_batches(table)
+    told = table.select(["kind", "object_id", "id"]).to_pylist()
+    keys = {(row["kind"] == "track", row["object_id"]): row["id"] for row in told}
+    plane = plane_of(scene)
+    source = Elsewhere(
+        pieces_of(scene, plane, areas, tracks), dict(zip(areas.area_id.tolist(), areas.footprint, strict=True))
+    )
+    directory.mkdir()
+    for k, (found, _) in enumerate(run_scene(scene, plane, source)):
+        a, b = (
+            [keys[bool(kind), number] for kind, number in zip(kinds.tolist(), ids.tolist(), strict=True)]
+            for kinds, ids in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
+        )
+        batch = of_found(scene, found, found.where(np.arange(len(found))), a, b)
+        pq.write_table(pa.Table.from_batches([batch]), directory / f"part-{k}.parquet")
+    states = table.select(["kind", "id", "object_id", "version"])
+    states = states.append_column("settings", pa.array([settings_text(scene)] * len(states)))
+    (directory / STATES).mkdir()
+    states = states.select(COMPUTED.schema.names).replace_schema_metadata(None)
+    pq.write_table(states, directory / STATES / "part-0.parquet")
+    return directory
+
+
+@pytest.fixture
+def strait(run: Run, tmp_path: Path) -> Path:
+    """Return what was computed of the shipped scene, which was loaded, exported and not detected."""
+    run("load", STRAIT)
+    assert run("export", "--scene", "strait", tmp_path / "strait.parquet").code == 0
+    scene = read(tmp_path / "strait.parquet").scene
+    assert scene is not None
+    return computed(tmp_path / "strait.parquet", tmp_path / "conflicts.parquet", scene)
+
+
+def known(run: Run, scene: str) -> list[dict[str, Any]]:
+    return [
+        {name: row[name] for name in KEPT}
+        for row in json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
+    ]
+
+
+def told(conn: psycopg.Connection[Any], query: str) -> list[Any]:
+    with conn.transaction():
+        return conn.execute(query.encode()).fetchall()
+
+
+def test_what_is_written_back_is_what_detect_finds(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
+    """The same rows, nothing waits, and neither another write-back nor a detection changes anything."""
+    done = run("spark", "write-back", "--scene", "strait", strait)
+    assert (done.code, done.err) == (0, "")
+    assert "opened, 0 changed, 0 closed" in done.out
+    assert told(conn, "SELECT scene_is_current FROM conflictdb.conflicts GROUP BY 1") == [(True,)]
+    found = known(run, "strait")
+    run("detect", STRAIT, "--scene", "copy")
+    expected = known(run, "copy")
+    for name in KEPT:
+        assert [row[name] for row in found] == [row[name] for row in expected], name
+    assert len(found) > 3
+    assert "0 opened, 0 changed, 0 closed" in run("spark", "write-back", "--scene", "strait", strait).out
+    events = told(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'")
+    run("detect", "--scene", "strait", "--full")
+    assert told(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'") == events == [(0,)]
+    assert told(conn, "SELECT settings ->> 'is_written_back' FROM conflictdb.run ORDER BY run_id LIMIT 1") == [
+        ("true",)
+    ]
+
+
+def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
+    """Of an object that moved, one that is new and one that is gone nothing is said; the rest is written."""
+    with conn.transaction():
+        moved, gone = (key for (key,) in told(conn, "SELECT key FROM conflictdb.track ORDER BY key LIMIT 2"))
+        conn.execute("UPDATE conflictdb.track SET grow_mps = 0.5 WHERE key = %s", [moved])
+        conn.execute("DELETE FROM conflictdb.track WHERE key = %s", [gone])
+        conn.execute(
+            "INSERT INTO conflictdb.area (scene_id, key, footprint) SELECT scene_id, 'NEW', footprint"
+            " FROM conflictdb.area ORDER BY key LIMIT 1"
+        )
+    done = run("spark", "write-back", "--scene", "strait", strait)
+    assert done.code == 0
+    assert "3 objects changed since it was exported" in done.err
+    keys = {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")}
+    assert keys
+    assert not keys & {moved, gone, "NEW"}
+    waiting = told(conn, "SELECT DISTINCT object_kind, object_id FROM conflictdb.change WHERE NOT is_covered")
+    assert len(waiting) == 3
+    run("detect", "--scene", "strait")
+    found = known(run, "strait")
+    run("detect", "--scene", "strait", "--full")
+    assert found == known(run, "strait")
+    assert {"NEW", moved} <= {row[name] for row in found for name in ("a_key", "b_key")}
+    # What was detected since is newer than what was computed, and stays.
+    assert run("spark", "write-back", "--scene", "strait", strait).code == 0
+    assert found == known(run, "strait")
+
+
+def test_conflicts_that_are_gone_are_closed(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
+    run("detect", "--scene", "strait")
+    before = known(run, "strait")
+    (part,) = strait.glob("*.parquet")
+    pq.write_table(pq.read_table(part).slice(1), part)
+    assert "0 opened, 0 changed, 1 closed" in run("spark", "write-back", "--scene", "strait", strait).out
+    assert len(known(run, "strait")) == len(before) - 1
+
+
+def refuse(run: Run, path: Path, scene: str = "strait") -> str:
+    done = run("spark", "write-back", "--scene", scene, path)
+    assert done.code == 4, done
+    return done.err
+
+
+def test_what_would_be_untrue_is_refused(run: Run, conn: psycopg.Connection[Any], strait: Path, tmp_path: Path) -> None:
+    """Other settings, another scene, conflicts of nobody: nothing is written, and no run is recorded."""
+    scene = read(tmp_path / "strait.parquet").scene
+    assert scene is not None
+    other = computed(tmp_path / "strait.parquet", tmp_path / "other", replace(scene, separation_m=500.0))
+    assert "separation_m: is 0.0, but the conflicts were computed with 500.0" in refuse(run, other)
+    run("load", STRAIT, "--scene", "copy")
+    assert "are none of those that the conflicts were computed from" in refuse(run, strait, "copy")
+    assert "is not in this database" in refuse(run, strait, "nowhere")
+    assert "does not exist" in refuse(run, tmp_path / "nothing.parquet")
+    assert "does not say which objects it was computed from" in refuse(run, tmp_path / "strait.parquet")
+
+    (states,) = (strait / STATES).iterdir()
+    whole = pq.read_table(states)
+    pq.write_table(whole.slice(1), states)
+    assert "are not all of those that they say they were computed from" in refuse(run, strait)
+    pq.write_table(pa.concat_tables([whole, whole]), states)
+    assert "are listed twice" in refuse(run, strait)
+    strange = pa.array([f"{key}?" for key in whole["id"].to_pylist()])
+    pq.write_table(whole.set_column(whole.schema.get_field_index("id"), "id", strange), states)
+    assert "are of another database" in refuse(run, strait)
+    pq.write_table(whole.drop_columns("version"), states)
+    assert "version: is missing" in refuse(run, strait)
+    pq.write_table(whole, states)
+
+    (part,) = strait.glob("*.parquet")
+    found = pq.read_table(part)
+    pq.write_table(found, strait / "part-9.parquet")
+    assert "two answers for one pair" in refuse(run, strait)
+    (strait / "part-9.parquet").write_bytes(part.read_bytes()[:-10])
+    assert "cannot be read as Parquet" in refuse(run, strait)
+    (strait / "part-9.parquet").unlink()
+    assert told(conn, "SELECT count(*) FROM conflictdb.run") == [(0,)]
+    assert told(conn, "SELECT count(*) FROM conflictdb.conflict") == [(0,)]
+    assert told(conn, "SELECT count(*) FROM conflictdb.change WHERE is_covered") == [(0,)]
+    assert run("spark", "write-back", "--scene", "strait", strait).code == 0
