@@ -141,12 +141,10 @@ def shared(
                 pass
             raise
 
-    # The thread that asks works, too: one less has to begin.
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(work) for _ in range(min(threads, len(slices)) - 1)]
-        work()
-        for other in others:
-            other.result()
+    # The thread that asks waits: where it works, too, a busy machine may keep the others on its processor.
+    with ThreadPoolExecutor(threads) as pool:
+        for worker in [pool.submit(work) for _ in range(min(threads, len(slices)))]:
+            worker.result()
     return [done[number] for number in range(len(slices))]
 
 
