@@ -43,6 +43,7 @@ def detect(args: argparse.Namespace) -> int:
         found = detect_on_spark(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
         write_conflicts(found, args.output)
         write_states(objects, scene, args.output)
+        del found  # so that its pieces leave the cache while Spark is there
         note(f"{scene.name}: {spark.read.parquet(args.output).count():,} pairs in {args.output}")
     return DONE
 
