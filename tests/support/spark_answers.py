@@ -8,11 +8,15 @@ it. Exits with 2 and one line where Spark does not run here.
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Thread
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -31,12 +35,14 @@ from conflictdb.pipeline.run import run_scene
 from conflictdb.results import Kind
 
 _ROOT = Path(__file__).parents[2]
-_LONGEST_S = 900.0
+_LONGEST_S = 7_200.0
+# Java makes no best code of what runs for seconds.
+_SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, into how many partitions it is cut, and settings of Sedona; and what its name is."""
+    """A scene, into how many partitions it is cut, settings of Sedona, and whether an executor is killed meanwhile."""
 
     name: str
     scene: Scene
@@ -44,6 +50,7 @@ class Job:
     tracks: Sequence[Track]
     partitions: int
     sedona: dict[str, str] = field(default_factory=dict)
+    kills: bool = False
 
 
 def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> pa.Table:
@@ -72,7 +79,7 @@ def answers(jobs: Sequence[Job], directory: Path, master: str = "local[2]") -> d
     for job in jobs:
         (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
     command = [sys.executable, __file__, str(directory), master]
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "JAVA_TOOL_OPTIONS": _SHORT_LIVED}
     done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
     if done.returncode == 2:
         pytest.skip(f"not run on Spark: {done.stderr.strip()}")
@@ -104,11 +111,50 @@ def _main(directory: Path, master: str) -> int:
                 for name, value in job.sedona.items():
                     spark.conf.set(name, value)
                 found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+                killer = Thread(target=_kill_an_executor, args=(spark.sparkContext.statusTracker(), job.partitions))
+                if job.kills:
+                    killer.start()
                 write_conflicts(found, str(path.with_suffix(".found")))
+                if job.kills:
+                    killer.join()
+                    path.with_suffix(".killed").touch()
     except EngineMissing as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
+
+
+def _kill_an_executor(tracker: Any, partitions: int) -> None:
+    """Kill one executor of this program's, once tasks of a shuffled stage have ended; raises if there is none."""
+    while not any(
+        (stage := tracker.getStageInfo(number)) and stage.numTasks == partitions and stage.numCompletedTasks
+        for number in tracker.getActiveStageIds()
+    ):
+        time.sleep(0.02)
+    parents = {int(path.name): _parent(path) for path in Path("/proc").iterdir() if path.name.isdigit()}
+    for pid in parents:
+        ancestors, one = set(), pid
+        while one in parents:
+            one = parents[one]
+            ancestors.add(one)
+        if os.getpid() in ancestors and "CoarseGrainedExecutorBackend" in _command(pid):
+            os.kill(pid, signal.SIGKILL)
+            return
+    raise AssertionError("there is no executor to kill")
+
+
+def _parent(process: Path) -> int:
+    try:
+        return int((process / "stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:  # it has ended
+        return 0
+
+
+def _command(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
 
 
 if __name__ == "__main__":
