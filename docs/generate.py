@@ -65,7 +65,7 @@ def cli() -> str:
         table(["environment", "means"], ((f"`{name}`", text) for name, text in parser.ENVIRONMENT.items())),
         table(["exit code", "means"], ((str(code), text) for code, text in codes.MEANING.items())),
     ]
-    for name, command in _commands(whole):
+    for name, command in _sections(whole):
         words = " ".join(_words(command))
         sections.append(f"## {name}\n\n`conflictdb {name}{' ' if words else ''}{words}`\n\n{command.description}")
         if rows := [*_options(command), *_actions(command)]:
@@ -77,6 +77,13 @@ def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Ar
     for action in whole._actions:
         if isinstance(action, argparse._SubParsersAction):
             yield from action.choices.items()
+
+
+def _sections(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield each command, and after it those below it that have options of their own."""
+    for name, command in _commands(whole):
+        yield name, command
+        yield from ((f"{name} {lower}", one) for lower, one in _commands(command) if any(_options(one)))
 
 
 def _actions(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:

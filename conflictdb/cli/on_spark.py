@@ -6,6 +6,7 @@ import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -33,17 +34,17 @@ _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"
 
 def detect(args: argparse.Namespace) -> int:
     """Find the conflicts of the objects in GeoParquet files, and write them into others."""
-    given = {name: getattr(args, name) for name in _SETTINGS}
-    scene = Scene(args.scene, **{name: value for name, value in given.items() if value is not None})
     with _session(args) as spark:
         from conflictdb.spark.detection import detect_on_spark
-        from conflictdb.spark.files import read_objects, write_conflicts, write_states
+        from conflictdb.spark.files import read_objects, settings_in, write_conflicts, write_states
 
+        scene = settings_in(args.input[0]) or Scene(args.scene or "spark")
+        given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
+        scene = replace(scene, **{name: value for name, value in given.items() if value is not None})
         objects = read_objects(spark, args.input)
         found = detect_on_spark(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
         write_conflicts(found, args.output)
         write_states(objects, scene, args.output)
-        del found  # so that its pieces leave the cache while Spark is there
         note(f"{scene.name}: {spark.read.parquet(args.output).count():,} pairs in {args.output}")
     return DONE
 

@@ -458,7 +458,10 @@ def _spark(commands: Any) -> None:
     parser.add_argument("--output", required=True, metavar="PATH", help="directory of GeoParquet to write, a new one")
     _add_spark(parser)
     parser.add_argument(
-        "--scene", type=name, default="spark", metavar="NAME", help="name of the scene (default: spark)"
+        "--scene",
+        type=name,
+        metavar="NAME",
+        help="name of the scene (default: as the first file says, as it says all settings if it was exported)",
     )
     parser.add_argument("--motion", choices=("rhumb", "great_circle"), help="how tracks and edges run (default: rhumb)")
     parser.add_argument("--earth", choices=("wgs84", "sphere"), help="default: wgs84; of great circles sphere")

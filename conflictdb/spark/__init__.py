@@ -3,3 +3,17 @@
 Only what Spark hands to its workers as Arrow batches is here: pieces, pairs and answers are made by the functions that
 `detect` and `solve` use. Nothing is imported before it is asked for.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from conflictdb.spark.detection import detect_on_spark
+
+__all__ = ["detect_on_spark"]
+
+
+def __getattr__(name: str) -> Any:
+    if name != "detect_on_spark":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module("conflictdb.spark.detection").detect_on_spark

@@ -19,6 +19,7 @@ from pyspark.sql.pandas.types import from_arrow_schema
 from pyspark.sql.types import BinaryType
 from pyspark.storagelevel import StorageLevel
 
+from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.earth.geodesy import direction_of
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Motion, Scene
@@ -28,6 +29,8 @@ from conflictdb.spark.engine import with_sedona
 
 # Partitions for each processor of the cluster: so that the last of them to end are short.
 _PER_PROCESSOR: Final = 4
+# What no stage looks at.
+_UNUSED: Final = ("name", "properties")
 _SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
 
 
@@ -62,6 +65,7 @@ def detect_on_spark(
     with_sedona(spark)
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
         objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
+    objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
     _refuse_twins(objects)
     scene = _centred(objects, scene)
     count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
@@ -74,8 +78,14 @@ def detect_on_spark(
         solving.solved, scene=scene, outlines=_outlines(spark, objects, scene), pairs_at_once=Memory.of(memory_mb).pairs
     )
     found = mapped(together, solve, solving.SCHEMA)
-    weakref.finalize(found, cut.unpersist).atexit = False
+    weakref.finalize(found, _free, cut).atexit = False
     return found
+
+
+def _free(cached: DataFrame) -> None:
+    """Give the place of cached rows back, if their session still runs."""
+    if cached.sparkSession.sparkContext._jsc is not None:
+        cached.unpersist()
 
 
 def mapped(

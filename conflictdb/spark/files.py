@@ -1,15 +1,32 @@
 """GeoParquet on Spark: objects in, conflicts out, by all workers at once; a path is what Spark can read and write."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 
+import pyarrow as pa
+from pyarrow import parquet
 from pyspark.errors import AnalysisException
 from pyspark.sql import DataFrame, SparkSession, functions
 
+from conflictdb.arrays.arrow.forms import METADATA_KEY
 from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
 from conflictdb.io.computed import STATES, settings_text
+from conflictdb.io.scene_file import scene_of
 from conflictdb.model import Scene
+
+
+def settings_in(path: str) -> Scene | None:
+    """Return the settings of the scene that a file was exported of; None for what is no file here, or says nothing."""
+    if not Path(path).is_file():
+        return None
+    try:
+        told = json.loads((parquet.read_schema(path).metadata or {}).get(METADATA_KEY, b"{}"))
+    except (pa.ArrowException, ValueError) as error:
+        raise InvalidInput(path, "", f"is no Parquet of conflictdb: {_first_line(error)}") from error
+    return None if told.get("scene") is None else scene_of(told["scene"], Path(path).stem)
 
 
 def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
@@ -29,8 +46,9 @@ def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
 
 def write_conflicts(found: DataFrame, path: str) -> None:
     """Write conflicts as a directory of GeoParquet files; raises InvalidInput where there is one."""
-    for name in GEOMETRIES:
-        found = found.withColumn(name, functions.call_function("ST_GeomFromWKB", functions.col(name)))
+    # Of several geometries Sedona takes any for the main one, so there is one; the points stay WKB.
+    region, *_ = GEOMETRIES
+    found = found.withColumn(region, functions.call_function("ST_GeomFromWKB", functions.col(region)))
     try:
         # Without a name of their own, coordinates are longitude and latitude on WGS84.
         found.write.format("geoparquet").option("geoparquet.crs", "").save(path)

@@ -1,16 +1,25 @@
 """Scenes on Spark: the rows of one machine, bit by bit, whatever the number of partitions."""
 
+import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 import scenes
-from spark_answers import Job, answer_of_one_machine, answers
+import shapely
+from pyarrow import parquet
+from spark_answers import Job, answer_of_one_machine, answers, in_order
 from workloads import GROWING, OCEAN, SEAM, throw
 
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.io.parquet_writing import write_objects
 from conflictdb.io.reading import read
 from conflictdb.methods import Method
+from conflictdb.model import Area
 
 # Sedona joins small scenes by sending one side everywhere, unless it is told not to.
 BY_TREE = {"sedona.join.autoBroadcastJoinThreshold": "-1"}
@@ -30,12 +39,55 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         Job("strait", strait, areas, tracks, 3, BY_SENDING),
         Job("near at the seam", near, *objects, 5, BY_TREE, kills=True),
     ]
-    found = answers(jobs, tmp_path, master="local-cluster[2,1,1024]")
+    exported, output, refused = (str(tmp_path / name) for name in ("exported.parquet", "output", "refused.parquet"))
+    for path, some in ((exported, objects), (refused, ([polar()], []))):
+        with Path(path).open("wb") as stream:
+            write_objects(stream, near, [of_objects(*some)])
+    detect = ["spark", "detect", "--output", output, "--input"]
+    commands = [[*detect, refused], [*detect, exported, "--partitions", "2"], [*detect, exported], [*detect, __file__]]
+    found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
     assert (tmp_path / "near at the seam.killed").exists()
     for job in jobs:
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)
         assert expected.num_rows
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
+
+    # The command has the settings of the file, and one line for what it refuses.
+    (refusal, done, twice, no_parquet) = json.loads((tmp_path / "said.json").read_text())
+    assert refusal[0] == twice[0] == no_parquet[0] == 4
+    assert refusal[1].startswith("conflictdb: area 'N': geometry: ")
+    assert done[0] == 0
+    assert in_order(parquet.read_table(output)).to_pylist() == expected.to_pylist()
+    assert "already exists" in twice[1]
+    assert "test_spark.py" in no_parquet[1]
+    assert all(text.count("\n") == 1 for _, text in (refusal, twice, no_parquet))
+    geo = json.loads(parquet.read_schema(next(Path(output).glob("*.parquet"))).metadata[b"geo"])
+    assert geo["primary_column"] == "region"
+    assert all("crs" not in column for column in geo["columns"].values())
+
+
+def polar() -> Area:
+    """An area that no Mercator plane holds."""
+    return Area("N", shapely.MultiPolygon([shapely.box(0, 89.5, 1, 89.9)]))
+
+
+@pytest.mark.parametrize(("java", "says"), [(None, "JAVA_HOME is /nowhere"), (8, "needs Java 17"), (21, "is 21")])
+def test_without_java_one_line_says_what_to_install(tmp_path: Path, java: int | None, says: str) -> None:
+    """Nothing is fetched or begun; the exit code is 2."""
+    home = "/nowhere"
+    if java:
+        program = tmp_path / "bin" / "java"
+        program.parent.mkdir()
+        program.write_text(f"#!/bin/sh\necho 'openjdk version \"{java}.0.1\" 2026' >&2\n")
+        program.chmod(0o755)
+        home = str(tmp_path)
+    command = [sys.executable, "-m", "conflictdb", "spark", "demo"]
+    environ = {**os.environ, "JAVA_HOME": home}
+    done = subprocess.run(command, env=environ, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert "openjdk-17-jre-headless" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.slow

@@ -3,9 +3,11 @@
     python spark_answers.py DIRECTORY [MASTER]
 
 takes every `*.job` of a directory, a pickled Job, through one session of Spark, and leaves the conflicts of each beside
-it. Exits with 2 and one line where Spark does not run here.
+it; then runs the commands of conflictdb in `commands.json`, and leaves what they end with and say in `said.json`. Exits
+with 2 and one line where Spark does not run here.
 """
 
+import json
 import os
 import pickle
 import signal
@@ -13,7 +15,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -73,9 +77,15 @@ def in_order(found: pa.Table) -> pa.Table:
     return found.drop_columns(["a_id", "b_id"]).sort_by([(name, "ascending") for name in ("a_kind", "a_key", "b_key")])
 
 
-def answers(jobs: Sequence[Job], directory: Path, master: str = "local[2]") -> dict[str, pa.Table]:
-    """What Spark finds, by the names of jobs; skips the test where Spark does not run and cannot be fetched."""
+def answers(
+    jobs: Sequence[Job], directory: Path, master: str, commands: Sequence[Sequence[str]] = ()
+) -> dict[str, pa.Table]:
+    """What Spark finds, by the names of jobs; skips the test where Spark does not run and cannot be fetched.
+
+    commands : of the command line, run after that
+    """
     _add_extra()
+    (directory / "commands.json").write_text(json.dumps(commands))
     for job in jobs:
         (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
     command = [sys.executable, __file__, str(directory), master]
@@ -95,6 +105,7 @@ def _add_extra() -> None:
 
 
 def _main(directory: Path, master: str) -> int:
+    from conflictdb.cli import main
     from conflictdb.server.settings import Settings
     from conflictdb.spark import engine
 
@@ -121,6 +132,11 @@ def _main(directory: Path, master: str) -> int:
     except EngineMissing as error:
         sys.stderr.write(f"{error}\n")
         return 2
+    said = []
+    for command in json.loads((directory / "commands.json").read_text()):
+        with redirect_stderr(StringIO()) as errors:
+            said.append((main([*command, "--master", "local[2]"]), errors.getvalue()))
+    (directory / "said.json").write_text(json.dumps(said))
     return 0
 
 
