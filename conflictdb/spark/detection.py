@@ -75,7 +75,7 @@ def detect_on_spark(
     met = mapped(joining.candidates(spark, cut, extent), solving.meeting, solving.PAIRS)
     together = met.repartition(count, "a_key", "b_key").sortWithinPartitions("a_key", "b_key")
     solve = partial(
-        solving.solved, scene=scene, outlines=_outlines(spark, objects, scene), pairs_at_once=Memory.of(memory_mb).pairs
+        solving.solved, scene=scene, outlines=_outlines(spark, objects), pairs_at_once=Memory.of(memory_mb).pairs
     )
     found = mapped(together, solve, solving.SCHEMA)
     weakref.finalize(found, _free, cut).atexit = False
@@ -134,6 +134,6 @@ class _Outlines:
         return dict(self._sent.value)
 
 
-def _outlines(spark: SparkSession, objects: DataFrame, scene: Scene) -> solving.Outlines:
-    several = mapped(objects.where("kind = 'area'"), partial(pieces.outlines, scene=scene), pieces.OUTLINES)
-    return _Outlines(spark.sparkContext.broadcast({row[0]: bytes(row[1]) for row in several.toLocalIterator()}))
+def _outlines(spark: SparkSession, objects: DataFrame) -> solving.Outlines:
+    known = mapped(objects.where("kind = 'area'"), pieces.outlines, pieces.OUTLINES)
+    return _Outlines(spark.sparkContext.broadcast({row[0]: bytes(row[1]) for row in known.toLocalIterator()}))

@@ -45,7 +45,7 @@ SCHEMA: Final = pa.schema(
         pa.field("refused", pa.string()),
     ]
 )
-# Areas that are cut into several pieces: their outlines, WKB in degrees.
+# Areas: their outlines, WKB in degrees.
 OUTLINES: Final = pa.schema([pa.field("key", pa.string()), pa.field("outline", pa.binary())])
 
 
@@ -126,12 +126,10 @@ def refusal_of(told: str) -> InvalidInput:
     return InvalidInput(*json.loads(told))
 
 
-def outlines(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:
-    """Yield the outlines of those areas that are cut into several pieces."""
+def outlines(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Yield the outlines of areas."""
     for batch in batches:
         areas, _ = to_objects(batch)
-        made = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of([]))
-        several = np.flatnonzero(np.bincount(made.object_id, minlength=len(areas)) > 1)
-        keys = pa.array([areas[i].key for i in several.tolist()], pa.string())
-        held = shapely.to_wkb([areas[i].footprint for i in several.tolist()])
+        keys = pa.array([area.key for area in areas], pa.string())
+        held = shapely.to_wkb([area.footprint for area in areas])
         yield pa.RecordBatch.from_arrays([keys, pa.array(held, pa.binary())], schema=OUTLINES)

@@ -34,7 +34,7 @@ PAIRS: Final = pa.schema(
 )
 SCHEMA: Final = FOUND.schema
 
-# Returns the outlines (WKB, degrees) of areas by their keys, those that are cut into several pieces.
+# Returns the outlines (WKB, degrees) of areas by their keys.
 Outlines = Callable[[], dict[str, bytes]]
 
 

@@ -46,7 +46,7 @@ def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
     given = in_batches(of_objects(areas, tracks), 5, rng)
     rows = pa.Table.from_batches(list(pieces.cut(given, scene)), schema=pieces.SCHEMA)
     assert rows["refused"].null_count == len(rows)
-    outlines = [row for batch in pieces.outlines(given, scene) for row in batch.to_pylist()]
+    outlines = [row for batch in pieces.outlines(given) for row in batch.to_pylist()]
     met = in_batches(pairs_of(rows).take(rng.permutation(len(pairs_of(rows)))), 7, rng)
     hulls_meet = pa.Table.from_batches(list(solving.meeting(met)), schema=solving.PAIRS)
     sorted_rows = hulls_meet.sort_by([("a_key", "ascending"), ("b_key", "ascending")])
@@ -91,6 +91,16 @@ def test_workers_find_what_is_near() -> None:
     found = answer_of_workers(objects, 1)
     assert "near" in found["verdict"].to_pylist()
     assert found.to_pylist() == answer_of_one_machine(*objects).to_pylist()
+
+
+def test_workers_know_the_whole_of_both_areas() -> None:
+    """A box of one part that is as shallow in both parts of an area as the tolerance allows is decided by the whole."""
+    two = shapely.MultiPolygon([shapely.box(0, 0, 0.08, 0.1), shapely.box(0.12, 0, 0.2, 0.1)])
+    areas = [Area("TWO", two), Area("BOX", shapely.MultiPolygon([shapely.box(0.02, -0.05, 0.18, 4e-6)]))]
+    objects = (Scene("shallow"), areas, [])
+    expected = answer_of_one_machine(*objects)
+    assert expected["verdict"].to_pylist() == ["grazing"]
+    assert answer_of_workers(objects, 1).to_pylist() == expected.to_pylist()
 
 
 def test_packed_pieces_are_the_same_pieces() -> None:
