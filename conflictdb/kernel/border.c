@@ -159,12 +159,12 @@ static void lay_out(Encounter *pair, double *memory, int64_t largest) {
 
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
     const Body *a = scene->bodies + pairs->a[i], *b = scene->bodies + pairs->b[i];
+    double low = pairs->low_s[i], high = pairs->high_s[i];
     if (!a->is_sound || !b->is_sound) return false;
+    if (!(fabs(low) <= KERNEL_LONGEST_S && fabs(high) <= KERNEL_LONGEST_S)) return false;
     if ((a->motion != STANDS_STILL || b->motion != STANDS_STILL) && !is_instant(pairs->zero_us[i])) return false;
-    if (!isfinite(pairs->low_s[i]) || !isfinite(pairs->high_s[i])) return false;
     pair->a = mover_make(scene, a, pairs->zero_us[i], a->origin, pair->a.frame);
     pair->b = mover_make(scene, b, pairs->zero_us[i], a->origin, pair->b.frame);
-    double low = pairs->low_s[i], high = pairs->high_s[i];
     return mover_is_there(&pair->a, low, high) && mover_is_there(&pair->b, low, high);
 }
 

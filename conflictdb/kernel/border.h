@@ -15,7 +15,7 @@ void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piec
 /* Check what a call on pairs is given, and take memory for the polygons of an encounter; the caller frees it. */
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory);
 
-/* Set an encounter up for pair i; false where it has no instant to count from or a piece that cannot be. */
+/* Set an encounter up for pair i; false where it has no time that can be, or a piece that cannot. */
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair);
 
 #endif

@@ -6,7 +6,8 @@
 #include "search.h"
 
 /* Intervals that are looked at for two objects, shared by their pairs of pieces, and for one pair of pieces at least and
- * at most, in each step of its search. Beyond it a pair is left undecided rather than let one take all time. */
+ * at most, in each step of its search; in all steps its share, but at least as many as one of them may take. Beyond it a
+ * pair is left undecided rather than let one take all time. */
 enum { MAX_INTERVALS = 131072, MIN_INTERVALS_PER_PAIR = 256, MAX_INTERVALS_PER_PAIR = 8192 };
 
 /* Give the search room in memory. */
@@ -18,9 +19,10 @@ static void lay_out_intervals(Encounter *pair, Interval *memory) {
 
 /* Let a pair have its share of the work that may be done for two objects. */
 static void share_work(Encounter *pair, int64_t company) {
-    int64_t most = MAX_INTERVALS / (company > 1 ? company : 1);
+    int64_t share = MAX_INTERVALS / (company > 1 ? company : 1), most = share;
     most = most < MIN_INTERVALS_PER_PAIR ? MIN_INTERVALS_PER_PAIR : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : most;
     pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
+    pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
 }
 
 void answers_add(Answers *answers, double start, double end, double error, KernelVerdict verdict, bool touches) {

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 16
+#define KERNEL_ABI 17
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -42,6 +42,9 @@
 
 /* Instants lie between plus and minus this, microseconds, so that differences of two fit into 64 bits. */
 #define KERNEL_LATEST_US (INT64_C(1) << 61)
+
+/* Seconds of a pair lie between plus and minus this: no two instants of 64 bits are further apart. */
+#define KERNEL_LONGEST_S (0x1p64 / 1e6)
 
 /* A haven of more vertices is a piece that cannot be: the time that its pairs take grows with the square of the number, to
  * half a second each. Areas have no such limit: of what stands still only its own edges count. */
@@ -103,7 +106,8 @@ typedef struct {
 } KernelPieces;
 
 /* Pairs of pieces: numbers, the instant that the pair counts its seconds from, and its time. Both pieces must be there
- * throughout: [low_s, high_s] lies within both slices. */
+ * throughout: [low_s, high_s] lies within both slices. Of a pair whose seconds lie beyond KERNEL_LONGEST_S nothing is known,
+ * as of one with a piece that cannot be. */
 typedef struct {
     int64_t count;
     const int64_t *a, *b;
@@ -202,6 +206,7 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
 void kernel_scene_free(KernelScene *scene);
 
 /* Find all contacts of pairs, in the order of pairs and of time. A pair with a piece that cannot be is unresolved.
+ * The work of a pair is bounded, its share of what two objects may take: beyond it, it is left as it is known by then.
  *
  * contacts : made here, for kernel_contacts_free
  */
@@ -231,7 +236,8 @@ KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs
  * area, is_b : (count,) the area; 0 where a is the part of it, else b is
  * east_m : (count,) how far east of the area the part is: copies of it lie whole turns away, plane metres
  * depth : (count,) KernelDepth. What is deeper than the margin by less than a thousandth of it may be shallow. Unknown where
- *     a piece cannot be, of an area without sides or with one of no numbers, and where the work is used up
+ *     a piece cannot be, of an area without sides or with one of no numbers, where the margin is negative or no number, and
+ *     where the work is used up
  */
 KernelStatus kernel_whole_depths(const KernelScene *scene, const KernelPairs *pairs, const KernelAreas *areas,
                                  const int64_t *area, const int8_t *is_b, const double *east_m, int8_t *depth);

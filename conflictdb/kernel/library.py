@@ -16,7 +16,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 16
+ABI: Final = 17
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",

@@ -97,10 +97,10 @@ static void keep(Intervals *intervals, int64_t *kept, double start, double end, 
     intervals->items[(*kept)++] = (Interval){start, end, 0.5 * (start + end), reason};
 }
 
-/* Add both halves of what is left of an interval, to be looked at after all others; false where no room is left. */
-static bool split(Intervals *intervals, double start, double end) {
+/* Add both halves of what is left of an interval, to be looked at after all others; false where no room or work is left. */
+static bool split(const Encounter *pair, Intervals *intervals, double start, double end) {
     double middle = 0.5 * (start + end);
-    if (intervals->count + 2 > intervals->most) return false;
+    if (intervals->count + 2 > intervals->most || pair->looks_left <= 0) return false;
     intervals->items[intervals->count++] = (Interval){start, middle, 0.0, BORDERLINE};
     intervals->items[intervals->count++] = (Interval){middle, end, 0.0, BORDERLINE};
     return true;
@@ -111,6 +111,7 @@ void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m
     for (int64_t next = 0; next < intervals->count; next++) {
         double start = intervals->items[next].start, end = intervals->items[next].end, h = end - start;
         Window window = window_of(pair, start, end, margin_m);
+        pair->looks_left--;
         if (window.u > window.v) continue;
         bool is_near = window.clearance_m <= margin_m;
         double wanted_m = pair->separation_m + margin_m;
@@ -119,7 +120,7 @@ void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m
             keep(intervals, &kept, start, end, window.clearance_m <= KERNEL_TOUCH_M ? IN_CONTACT : NEARBY);
             continue;
         }
-        if (h <= SHORTEST_INTERVAL_S || !split(intervals, start + window.u * h, start + window.v * h))
+        if (h <= SHORTEST_INTERVAL_S || !split(pair, intervals, start + window.u * h, start + window.v * h))
             keep(intervals, &kept, start, end, BORDERLINE);
     }
     intervals->count = kept;
@@ -155,9 +156,10 @@ void undecided_contact(Encounter *pair, Intervals *intervals, double start, doub
     for (int64_t next = 0; next < intervals->count; next++) {
         double from = intervals->items[next].start, to = intervals->items[next].end;
         double upper = clearance_upper_bound(pair, from, to);
+        pair->looks_left--;
         if (upper < 0.0) continue;
         if (upper == INFINITY) keep(intervals, &kept, from, to, NEARBY);
-        else if (to - from <= SHORTEST_INTERVAL_S || !split(intervals, from, to)) keep(intervals, &kept, from, to, BORDERLINE);
+        else if (to - from <= SHORTEST_INTERVAL_S || !split(pair, intervals, from, to)) keep(intervals, &kept, from, to, BORDERLINE);
     }
     intervals->count = kept;
 }

@@ -104,8 +104,9 @@ static OuterEnd outer_end(Encounter *pair, const Guess *guess, double limit, dou
             }
         }
         if (!is_further) return end;
+        if (pair->looks_left <= 0) break;
     }
-    /* The rounds are used up, and each found a contact further out: all times up to the limit are reported. */
+    /* The work is used up, and each found a contact further out: all times up to the limit are reported. */
     end.outer = limit;
     return end;
 }
@@ -184,7 +185,7 @@ static void add_cut(Encounter *pair, Found whole, KernelVerdict verdict, Answers
             answers_add(answers, found.start, found.end, error, verdict, true);
             continue;
         }
-        if (cuts++ >= MAX_CUTS) {
+        if (cuts++ >= MAX_CUTS || pair->looks_left <= 0) {
             answers_add(answers, found.start, found.end, found.end - found.start, verdict, true);
             continue;
         }

@@ -40,9 +40,9 @@ typedef struct {
     double west, east, south, north;
 } Box;
 
-/* What is known of a cell: no place of it is deep, there is no border in it, its middle is far from the border, or none of
- * these. What is far from the border is deep, unless it is outside. */
-typedef enum { IS_SHALLOW, IS_WITHOUT_BORDER, IS_FAR_IN_THE_MIDDLE, IS_OPEN } CellDepth;
+/* What is known of a cell: no place of it is deep, there is no border in it, its middle is far from the border, none of
+ * these, or it has no numbers. What is far from the border is deep, unless it is outside. */
+typedef enum { IS_SHALLOW, IS_WITHOUT_BORDER, IS_FAR_IN_THE_MIDDLE, IS_OPEN, IS_NOWHERE } CellDepth;
 
 /* Sides of the border that a depth may be measured from, and room for polygons. */
 typedef struct {
@@ -75,12 +75,15 @@ static Circle circle_around(const Polygon *polygon) {
     return circle;
 }
 
+static bool is_somewhere(Circle circle) { return isfinite(circle.middle.x + circle.middle.y + circle.reach); }
+
 /* Keep the sides of an area, less an origin, that are within the margin of a circle: all others are further from what it
- * holds. False of an area without sides, or with one of no numbers. */
+ * holds. False of an area without sides or a margin, or where something is of no numbers. */
 static bool keep_sides(Border *border, const KernelAreas *areas, int64_t area, Vector origin, const Circle *circle) {
     double reach = circle->reach + border->margin;
     bool has_sides = false;
     border->count = 0;
+    if (!is_somewhere(*circle) || !(border->margin >= 0.0)) return false;
     for (int64_t r = areas->area_offset[area]; r < areas->area_offset[area + 1]; r++)
         for (int64_t k = areas->ring_offset[r]; k + 1 < areas->ring_offset[r + 1]; k++) {
             const double *xy = areas->ring + 2 * k;
@@ -137,6 +140,8 @@ static const Side *nearest_side(const Border *border, Vector place, Vector ahead
 static CellDepth depth_of(const Border *border, const Polygon *cell, Circle circle) {
     const Side *side = nearest_side(border, circle.middle, (Vector){0.0, 0.0});
     double margin = border->margin, depth = side ? sqrt(squared_from(side, circle.middle)) : INFINITY;
+    /* Nothing is told of what has no numbers. Without a side all that is kept is further than the margin. */
+    if (!is_somewhere(circle) || (!side && border->count > 0)) return IS_NOWHERE;
     if (depth > margin) return depth >= circle.reach ? IS_WITHOUT_BORDER : IS_FAR_IN_THE_MIDDLE;
     if (depth + circle.reach <= margin || circle.reach <= RESOLUTION * margin) return IS_SHALLOW;
     if (furthest_from(cell, side, NULL) <= margin) return IS_SHALLOW;
@@ -183,6 +188,7 @@ static KernelDepth search_cells(Border *border, const KernelAreas *areas, int64_
         if (border->cell.count == 0) continue;
         Circle circle = circle_around(&border->cell);
         CellDepth depth = depth_of(border, &border->cell, circle);
+        if (depth == IS_NOWHERE) return KERNEL_DEPTH_UNKNOWN;
         bool is_far = depth == IS_WITHOUT_BORDER || depth == IS_FAR_IN_THE_MIDDLE;
         if (is_far && is_inside(areas, area, origin, circle.middle)) return KERNEL_DEEP;
         if (depth == IS_SHALLOW || depth == IS_WITHOUT_BORDER) continue;

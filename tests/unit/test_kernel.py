@@ -350,6 +350,35 @@ def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
     assert_same(some(found, ~beyond), some(found_of(scene, pairs), ~beyond))
 
 
+@pytest.mark.parametrize("high_s", [2.0**64 / 1e6 * (1.0 + 1e-15), 1e195, 1e308])
+def test_pairs_of_times_that_cannot_be_are_unresolved_at_once(high_s: float) -> None:
+    """No two instants are that far apart: nothing is searched, and other pairs are as ever."""
+    plane, pieces, pairs = batch(GROWING_CIRCLES)
+    scene, work, usual = Scene(plane, pieces), Work(), Work()
+    beyond = np.arange(len(pairs[0])) % 2 == 0
+    found = found_of(scene, (*pairs[:4], np.where(beyond, high_s, pairs[4])), 2000.0, 1.0, work)
+    assert_unresolved(found, beyond)
+    expected = found_of(scene, tuple(column[~beyond] for column in pairs), 2000.0, 1.0, usual)
+    assert work == usual
+    for column in ("start_s", "end_s", "error_s", "verdict"):
+        np.testing.assert_array_equal(getattr(some(found, ~beyond), column), getattr(expected, column))
+
+
+def test_the_work_of_a_pair_that_meets_for_ever_is_bounded() -> None:
+    """Around the earth thousands of times, as no leg goes: it takes no more than its share, in all steps together."""
+    plane, pieces, pairs = batch(GROWING_CIRCLES)
+    scene = Scene(plane, pieces)
+    looks = []
+    for i in range(len(pairs[0])):
+        work = Work()
+        one = Questions(
+            *(column[i : i + 1] for column in pairs[:4]), np.array([1e9]), np.array([np.inf]), np.array([10**6])
+        )
+        contacts(scene, one, 2000.0, 1.0, work)
+        looks.append(work.windows)
+    assert 5000 < max(looks) < 20_000
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_shares_of_work_are_all_rows_in_order(threads: int) -> None:
     """Whatever the rows weigh; of several threads none takes much at the end, which the others would wait for."""

@@ -138,6 +138,23 @@ def test_the_border_of_another_side_of_an_area_counts_and_what_is_outside_is_not
     assert depth_of_squares(area_of(ring * [[np.nan, 1.0]], 1.0), part, square(0.0, 0.0, 10.0)) == Depth.UNKNOWN
 
 
+@pytest.mark.parametrize(
+    ("margin", "depth"),
+    [
+        (np.nan, Depth.UNKNOWN),
+        (-1.0, Depth.UNKNOWN),
+        (-np.inf, Depth.UNKNOWN),
+        (np.inf, Depth.SHALLOW),
+        (1e308, Depth.SHALLOW),
+    ],
+)
+def test_a_margin_that_cannot_be_leaves_the_depth_unknown(margin: float, depth: Depth) -> None:
+    """Nothing is deeper than an infinite one; where the border is near or, of a larger area, nowhere near."""
+    for half in (1000.0, 1e6):
+        ring = shapely.get_coordinates(square(0.0, 0.0, half))
+        assert depth_of_squares(area_of(ring, margin), square(0.0, 0.0, 990.0), square(100.0, 100.0, 5.0)) == depth
+
+
 def test_a_strip_of_many_vertices_that_is_just_too_narrow_is_soon_told() -> None:
     """Its middle is 99.9 m from both sides, all along its kilometres: halving alone would take thousands of cells."""
     x, y = np.linspace(-9e3, 9e3, 50), np.full(50, 99.9)
