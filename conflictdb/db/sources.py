@@ -11,7 +11,7 @@ from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
-from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers, ordered_members
+from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 
 # Rows of pieces by their ids, in any order, and of each piece its place.
 Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]
@@ -124,16 +124,11 @@ def _pairs_of(
 
 
 def _in_order(pieces: Pieces, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> Chunk:
-    """Return those pieces that are in pairs, by their places, and the pairs in an order that follows from these.
-
-    The first of a pair is that of the first object, wherever in the table the two are: the last bits of an answer may
-    depend on which comes first.
-    """
+    """Return those pieces that are in pairs, by their places, and the pairs in an order that follows from these."""
     used = np.unique(np.concatenate([a, b]))
     used = used[np.argsort(place[used])]
     row = np.empty(len(pieces), np.int64)
     row[used] = np.arange(len(used))
-    first, second, _ = ordered_members(pieces, PieceRows(a), PieceRows(b))
-    a, b = row[first], row[second]
+    a, b = np.minimum(row[a], row[b]), np.maximum(row[a], row[b])
     order = np.lexsort((b, a))
     return pieces.take(used), PieceRows(a[order]), PieceRows(b[order])

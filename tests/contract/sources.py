@@ -55,6 +55,9 @@ Open = Callable[[str, Scene, Sequence[Area], Sequence[Track]], AbstractContextMa
 
 @contextmanager
 def in_memory(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Opened]:
+    # Numbered by key, as `solve` has them: which of two comes first follows from their keys in each source.
+    areas = sorted(areas, key=lambda area: area.key.encode())
+    tracks = sorted(tracks, key=lambda track: track.key.encode())
     key = {(Kind.AREA.code, i): area.key for i, area in enumerate(areas)}
     key |= {(Kind.TRACK.code, i): track.key for i, track in enumerate(tracks)}
     yield Opened(InMemory.of(scene, areas, tracks), centred(scene, areas, tracks), key)
