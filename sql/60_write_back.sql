@@ -429,7 +429,7 @@ COMMENT ON FUNCTION _object_states(bigint) IS 'The objects of a scene and the ve
 
 CREATE OR REPLACE FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[]) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_nestloop = off AS $$
+SET plan_cache_mode = force_generic_plan SET enable_nestloop = off SET jit = off AS $$
 BEGIN
     PERFORM _require_snapshot();
     UPDATE change c SET is_covered = false

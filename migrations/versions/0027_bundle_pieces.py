@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c919ae982fa48b8811bf56babc2c30733f18526eb20dd4ac1bd5721c7d69e967"
+routines_sha256 = "9d742c94bf596247c8c8f71ce63df32530e39cdd4df62408c9c5ddd9aec5c79a"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

@@ -50,7 +50,7 @@ def stopping(name, *, after):
     setattr(store, name, run)
 
 for name in (
-    "begin_detection", "changed_areas", "replace_pieces", "begin_write", "pieces", "put_pieces", "stage", "end_write"
+    "begin_detection", "changed_areas", "replace_pieces", "begin_write", "bundles", "put_pieces", "stage", "end_write"
 ):
     stopping(name, after=True)
 conflictdb.db.detect._FEW_OBJECTS = int(sys.argv[4])
@@ -63,7 +63,7 @@ EVERYWHERE = [
     ("changed_areas", TWO_TRANSACTIONS),
     ("replace_pieces", TWO_TRANSACTIONS),
     ("begin_write", TWO_TRANSACTIONS),
-    ("pieces", TWO_TRANSACTIONS),
+    ("bundles", TWO_TRANSACTIONS),
     ("progress", TWO_TRANSACTIONS),
     ("stage", TWO_TRANSACTIONS),
     ("end_write", TWO_TRANSACTIONS),
