@@ -1,14 +1,21 @@
 """What benchmarks share: scenes of a size, medians, exponents and files of numbers."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import growth
+import pyarrow.parquet as pq
 import pytest
+import quick_sea
 import real_runs
+import scale_out
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
+
+from conflictdb import Scene, solve
+from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 
 DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, None, 1.0)
 
@@ -34,6 +41,45 @@ def test_sea_has_every_object_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len({one.key for one in objects}) == 25
     places = {tuple(one.positions_deg[0]) for _, tracks in parts for one in tracks}
     assert len(places) == sum(len(tracks) for _, tracks in parts)
+
+
+def test_quick_sea_is_as_dense_as_the_sea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every object is accepted and there once, legs are about as many as asked for, and as many conflicts are found."""
+    monkeypatch.setattr("quick_sea.AT_ONCE", 400)
+    count = quick_sea.write(tmp_path / "sea.parquet", Scene("sea"), 1_150, 1)
+    areas, tracks = to_objects(pq.read_table(tmp_path / "sea.parquet", columns=OBJECTS.schema.names))
+    assert len({one.key for one in (*areas, *tracks)}) == len(areas) + len(tracks) == count == 1_000
+    assert sum(len(track.times_us) - 1 for track in tracks) == pytest.approx(1_150, rel=0.1)
+    ((closed, moving),) = sea(count, 1)
+    expected = len(solve(moving, closed, Scene("sea")))
+    assert len(solve(tracks, areas, Scene("sea"))) == pytest.approx(expected, rel=0.2)
+
+
+def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
+    """Stages that run at once count once; a stage of one task is apart from those whose tasks share processors."""
+    stages = [
+        (0, 1_000, 2_000, 1, ["Scan parquet "]),
+        (1, 3_000, 6_000, 2, ["PythonMapInArrow", "Exchange"]),
+        (2, 7_000, 9_000, 4, ["RangeJoin"]),
+        (3, 8_000, 10_000, 4, ["RangeJoin", "Exchange"]),
+        (4, 10_000, 14_000, 8, ["WriteFiles", "Exchange"]),
+    ]
+    events = []
+    for number, start, end, count, names in stages:
+        metrics = {"Shuffle Write Metrics": {"Shuffle Bytes Written": 500_000}, "Disk Bytes Spilled": 0}
+        task = {"Event": "SparkListenerTaskEnd", "Stage ID": number, "Task Metrics": metrics}
+        events += [task | {"Task Info": {"Launch Time": start, "Finish Time": start + 600}}] * count
+        told = {"Stage ID": number, "Number of Tasks": count, "Submission Time": start, "Completion Time": end}
+        told["RDD Info"] = [{"Name": "MapPartitionsRDD", "Scope": json.dumps({"name": name})} for name in names]
+        events.append({"Event": "SparkListenerStageCompleted", "Stage Info": told})
+    log = tmp_path / "log"
+    log.write_text("\n".join(map(json.dumps, events)))
+    found = scale_out.told_by(log, 0.5, 14.5)
+    parts = {"pieces_s": 4.0, "join_s": 3.0, "solve_s": 4.0, "between_s": 3.0, "single_s": 1.0}
+    expected = {**parts, "task_s": 18 * 0.6, "shuffled_mb": 9.5, "spilled_mb": 0.0}
+    assert found == pytest.approx(expected)
+    assert scale_out.modelled_s(found, 1, 2) == pytest.approx(3.0 + 1.0 + 9 * 0.6)
+    assert scale_out.modelled_s(found, 2, 2) == pytest.approx(3.0 + 1.0 + 4.5 * 0.6 + 9.5e6 / 4 / scale_out.NETWORK)
 
 
 def test_medians_go_column_by_column() -> None:

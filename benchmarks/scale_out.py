@@ -1,0 +1,298 @@
+"""A scene on Spark with one processor, with two, on a cluster of two executors, and by `detect` in PostgreSQL.
+
+    ./.venv/bin/python benchmarks/scale_out.py [--legs 100000] [--dsn DSN] [--jobs 2]
+        [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
+
+Scenes are the *sea* of quick_sea.py, as dense at any size, in a file of GeoParquet. Each run is a process of its own,
+with a Java of its own: `local[1]` is kept on one processor, which Java and Python share, `local[2]` on two; the cluster
+is a master and two workers of one processor each, which talk over the loopback, while the program that asks has none
+for itself. `detect` has the scene in a new database, and writes all rows. All must find as many conflicts.
+
+Seconds are those of the clock: run it on a machine that does nothing else. Those of Spark come from its log of events:
+*pieces* are what reads, checks and cuts objects, *join* stages 1 and 2, *solve* stages 3 and 4 with the merging, and
+writing the files; *between* is when no task runs, and of `detect` what it writes. Starting Spark and loading the
+database are beside it, and not within.
+"""
+
+import argparse
+import json
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow.parquet as pq
+import quick_sea
+from measured import WARM, fresh_database, in_fresh_process, load, versions, write_csv
+from tables import markdown, put_into
+
+import conflictdb
+from conflictdb import Scene
+from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
+from conflictdb.server.settings import Settings
+from conflictdb.spark import engine
+
+SEED: Final = 1
+SCENE: Final = Scene("sea")
+PARTS: Final = ("pieces", "join", "solve")
+ALONE, TOGETHER, CLUSTER, DATABASE = "local[1]", "local[2]", "2 executors", "PostgreSQL"
+# As many everywhere, so that all do the same: four for each of two processors.
+PARTITIONS: Final = 8
+EXECUTOR_MEMORY: Final = "2g"
+# Machines that the model is of: processors, and bytes a second that the network brings each (10 Gbit).
+PROCESSORS: Final = 8
+NETWORK: Final = 1.25e9
+MACHINES: Final = (1, 2, 4, 8, 16)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What one way to detect a scene took, in seconds by the clock.
+
+    before_s : to start Spark, or to load the database
+    task_s : of all tasks together, but those that are alone in their stage
+    single_s : of stages of one task
+    """
+
+    before_s: float
+    pieces_s: float
+    join_s: float
+    solve_s: float
+    between_s: float
+    total_s: float
+    conflicts: int
+    task_s: float | None = None
+    single_s: float | None = None
+    shuffled_mb: float | None = None
+    spilled_mb: float | None = None
+
+
+def on_spark(master: str, processors: int, path: str, directory: str) -> tuple[Taken, str]:
+    """Detect the scene in a file on Spark, with so many processors for all that this process starts.
+
+    Returns what it took, and the version of Spark.
+    """
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
+    events, output = Path(directory, "events"), Path(directory, "conflicts")
+    events.mkdir()
+    options = {
+        "spark.eventLog.enabled": "true",
+        "spark.eventLog.dir": events.as_uri(),
+        "spark.driver.host": "127.0.0.1",
+        "spark.driver.bindAddress": "127.0.0.1",
+        "spark.driver.memory": EXECUTOR_MEMORY,
+        "spark.executor.memory": EXECUTOR_MEMORY,
+        "spark.cores.max": "2",
+        "spark.scheduler.minRegisteredResourcesRatio": "1.0",  # both executors are there before work begins
+    }
+    Path(directory, "spark-defaults.conf").write_text("".join(f"{name} {value}\n" for name, value in options.items()))
+    os.environ["SPARK_CONF_DIR"] = directory
+    began = time.time()
+    with engine.session(master, Settings.from_environment().cache / "spark", os.environ, is_quiet=True) as spark:
+        from conflictdb.spark.detection import detect_on_spark
+        from conflictdb.spark.files import read_objects, write_conflicts
+
+        started = time.time()
+        found = detect_on_spark(spark, read_objects(spark, [path]), SCENE, partitions=PARTITIONS)
+        write_conflicts(found, str(output))
+        ended, version = time.time(), f"Spark {spark.version}"
+    conflicts = sum(pq.read_metadata(part).num_rows for part in output.glob("*.parquet"))
+    (log,) = events.iterdir()
+    return Taken(started - began, **told_by(log, started, ended), total_s=ended - started, conflicts=conflicts), version
+
+
+def told_by(log: Path, began: float, ended: float) -> dict[str, float]:
+    """Return seconds by parts, task_s, single_s and megabytes, as Spark's log of events has them."""
+    spans: dict[str, list[tuple[float, float]]] = {part: [] for part in PARTS}
+    tasks: dict[int, float] = {}
+    single_s = shuffled = spilled = 0.0
+    alone = set()
+    with log.open() as lines:
+        for event in map(json.loads, lines):
+            if event["Event"] == "SparkListenerStageCompleted":
+                stage = event["Stage Info"]
+                span = stage["Submission Time"] / 1e3, stage["Completion Time"] / 1e3
+                spans[_part(stage)].append(span)
+                if stage["Number of Tasks"] == 1:
+                    alone.add(stage["Stage ID"])
+                    single_s += span[1] - span[0]
+            elif event["Event"] == "SparkListenerTaskEnd" and event.get("Task Metrics"):
+                metrics, info, stage_id = event["Task Metrics"], event["Task Info"], event["Stage ID"]
+                taken = (info["Finish Time"] - info["Launch Time"]) / 1e3
+                tasks[stage_id] = tasks.get(stage_id, 0.0) + taken
+                shuffled += metrics["Shuffle Write Metrics"]["Shuffle Bytes Written"]
+                spilled += metrics["Disk Bytes Spilled"]
+    within = {f"{part}_s": _together(spans[part]) for part in PARTS}
+    every = _together([span for part in PARTS for span in spans[part]])
+    return within | {
+        "between_s": ended - began - every,
+        "task_s": sum(taken for stage, taken in tasks.items() if stage not in alone),
+        "single_s": single_s,
+        "shuffled_mb": shuffled / 1e6,
+        "spilled_mb": spilled / 1e6,
+    }
+
+
+def _part(stage: dict[str, Any]) -> str:
+    """Return which part a stage of Spark is of, by the operators in it."""
+    names = {json.loads(one["Scope"])["name"] if "Scope" in one else one["Name"] for one in stage["RDD Info"]}
+    if "WriteFiles" in names:
+        return "solve"
+    return "join" if any("Join" in name for name in names) else "pieces"
+
+
+def _together(spans: Sequence[tuple[float, float]]) -> float:
+    """Return how long at least one of some spans lasts."""
+    total, until = 0.0, -float("inf")
+    for start, end in sorted(spans):
+        total += max(0.0, end - max(start, until))
+        until = max(until, end)
+    return total
+
+
+@contextmanager
+def cluster(directory: Path) -> Iterator[str]:
+    """Yield the address of a standalone cluster of two workers on the loopback; it ends with the block."""
+    import pyspark
+
+    home = Path(pyspark.__file__).parent
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"spark://127.0.0.1:{free.getsockname()[1]}"
+    common = ["--host", "127.0.0.1", "--webui-port", "0"]
+    worker = [*common, "--cores", "1", "--memory", EXECUTOR_MEMORY, "--work-dir", str(directory), address]
+    commands = [
+        ["org.apache.spark.deploy.master.Master", *common, "--port", address.rpartition(":")[2]],
+        *[["org.apache.spark.deploy.worker.Worker", *worker]] * 2,
+    ]
+    with ExitStack() as started, (directory / "said").open("w") as said:
+        for command in commands:
+            process = subprocess.Popen(
+                [str(home / "bin" / "spark-class"), *command],
+                env={**os.environ, "SPARK_HOME": str(home)},
+                stdout=said,
+                stderr=said,
+            )
+            started.callback(process.wait)
+            started.callback(process.terminate)
+        yield address
+
+
+def in_postgresql(dsn: str, path: str, jobs: int) -> tuple[Taken, str]:
+    """Detect the scene in a file in a database; returns what it took, and the versions of all."""
+    with conflictdb.connect(dsn) as db:
+        db.detect(WARM)
+        began = time.time()
+        file = pq.ParquetFile(path)
+        load(db, SCENE, map(to_objects, file.iter_batches(quick_sea.AT_ONCE, columns=OBJECTS.schema.names)))
+        loaded = time.time()
+        run = db.detect(SCENE.name, full=True, jobs=jobs)
+        join_s, solve_s = run.stage1_s + run.stage2_s, run.stage3_s + run.stage4_s
+        total_s = time.time() - loaded
+        between_s = total_s - run.pieces_s - join_s - solve_s
+        taken = Taken(loaded - began, run.pieces_s, join_s, solve_s, between_s, total_s, run.conflicts)
+        return taken, versions(db.connection)
+
+
+def measure(legs: int, target: str | None, jobs: int) -> tuple[list[dict[str, Any]], str]:
+    """Return the rows of a scene, a way each, and versions; ends the program where they find different conflicts."""
+    with tempfile.TemporaryDirectory() as held:
+        directory = Path(held)
+        path = directory / "sea.parquet"
+        began = time.time()
+        objects = quick_sea.write(path, SCENE, legs, SEED)
+        print(f"{objects:,} objects made in {time.time() - began:.1f} s", flush=True)
+        found: dict[str, Taken] = {}
+        for way, processors in ((ALONE, 1), (TOGETHER, 2), (CLUSTER, 2)):
+            own = directory / way
+            own.mkdir()
+            with cluster(own) if way == CLUSTER else ExitStack() as address:
+                master = address if way == CLUSTER else way
+                found[way], spark = in_fresh_process(on_spark, master, processors, str(path), str(own))
+            print(way, found[way], flush=True)
+        with fresh_database(target) as dsn:
+            found[DATABASE], told = in_fresh_process(in_postgresql, dsn, str(path), jobs)
+        print(DATABASE, found[DATABASE], flush=True)
+    if len({taken.conflicts for taken in found.values()}) > 1:
+        raise SystemExit(f"conflicts differ: { {way: taken.conflicts for way, taken in found.items()} }")
+    return [{"legs": legs, "objects": objects, "way": way, **asdict(taken)} for way, taken in found.items()], (
+        f"{told.removesuffix('.')}, {spark}"
+    )
+
+
+def modelled_s(alone: dict[str, Any], machines: int, processors: int) -> float:
+    """Return how long a scene would take on some machines of some processors each, by what it took on one processor.
+
+    What one task does, and what is done between tasks, stays as it is; tasks share the processors; of what is shuffled
+    each machine gets its share, all but what it has itself.
+    """
+    network_s = alone["shuffled_mb"] * 1e6 / NETWORK * (machines - 1) / machines**2
+    return float(alone["between_s"] + alone["single_s"] + alone["task_s"] / (machines * processors) + network_s)
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return tables in Markdown: what was measured, and what the model says of the largest scene."""
+    heads = ("legs", "way", "before, s", *PARTS, "between", "all, s", "times as fast", "efficiency", "shuffled, MB")
+    lines = []
+    for row in rows:
+        alone = next(one for one in rows if one["legs"] == row["legs"] and one["way"] == ALONE)
+        faster = alone["total_s"] / row["total_s"]
+        lines.append(
+            [
+                f"{row['legs']:,}",
+                row["way"],
+                *(f"{row[name]:.3g}" for name in ("before_s", *(f"{part}_s" for part in PARTS), "between_s")),
+                f"{row['total_s']:.3g}",
+                f"{faster:.2f}",
+                f"{faster / 2:.0%}" if row["way"] in (TOGETHER, CLUSTER) else "",
+                "" if row["shuffled_mb"] is None else f"{row['shuffled_mb']:,.0f}",
+            ]
+        )
+    largest = [row for row in rows if row["legs"] == rows[-1]["legs"]]
+    ways = {row["way"]: row for row in largest}
+    alone = ways[ALONE]
+    told = (
+        f"{alone['legs']:,} legs are {alone['objects']:,} objects; all ways found {alone['conflicts']:,} conflicts. "
+        f"On one processor {alone['between_s']:.3g} s passed between tasks, {alone['single_s']:.3g} s in stages of one "
+        f"task and {alone['task_s']:.3g} s in all others. By these the model foretells {modelled_s(alone, 1, 2):.3g} s "
+        f"for two processors, where {ways[TOGETHER]['total_s']:.3g} and {ways[CLUSTER]['total_s']:.3g} s were "
+        f"measured; on machines of {PROCESSORS} processors and {8 * NETWORK / 1e9:.0f} Gbit/s, which were not measured:"
+    )
+    foretold = [(n, modelled_s(alone, n, PROCESSORS)) for n in MACHINES]
+    model = [
+        [f"{n}", f"{taken:.3g}", f"{n * PROCESSORS * taken:,.0f}", f"{alone['total_s'] / taken / n / PROCESSORS:.0%}"]
+        for n, taken in foretold
+    ]
+    costs = markdown(("machines", "foretold, s", "processor seconds paid", "efficiency"), model)
+    return f"{markdown(heads, lines)}\n\n{told}\n\n{costs}"
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--legs", type=int, nargs="+", default=[100_000], help="of scenes, up to a million")
+    parser.add_argument("--dsn", help="server to make databases on (default: the embedded one)")
+    parser.add_argument("--jobs", type=int, default=2, help="of `detect`")
+    parser.add_argument("--folder", type=Path, help="write scale_out.csv there")
+    parser.add_argument("--document", type=Path, help="put the tables there")
+    args = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for legs in args.legs:
+        some, told = measure(legs, args.dsn, args.jobs)
+        rows += some
+        if args.folder:
+            write_csv(args.folder / "scale_out.csv", rows)
+    text = f"{table(rows)}\n\n{told}."
+    print(text)
+    if args.document:
+        put_into(args.document, "scale out", text)
+
+
+if __name__ == "__main__":
+    main()
