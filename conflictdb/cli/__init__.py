@@ -6,7 +6,9 @@ This is where the environment is read, where errors become one message and an ex
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
 from typing import Final
 
@@ -30,13 +32,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):  # JSON and GeoJSON are UTF-8 whatever the locale says
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     args = build().parse_args(arguments)
-    if args.debug:
-        handler = logging.StreamHandler()
-        handler.setFormatter(Formatter("%(asctime)s %(name)s: %(message)s"))
-        logging.basicConfig(level=logging.DEBUG, handlers=[handler])
-    elif not (driver := logging.getLogger("psycopg")).handlers:
-        # What the driver could not roll back after Ctrl-C is gone with the connection; the error itself is told below.
-        driver.addHandler(logging.NullHandler())
+    with _logging(args.debug):
+        return _run(args)
+
+
+def _run(args: Namespace) -> int:
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
         with termination_as_interrupt():
@@ -58,6 +58,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name = type(error).__name__
         return _failed(error, FAILED, args.debug, f"{name}: {error} (a mistake of this program; --debug shows where)")
     return code
+
+
+@contextmanager
+def _logging(debug: bool) -> Iterator[None]:
+    """With `debug`, everything is logged to stderr; afterwards as it was, for whoever called `main` goes on."""
+    if not debug:
+        if not (driver := logging.getLogger("psycopg")).handlers:
+            # What the driver could not roll back after Ctrl-C is gone with the connection; the error itself is told.
+            driver.addHandler(logging.NullHandler())
+        yield
+        return
+    root = logging.getLogger()
+    level = root.level
+    handler = logging.StreamHandler()
+    handler.setFormatter(Formatter("%(asctime)s %(name)s: %(message)s"))
+    root.addHandler(handler)
+    root.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        root.setLevel(level)
+        root.removeHandler(handler)
 
 
 def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:

@@ -3,7 +3,6 @@
 One list of sections, written as HTML (one file, figures within) or as PDF (by fpdf2).
 """
 
-import io
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,25 +10,22 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from conflictdb.drawing import figures
-from conflictdb.drawing.style import checked_name, instant, styled, written_whole
-from conflictdb.errors import ConflictDBError
+from conflictdb.drawing.pdf import document
+from conflictdb.drawing.section import Section, drawn
+from conflictdb.drawing.style import checked_name, instant, written_whole
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Motion, Scene, Track
 from conflictdb.notebook import bound_text, instant_text, text_of
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, SceneState, Verdict
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
 _MOST_PAIRS_DRAWN: Final = 6
 _FORMATS: Final = (".html", ".pdf")
-_DPI: Final = 170
 _STAGES: Final = (
     ("candidate_pairs", "Pairs of pieces whose boxes meet (stage 1)", "stage1_s"),
     ("intersecting_pairs", "… whose hulls meet (stage 2)", "stage2_s"),
@@ -71,17 +67,6 @@ class Checked:
     run: Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class _Section:
-    """A heading with text, a table and figures below it; a warning is what must not be overlooked."""
-
-    heading: str
-    text: str = ""
-    header: Sequence[str] = ()
-    rows: Sequence[Sequence[str]] = ()
-    figures: Sequence[tuple[str, "Figure"]] = ()
-
-
 def write(checked: Checked, file: str | Path, now: datetime | None = None) -> None:
     """Write a report, .html or .pdf; whole, or not at all.
 
@@ -96,7 +81,7 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
     if not checked.state.is_current:
         warning = f"NOT COMPLETE: {warning or 'changes wait for detection'}. Conflicts may be missing."
     sections = _sections(checked)
-    render = _html if file.suffix.lower() == ".html" else _pdf
+    render = _html if file.suffix.lower() == ".html" else document
     content = render(title, made, warning, sections)
     with written_whole(file) as beside:
         beside.write_bytes(content)
@@ -107,12 +92,12 @@ def check_name(file: str | Path) -> Path:
     return checked_name("report", file, _FORMATS)
 
 
-def _sections(checked: Checked) -> list[_Section]:
+def _sections(checked: Checked) -> list[Section]:
     conflicts = sorted(checked.conflicts, key=figures.first_contact_order)
     overview = figures.plot_scene(checked.scene, checked.areas, checked.tracks, conflicts)
     return [
         _found(checked, conflicts),
-        _Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
+        Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
         _listed(checked, conflicts),
         *_near(checked),
         _settings(checked.scene),
@@ -122,7 +107,7 @@ def _sections(checked: Checked) -> list[_Section]:
     ]
 
 
-def _found(checked: Checked, conflicts: Sequence[Conflict]) -> _Section:
+def _found(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
     counts = Counter(one.verdict for one in conflicts)
     meaning = {
         Verdict.CONFLICT: "in conflict",
@@ -138,10 +123,10 @@ def _found(checked: Checked, conflicts: Sequence[Conflict]) -> _Section:
         text += f" Every time that is reported is right to {bound_text(worst)} or better, as the table says for each."
     elif conflicts:
         text += " Contacts lie in the times that are reported; how much shorter they are has no bound (see the method)."
-    return _Section("What was found", text, ["Verdict", "Pairs", "Meaning"], rows)
+    return Section("What was found", text, ["Verdict", "Pairs", "Meaning"], rows)
 
 
-def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> _Section:
+def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
     header = ["A", "B", "Verdict", "Periods (UTC)", "Each end to", "First contact", "Least distance, m"]
     rows = [
         [
@@ -158,10 +143,10 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> _Section:
     text = "By first contact. Places are latitude, longitude in degrees; a distance of 0: they touch or overlap."
     if len(conflicts) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS} of {len(conflicts):,}; conflictdb conflicts --format csv has all."
-    return _Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
+    return Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
 
 
-def _near(checked: Checked) -> list[_Section]:
+def _near(checked: Checked) -> list[Section]:
     if not checked.near:
         return []
     rows = [
@@ -176,10 +161,10 @@ def _near(checked: Checked) -> list[_Section]:
     text = f"No conflict, but within {checked.scene.nearest_m:g} m: {len(checked.near):,} pairs."
     if len(checked.near) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS}."
-    return [_Section("Near", text, ["A", "B", "Closest (UTC)", "Least distance, m"], rows)]
+    return [Section("Near", text, ["A", "B", "Closest (UTC)", "Least distance, m"], rows)]
 
 
-def _settings(scene: Scene) -> _Section:
+def _settings(scene: Scene) -> Section:
     ways = {Motion.RHUMB: "rhumb lines (constant bearing)", Motion.GREAT_CIRCLE: "great circles (shortest way)"}
     rows = [
         ["Tracks and edges run along", ways[scene.motion]],
@@ -189,10 +174,10 @@ def _settings(scene: Scene) -> _Section:
         ["Separation wanted", f"{scene.separation_m:g} m" if scene.separation_m else "none: they must touch"],
         ["Near is", f"within {scene.nearest_m:g} m" if scene.nearest_m else "not reported"],
     ]
-    return _Section("Settings", rows=rows)
+    return Section("Settings", rows=rows)
 
 
-def _objects(checked: Checked) -> _Section:
+def _objects(checked: Checked) -> Section:
     starts = [area.start_us for area in checked.areas] + [int(track.times_us[0]) for track in checked.tracks]
     ends = [area.end_us for area in checked.areas] + [int(track.times_us[-1]) for track in checked.tracks]
     bounded = [us for us in (*starts, *ends) if us is not None and us not in (SINCE_EVER_US, FOR_EVER_US)]
@@ -205,10 +190,10 @@ def _objects(checked: Checked) -> _Section:
     if bounded:
         ends_text = [instant_text(instant(us)) for us in (min(bounded), max(bounded))]
         rows.append(["From, to (UTC)", f"{ends_text[0]} to {ends_text[1]}"])
-    return _Section("What was checked", rows=rows)
+    return Section("What was checked", rows=rows)
 
 
-def _work(checked: Checked) -> list[_Section]:
+def _work(checked: Checked) -> list[Section]:
     if not checked.run:
         return []
     run = checked.run
@@ -218,10 +203,10 @@ def _work(checked: Checked) -> list[_Section]:
     ]
     text = f"Run {run['run_id']}, {instant_text(run['finished_at'])} UTC, method {run['method']}."
     text += " A run looks at what changed since the one before, and keeps the rest."
-    return [_Section("The last run", text, ["", "Pairs", "Seconds"], rows)]
+    return [Section("The last run", text, ["", "Pairs", "Seconds"], rows)]
 
 
-def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[_Section]:
+def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     objects: list[Area | Track] = [*checked.areas, *checked.tracks]
     by_key = {one.key: one for one in objects}
     drawn = []
@@ -233,11 +218,14 @@ def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[_Section]:
         return []
     more = len(conflicts) - len(drawn)
     text = f"The first {len(drawn)}; conflictdb plot draws any of the other {more:,}." if more else ""
-    return [_Section("Pair by pair", text, figures=drawn)]
+    return [Section("Pair by pair", text, figures=drawn)]
 
 
 def _period(start: datetime | None, end: datetime | None) -> str:
     """Return a period, its day once."""
+    if start is None or end is None:
+        known = instant_text(start or end)
+        return "always" if start is end else f"until {known}" if start is None else f"from {known} on"
     texts = instant_text(start), instant_text(end)
     day, _, time = texts[1].partition(" ")
     return f"{texts[0]} to {time if time and texts[0].startswith(day) else texts[1]}"
@@ -247,7 +235,7 @@ def _metres(least: float, error: float) -> str:
     return f"{least:.3f} ± {error:.1g}"
 
 
-def _html(title: str, made: str, warning: str, sections: Sequence[_Section]) -> bytes:
+def _html(title: str, made: str, warning: str, sections: Sequence[Section]) -> bytes:
     import base64
 
     parts = [
@@ -266,12 +254,12 @@ def _html(title: str, made: str, warning: str, sections: Sequence[_Section]) -> 
         if section.rows:
             parts += ['<div class="wide"><table>', *_html_rows(section), "</table></div>"]
         for caption, figure in section.figures:
-            image = base64.b64encode(_drawn(figure, "svg")).decode()
+            image = base64.b64encode(drawn(figure, "svg")).decode()
             parts.append(f'<figure><img alt="{text_of(caption)}" src="data:image/svg+xml;base64,{image}"></figure>')
     return "\n".join([*parts, "</body></html>\n"]).encode()
 
 
-def _html_rows(section: _Section) -> Iterator[str]:
+def _html_rows(section: Section) -> Iterator[str]:
     if section.header:
         yield "<thead><tr>" + "".join(f"<th>{text_of(cell)}</th>" for cell in section.header) + "</tr></thead>"
     yield "<tbody>"
@@ -282,92 +270,3 @@ def _html_rows(section: _Section) -> Iterator[str]:
 
 def _lines(cell: str) -> str:
     return "<br>".join(text_of(line) for line in cell.split("\n"))
-
-
-def _drawn(figure: "Figure", form: str) -> bytes:
-    file = io.BytesIO()
-    with styled():
-        figure.savefig(file, format=form, dpi=_DPI, facecolor="white", metadata={"Date": None} if form == "svg" else {})
-    return file.getvalue()
-
-
-def _pdf(title: str, made: str, warning: str, sections: Sequence[_Section]) -> bytes:
-    try:
-        from fpdf import FPDF
-    except ImportError:
-        raise ConflictDBError("fpdf2 is not installed: it makes PDF of reports; install conflictdb[plot]") from None
-
-    class Page(FPDF):
-        def footer(self) -> None:
-            self.set_y(-12)
-            self.set_font(size=7)
-            self.set_text_color(91, 102, 112)
-            self.cell(0, 5, _in_font(self, f"{title}  ·  {made}"))
-            self.set_y(-12)
-            self.cell(0, 5, f"{self.page_no()} / {{nb}}", align="R")
-
-    pdf = Page(format="A4")
-    pdf.set_title(title)
-    pdf.set_margins(16, 16)
-    pdf.set_auto_page_break(auto=True, margin=18)
-    with styled() as mpl:
-        fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
-    # It has most of what is written in Europe; other characters are written by their numbers (HTML has them all).
-    pdf.add_font("DejaVu", "", fonts / "DejaVuSans.ttf")
-    pdf.add_font("DejaVu", "B", fonts / "DejaVuSans-Bold.ttf")
-    pdf.set_font("DejaVu", size=9)
-    pdf.add_page()
-    _paragraph(pdf, title, 15, bold=True)
-    _paragraph(pdf, made, 8)
-    if warning:
-        pdf.set_text_color(190, 70, 0)
-        _paragraph(pdf, warning, 10, bold=True)
-        pdf.set_text_color(0, 0, 0)
-    for section in sections:
-        pdf.ln(3)
-        if pdf.will_page_break(45):
-            pdf.add_page()
-        _paragraph(pdf, section.heading, 11, bold=True)
-        if section.text:
-            _paragraph(pdf, section.text, 8.5)
-        if section.rows:
-            pdf.set_font(style="", size=7)
-            rows = [section.header, *section.rows] if section.header else section.rows
-            with pdf.table(
-                borders_layout="HORIZONTAL_LINES",
-                first_row_as_headings=bool(section.header),
-                line_height=4.2,
-                text_align="LEFT",
-                col_widths=_widths(rows),
-                padding=0.6,
-            ) as table:
-                for row in rows:
-                    table.row([_in_font(pdf, cell) for cell in row])
-        for _, figure in section.figures:
-            across, up = figure.get_size_inches()
-            width = min(pdf.epw, (pdf.eph - 12) * across / up)
-            if pdf.will_page_break(width * up / across):
-                pdf.add_page()
-            pdf.image(io.BytesIO(_drawn(figure, "png")), w=width)
-    return bytes(pdf.output())
-
-
-def _paragraph(pdf: Any, text: str, size: float, *, bold: bool = False) -> None:
-    pdf.set_font(style="B" if bold else "", size=size)
-    pdf.multi_cell(0, 0.55 * size, _in_font(pdf, text), new_x="LMARGIN", new_y="NEXT")
-    pdf.ln(1)
-
-
-def _in_font(pdf: Any, text: str) -> str:
-    """Return a text with the numbers of the characters that the font has not."""
-    known = pdf.current_font.cmap
-    return "".join(c if c == "\n" or ord(c) in known else f"U+{ord(c):04X} " for c in text)
-
-
-def _widths(rows: Sequence[Sequence[str]]) -> tuple[int, ...]:
-    """Return widths of columns as their contents want, none below a fifteenth nor above a half of the whole."""
-    longest = [
-        max(max(len(line) for line in cell.split("\n")) for cell in column) for column in zip(*rows, strict=True)
-    ]
-    whole = sum(longest)
-    return tuple(int(min(max(wanted, whole / 15), whole / 2)) + 1 for wanted in longest)

@@ -1,5 +1,6 @@
 """How figures look, how files of them are named and written, and matplotlib, or how to get it."""
 
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +16,17 @@ from conflictdb.results import Verdict
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}
 HATCH: Final = {Verdict.CONFLICT: "", Verdict.GRAZING: "////", Verdict.UNRESOLVED: "xxxx"}
+# Asked in their order, as far as they are installed, for a letter that matplotlib's own font has not. None is of
+# coloured pictures, which it cannot draw.
+_FURTHER_FONTS: Final = (
+    *(f"Noto Sans CJK {name}" for name in ("SC", "JP", "TC", "KR")),
+    *("WenQuanYi Micro Hei", "WenQuanYi Zen Hei", "Droid Sans Fallback"),
+    *("Microsoft YaHei", "Yu Gothic", "Malgun Gothic", "PingFang SC", "Hiragino Sans", "Arial Unicode MS"),
+    *(f"Noto Sans {name}" for name in ("Devanagari", "Bengali", "Tamil", "Telugu", "Thai", "Ethiopic")),
+    *("Noto Emoji", "Symbola", "Segoe UI Symbol"),
+)
 _STYLE: Final[Any] = {
     "font.size": 9.0,
-    "font.family": "sans-serif",
     "text.color": INK,
     "axes.edgecolor": QUIET,
     "axes.labelcolor": INK,
@@ -52,14 +61,32 @@ def styled() -> Iterator[Any]:
         import matplotlib as mpl
         import matplotlib.dates
         import matplotlib.figure
+        import matplotlib.font_manager
     except ImportError:
         raise ConflictDBError(
             "matplotlib is not installed: figures are drawn by it; install conflictdb[plot]"
         ) from None
-    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+    installed = {font.name for font in mpl.font_manager.fontManager.ttflist}
+    fonts = ["sans-serif", *(name for name in _FURTHER_FONTS if name in installed)]
+    with _without_advice(), mpl.rc_context({**_STYLE, "font.family": fonts}), warnings.catch_warnings():
         # Keys may be in any script: what the font has not is a box, and no mishap of the program.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         yield mpl
+
+
+@contextmanager
+def _without_advice() -> Iterator[None]:
+    """Let matplotlib not say of each further font that there is no bold one."""
+    log = logging.getLogger("matplotlib.font_manager")
+
+    def is_wanted(record: logging.LogRecord) -> bool:
+        return not record.getMessage().startswith("findfont: Failed to find font weight")
+
+    log.addFilter(is_wanted)
+    try:
+        yield
+    finally:
+        log.removeFilter(is_wanted)
 
 
 def instant(us: int) -> datetime:

@@ -79,12 +79,14 @@ def test_dsn_comes_from_the_environment_and_the_option_goes_first(
     assert main(["--dsn", "host=/nowhere", "status"]) == 5
 
 
-def test_a_traceback_only_with_debug(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_traceback_only_with_debug(run: Run, tmp_path: Path) -> None:
     missing = tmp_path / "missing.geojson"
     plain = run("load", missing)
     assert (plain.code, plain.err) == (4, f"conflictdb: {missing}: file: does not exist\n")
-    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    root = logging.getLogger()
+    before = root.level, root.handlers[:]
     assert "Traceback" in run("--debug", "load", missing).err
+    assert (root.level, root.handlers) == before  # whoever called `main` logs as before
 
 
 def test_messages_name_commands_as_they_can_be_typed(

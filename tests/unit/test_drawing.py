@@ -1,7 +1,9 @@
 """Figures show what is so: separations between their bounds, shapes where they are, names as they are."""
 
+import logging
 import pickle
 import re
+import warnings
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from importlib.resources import files
@@ -311,6 +313,108 @@ def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_p
     assert page.count("<img ") == 7
     with pytest.raises(InvalidInput, match=r"report: file: must end in \.html or \.pdf; got 'x\.txt'"):
         report.write(checked, tmp_path / "x.txt")
+
+
+def test_a_page_of_pdf_has_headings_with_what_they_are_of(
+    strait: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No heading ends a page, columns are as wide as numbers need, and letters stand in the order that is seen."""
+    import fpdf
+
+    pages: dict[str, list[int]] = {"headings": [], "figures": []}
+    said, widths = [], []
+
+    class Page(fpdf.FPDF):
+        def multi_cell(self, w: Any, h: Any = None, text: str = "", **more: Any) -> Any:
+            said.append((text, more.get("align")))
+            if text in ("Where and when", "Pair by pair"):
+                pages["headings"].append(self.page_no())
+            return super().multi_cell(w, h, text, **more)
+
+        def image(self, *content: Any, **more: Any) -> Any:
+            pages["figures"].append(self.page_no())
+            return super().image(*content, **more)
+
+        def table(self, *rows: Any, **more: Any) -> Any:
+            widths.append((more["col_widths"], self.epw))
+            return super().table(*rows, **more)
+
+    monkeypatch.setattr(fpdf, "FPDF", Page)
+    scene, areas, tracks, found = strait
+    # Hebrew is read from the right: of PDF, which writes from the left, the last letter comes first.
+    hebrew = "\N{HEBREW LETTER ALEF}\N{HEBREW LETTER BET}-1"
+    keys = {"CABLE": "a long name " * 12, "FERRY": hebrew}
+    renamed = [
+        replace(one, a_key=keys.get(one.a_key, one.a_key), b_key=keys.get(one.b_key, one.b_key)) for one in found
+    ]
+    tracks = [replace(one, key=keys.get(one.key, one.key)) for one in tracks]
+    areas = [replace(one, key=keys.get(one.key, one.key)) for one in areas]
+    scene = replace(scene, name=f"{hebrew} {'and further ' * 20}")
+    state = SceneState("strait", 11, 0, None, None, True, None)
+    report.write(report.Checked(scene, areas, tracks, renamed, [], state, "PostgreSQL 15", {}), tmp_path / "x.pdf")
+    assert len(pages["headings"]) == 2
+    assert pages["headings"] == pages["figures"][:2]
+    assert all(align == "L" for text, align in said if text.startswith(("Of ", "Interference")))
+    assert said[0][0].startswith("Interference report: 1-\N{HEBREW LETTER BET}\N{HEBREW LETTER ALEF} and")
+    # Of the table of conflicts, the longest column leaves the others what they need.
+    columns, across = next((columns, across) for columns, across in widths if len(columns) == 7)
+    assert sum(columns) == pytest.approx(across, rel=1e-6)
+    assert columns[5] > 22.0  # "57.95000, 8.40711", millimetres
+
+
+def test_periods_without_an_end_are_told_in_words() -> None:
+    period = report._period
+    assert period(None, None) == "always"
+    assert period(START, None) == "from 2026-06-01 06:00:00 on"
+    assert period(None, START) == "until 2026-06-01 06:00:00"
+    assert period(START, START + timedelta(hours=1)) == "2026-06-01 06:00:00 to 07:00:00"
+
+
+def test_letters_of_other_scripts_are_drawn_where_a_font_has_them(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """By one of the fonts that are asked, as far as it is installed; and nothing is said of it."""
+    from fontTools.fontBuilder import FontBuilder
+    from fontTools.pens.ttGlyphPen import TTGlyphPen
+    from matplotlib import font_manager
+    from matplotlib.text import Text
+
+    pen = TTGlyphPen(None)
+    for n, corner in enumerate([(50, 0), (50, 900), (950, 900), (950, 0)]):
+        (pen.lineTo if n else pen.moveTo)(corner)
+    pen.closePath()
+    square = pen.glyph()
+    builder = FontBuilder(1000, isTTF=True)
+    builder.setupGlyphOrder([".notdef", "ship"])
+    builder.setupCharacterMap({ord("船"): "ship"})
+    builder.setupGlyf({".notdef": TTGlyphPen(None).glyph(), "ship": square})
+    builder.setupHorizontalMetrics({".notdef": (1000, 0), "ship": (1000, 50)})
+    builder.setupHorizontalHeader(ascent=900, descent=-100)
+    builder.setupNameTable({"familyName": "Noto Sans CJK JP", "styleName": "Regular"})
+    builder.setupOS2()
+    builder.setupPost()
+    builder.save(tmp_path / "font.ttf")
+    ships = [track("船", (0.0, 0.0), (0.1, 0.0)), track("B", (0.1, 0.0), (0.0, 0.0))]
+    known = list(font_manager.fontManager.ttflist)
+    others = [font for font in known if not font.name.startswith("Noto Sans CJK")]
+    try:
+        font_manager.fontManager.ttflist[:] = others
+        without = plot_scene(Scene("s"), [], ships, [])
+        font_manager.fontManager.addfont(tmp_path / "font.ttf")
+        figure = plot_scene(Scene("船"), [], ships, [])
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            figure.canvas.draw()
+        assert [str(one.message) for one in said if "missing from font" in str(one.message)] == []
+        figures.save(figure, tmp_path / "x.png")
+    finally:
+        font_manager.fontManager.ttflist[:] = known
+        font_manager.fontManager._findfont_cached.cache_clear()
+    for drawn, is_there in ((figure, True), (without, False)):
+        (title,) = [one for one in drawn.findobj(Text) if one.get_text().endswith("0 conflicts")]
+        assert ("Noto Sans CJK JP" in title.get_fontfamily()) == is_there
+    said_of_fonts = [record for record in caplog.records if record.name.startswith("matplotlib.font_manager")]
+    assert [record.getMessage() for record in said_of_fonts if record.levelno >= logging.WARNING] == []
 
 
 def test_a_copy_made_elsewhere_has_no_objects_to_draw(strait: Any) -> None:
