@@ -104,15 +104,78 @@ def test_interrupted_environment_is_made_anew(tmp_path: Path, path: Path) -> Non
     assert (venv / "new").exists()
 
 
-def test_a_directory_that_is_no_environment_is_left_alone(tmp_path: Path, path: Path) -> None:
-    """A CONFLICTDB_VENV that names somebody's files is refused, not emptied."""
+@pytest.mark.parametrize("maker", ["python3", "uv"])
+@pytest.mark.parametrize(
+    "left",
+    [
+        'mkdir -p "$venv/bin"',
+        'mkdir -p "$venv/bin"; ln -s "$shared" "$venv/bin/python"',  # uv says last that this is an environment
+        'mkdir -p "$venv/bin"; ln -s "$shared" "$venv/bin/python"; : >"$venv/pyvenv.cfg"',
+    ],
+)
+def test_environment_whose_making_was_killed_is_made_anew(tmp_path: Path, path: Path, maker: str, left: str) -> None:
+    """Wherever that was; nothing is installed into the Python that it was made with."""
+    venv, shared, whole, calls = (tmp_path / name for name in ("venv", "shared", "whole", "calls"))
+    program(shared, f'echo "$@" >>{tmp_path}/shared-calls')
+    program(whole / "bin/python", f'echo "$@" >>{calls}')
+    (whole / "pyvenv.cfg").touch()
+    for name in ("mkdir", "ln", "cp"):
+        (path / name).symlink_to(str(shutil.which(name)))
     program(path / "python3", "exit 0")
-    (tmp_path / "letters").mkdir()
-    (tmp_path / "letters" / "letter").touch()
+    for makes, code in ((f"{left}; kill -9 $PPID", -9), (f'cp -r {whole} "$venv"', 0)):
+        case = f'case "$*" in *"venv "*"$venv") {makes} ;; *) echo "$@" >>{calls} ;; esac'
+        program(path / maker, f"venv={venv} shared={shared}\n{case}")
+        assert run(path, venv, "python").returncode == code
+    assert "pip install" in calls.read_text()
+    assert not (tmp_path / "shared-calls").exists()
+    assert (venv / "made-from").read_text().startswith(f"{venv}\n")
+    assert sorted(one.name for one in tmp_path.iterdir() if one.name.startswith("venv")) == ["venv", "venv.lock"]
+
+
+def test_environment_whose_update_was_killed_is_made_anew(tmp_path: Path, path: Path) -> None:
+    """Also when the pins are again those that it was made from before."""
+    venv = tmp_path / "venv"
+    (venv / "half").mkdir(parents=True)
+    (venv / "pyvenv.cfg").touch()
+    made(venv, "requirements.txt")
+    pins_then = (venv / "made-from").read_text()
+    (venv / "made-from").write_text(f"{pins_then}\n")
+    program(venv / "bin/python", 'case "$*" in *"pip install"*) kill -9 $PPID ;; esac')
+    program(path / "python3", "exit 0")
+    assert run(path, venv, "python").returncode == -9
+    (venv / "made-from").write_text(pins_then)
+    assert run(path, venv, "python").returncode != 0, "the stand-in makes no programs"
+    assert not (venv / "half").exists()
+
+
+def test_environment_whose_removal_was_killed_is_made_anew(tmp_path: Path, path: Path) -> None:
+    """What says that it is one may be the first to go."""
+    venv = tmp_path / "venv"
+    program(venv / "bin/python", "exit 0")
+    (venv / "pyvenv.cfg").touch()
+    (venv / "made-from").touch()
+    rm = (path / "rm").readlink()
+    (path / "rm").unlink()
+    program(path / "rm", f"{rm} {venv}/pyvenv.cfg; kill -9 $PPID")
+    made = f"{shutil.which('mkdir')} -p {venv}/bin; echo new >{venv}/new"
+    program(path / "python3", f'case "$*" in "-m venv"*) {made} ;; esac')
+    assert run(path, venv, "python").returncode == -9
+    (path / "rm").unlink()
+    (path / "rm").symlink_to(rm)
+    assert run(path, venv, "python").returncode != 0, "the stand-in makes no programs"
+    assert (venv / "new").exists()
+
+
+@pytest.mark.parametrize("file", ["letter", "bin/python"])
+def test_a_directory_that_is_no_environment_is_left_alone(tmp_path: Path, path: Path, file: str) -> None:
+    """A CONFLICTDB_VENV that names somebody's files is refused, not emptied, and nothing is installed into it."""
+    program(path / "python3", "exit 0")
+    program(tmp_path / "letters" / file, f'echo "$@" >>{tmp_path}/calls')
     answer = run(path, tmp_path / "letters", "demo")
     assert answer.returncode == 1
     assert "is no virtual environment" in answer.stderr
-    assert (tmp_path / "letters" / "letter").exists()
+    assert (tmp_path / "letters" / file).exists()
+    assert not (tmp_path / "calls").exists()
 
 
 def made(venv: Path, pins: str) -> None:
