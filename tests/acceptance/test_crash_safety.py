@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -29,12 +30,12 @@ WAIT_S = 60.0
 
 # Detects, and says on standard output how far it is; then waits to be killed where it was told to.
 VICTIM = """
-import sys, time
+import os, sys, time
 import conflictdb.db.detect, conflictdb.db.store as store
 from conflictdb.db.detect import detect
 
 def stop(where):
-    print(where, flush=True)
+    os.write(1, f"{where}\\n".encode())  # in one piece: another thread tells of its place, too
     if where == sys.argv[3]:
         time.sleep(600)
 
@@ -96,10 +97,15 @@ def start_victim(
 
 def wait_until_at(victim: "subprocess.Popen[str]", place: str) -> None:
     assert victim.stdout is not None
-    for line in victim.stdout:
-        if line.strip() == place:
-            return
-    pytest.fail(f"the detection ended ({victim.wait()}) before it came to {place}")
+    too_late = threading.Timer(WAIT_S, victim.kill)  # ends the reading of its lines, too
+    too_late.start()
+    try:
+        for line in victim.stdout:
+            if line.strip() == place:
+                return
+    finally:
+        too_late.cancel()
+    pytest.fail(f"the detection ended ({victim.wait()}) before it came to {place}, or did not within {WAIT_S:g} s")
 
 
 def wait_until_alone(conn: psycopg.Connection[Any]) -> None:
