@@ -1,41 +1,76 @@
 -- What the page of `conflictdb map` asks beside tiles (82_tiles.sql): whole lists of a scene, each in one answer.
 
-CREATE OR REPLACE FUNCTION _map_conflicts(p_scene text) RETURNS TABLE (
-    conflict_id bigint, a_key text, b_key text, verdict text, starts_s double precision[], ends_s double precision[],
-    time_error_s double precision, lon_deg double precision, lat_deg double precision, west_deg double precision,
-    south_deg double precision, east_deg double precision, north_deg double precision, is_current boolean,
-    acknowledged_by text, acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
-)
+CREATE OR REPLACE FUNCTION _map_conflicts(p_scene text) RETURNS TABLE (head text, numbers bytea)
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
-    SELECT c.conflict_id, c.a_key, c.b_key, c.verdict,
-           ARRAY(SELECT extract(epoch FROM lower(p))::double precision FROM unnest(c.periods) p),
-           ARRAY(SELECT extract(epoch FROM upper(p))::double precision FROM unnest(c.periods) p),
-           c.time_error_s, ST_X(c.first_contact_point), ST_Y(c.first_contact_point),
-           ST_XMin(c.region), ST_YMin(c.region), ST_XMax(c.region), ST_YMax(c.region), c.is_current,
-           c.acknowledged_by, c.acknowledged_at, c.acknowledged_for, c.acknowledged_until
-    FROM conflicts c WHERE c.scene = (SELECT s.name FROM scene s WHERE s.scene_id = _scene_id(p_scene))
-    ORDER BY c.first_contact NULLS FIRST, c.a_key, c.b_key;
+    -- The aggregates take the rows in their order: nothing is between them and the ORDER BY.
+    SELECT json_build_object(
+               'a', coalesce(json_agg(c.a_key), '[]'), 'b', coalesce(json_agg(c.b_key), '[]'),
+               'acknowledged', coalesce(
+                   json_agg(json_build_array(c.nth, c.acknowledged_by, c.acknowledged_for, c.acknowledged_until))
+                   FILTER (WHERE c.acknowledged_by IS NOT NULL), '[]'))::text,
+           coalesce(string_agg(c.numbers, ''::bytea), '')
+    FROM (SELECT row_number() OVER (ORDER BY f.first_contact NULLS FIRST, f.a_key, f.b_key) - 1 AS nth,
+                 f.a_key, f.b_key, f.acknowledged_by, f.acknowledged_for, f.acknowledged_until,
+                 int8send(f.conflict_id)
+                 || int2send((CASE f.verdict WHEN 'conflict' THEN 0 WHEN 'grazing' THEN 1 ELSE 2 END)::smallint)
+                 || int2send(f.is_current::integer::smallint) || float8send(f.time_error_s)
+                 || float8send(coalesce(ST_X(f.first_contact_point), 'NaN'))
+                 || float8send(coalesce(ST_Y(f.first_contact_point), 'NaN'))
+                 || float4send(coalesce(ST_XMin(r.box), 'NaN')::real)
+                 || float4send(coalesce(ST_YMin(r.box), 'NaN')::real)
+                 || float4send(coalesce(ST_XMax(r.box), 'NaN')::real)
+                 || float4send(coalesce(ST_YMax(r.box), 'NaN')::real)
+                 || (SELECT int4send(count(*)::integer) || string_agg(
+                                float8send(coalesce(date_part('epoch', lower(p)), '-infinity'))
+                                || float8send(coalesce(date_part('epoch', upper(p)), 'infinity')), ''::bytea)
+                     FROM unnest(f.periods) p) AS numbers
+          FROM conflicts f CROSS JOIN LATERAL (SELECT Box2D(f.region)::box3d AS box) r
+          WHERE f.scene = (SELECT s.name FROM scene s WHERE s.scene_id = _scene_id(p_scene))
+          ORDER BY nth) c;
 END;
 COMMENT ON FUNCTION _map_conflicts(text) IS
-'The conflicts of a scene for a list and a timeline, earliest first: starts and ends of periods in Unix seconds (null: '
-'no limit), first contact and the box of the region in degrees.';
+'The conflicts of a scene for a list and a timeline, earliest first. head is JSON: keys (a, b), and of those that are '
+'acknowledged which (from 0), by whom, for what and until when. numbers has for each, the highest byte first: its '
+'number (eight bytes), verdict (two: 0 conflict, 1 grazing, 2 unresolved), whether it is current (two), the error of '
+'its times in seconds, first contact in degrees (NaN: not known), west, south, east and north of its region (four '
+'bytes each), how many periods it has (four), and their starts and ends in Unix seconds.';
 
 CREATE OR REPLACE FUNCTION _map_areas(p_scene text) RETURNS TABLE (
     area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
     start_s double precision, end_s double precision,
-    west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision
+    west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision,
+    inside_lon_deg double precision, inside_lat_deg double precision
 )
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
+    WITH place AS MATERIALIZED (
+        SELECT s.scene_id, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane
+        FROM scene s WHERE s.scene_id = _scene_id(p_scene)
+    )
     SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
            nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision,
            nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision,
-           ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint)
-    FROM area a WHERE a.scene_id = _scene_id(p_scene) ORDER BY a.area_id;
+           ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint),
+           ST_X(i.place), ST_Y(i.place)
+    FROM place p JOIN area a USING (scene_id)
+    -- As it is drawn: the edges of what is wide bend.
+    CROSS JOIN LATERAL (
+        SELECT CASE WHEN greatest(ST_XMax(a.footprint) - ST_XMin(a.footprint),
+                                  ST_YMax(a.footprint) - ST_YMin(a.footprint)) <= 1 THEN a.footprint
+                    ELSE _drawn(a.footprint, p.plane) END AS shape
+        OFFSET 0) d
+    CROSS JOIN LATERAL (
+        SELECT CASE WHEN NOT ST_Intersects(d.shape, ST_SetSRID(ST_Point(
+                        (ST_XMin(a.footprint) + ST_XMax(a.footprint)) / 2,
+                        (ST_YMin(a.footprint) + ST_YMax(a.footprint)) / 2), ST_SRID(d.shape)))
+                    THEN ST_PointOnSurface(d.shape) END AS place
+        OFFSET 0) i
+    ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _map_areas(text) IS
-'The areas of a scene: when (Unix seconds, null: no limit) and in what box (degrees, not wrapped) they are.';
+'The areas of a scene: when (Unix seconds, null: no limit) and in what box (degrees, not wrapped) they are, and, of '
+'those that the middle of their box is not within, a place that is.';
 
 CREATE OR REPLACE FUNCTION _map_overview(p_scene text) RETURNS bytea
 LANGUAGE sql STABLE CALLED ON NULL INPUT

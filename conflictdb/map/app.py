@@ -108,7 +108,7 @@ class Answers:
     def conflicts(self, request: Request) -> Response:
         """Return all conflicts, for the list and the timeline."""
         with self.connections.one() as connection:
-            return _json(content.conflicts(connection, self._scene))
+            return Response(content.conflicts(connection, self._scene), media_type="application/octet-stream")
 
     def areas(self, request: Request) -> Response:
         """Return all areas, without their shapes, which tiles have."""
@@ -252,7 +252,9 @@ def _text(asked: Mapping[str, Any], name: str) -> str:
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    return _json({"error": str(error)}, 400 if isinstance(error, InvalidInput) else 503)
+    assert isinstance(error, ConflictDBError)  # noqa: S101 (what it is registered for)
+    status = 400 if isinstance(error, InvalidInput) else 403 if store.is_forbidden(error) else 503
+    return _json({"error": str(error)}, status)
 
 
 async def _refused(request: Request, error: Exception) -> Response:

@@ -1,24 +1,23 @@
-"""A scene as the page reads it: JSON, and tracks packed as their numbers."""
+"""A scene as the page reads it: JSON, and conflicts and tracks packed as their numbers."""
 
 import json
+import math
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any, Final
 
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.io.instants import format_moment
 
 _LENGTH: Final = struct.Struct("<I")
+# Of a conflict in the numbers of routine _map_conflicts: all but its periods, each of two numbers of eight bytes.
+_CONFLICT: Final = struct.Struct(">qhhddd4fi")
+_PERIOD_BYTES: Final = 16
 
-_CONFLICT: Final = (
-    "id", "a", "b", "verdict", "starts", "ends", "error_s", "lon", "lat", "west", "south", "east", "north",
-    "is_current", "acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until",
+_AREA: Final = (
+    "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "west", "south", "east", "north", "lon", "lat",
 )  # fmt: skip
-_AREA: Final = ("id", "key", "name", "floor_m", "ceiling_m", "start", "end", "west", "south", "east", "north")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +28,20 @@ class Pair:
     b: str
 
 
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A conflict as a list has it: its number, its objects and where they first touch, degrees, None if not known."""
+
+    number: int
+    pair: Pair
+    first_contact_deg: tuple[float, float] | None
+
+
 def overview(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
     """Return name, settings and state of a scene; InvalidInput if it is not known."""
-    settings = store.read_settings(conn, store.scene_id(conn, scene))
-    state = store.scene_state(conn, scene)
+    with store.transaction(conn):
+        settings = store.read_settings(conn, store.scene_id(conn, scene))
+        state = store.scene_state(conn, scene)
     return {
         "scene": scene,
         "motion": str(settings.motion),
@@ -46,9 +55,22 @@ def overview(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
     }
 
 
-def conflicts(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
-    """Return the conflicts of a scene: names of columns, and rows."""
-    return {"columns": _CONFLICT, "rows": [_plain(row) for row in store.map_conflicts(conn, scene)]}
+def conflicts(conn: psycopg.Connection[Any], scene: str) -> bytes:
+    """Return the conflicts of a scene: length of a JSON head (little-endian), head, numbers (as _map_conflicts)."""
+    head, numbers = store.map_conflicts(conn, scene)
+    return b"".join([_LENGTH.pack(len(head)), head, numbers])
+
+
+def listed(packed: bytes) -> list[Listed]:
+    """Return what `conflicts` packs, in its order."""
+    at = _LENGTH.size + _LENGTH.unpack_from(packed)[0]
+    head = from_json(packed[_LENGTH.size : at])
+    found = []
+    for a, b in zip(head["a"], head["b"], strict=True):
+        number, _, _, _, lon, lat, *_, periods = _CONFLICT.unpack_from(packed, at)
+        at += _CONFLICT.size + _PERIOD_BYTES * periods
+        found.append(Listed(number, Pair(a, b), None if math.isnan(lon) else (lon, lat)))
+    return found
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
@@ -92,7 +114,3 @@ def to_json(value: object) -> bytes:
 def from_json(text: bytes) -> Any:
     """Return the value of a JSON text; raises ValueError for what is none."""
     return json.loads(text)
-
-
-def _plain(row: Sequence[Any]) -> list[Any]:
-    return [format_moment(value) if isinstance(value, datetime) else value for value in row]

@@ -16,7 +16,7 @@ import psycopg
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 from conflictdb.map import content, land
-from conflictdb.map.content import Pair, to_json
+from conflictdb.map.content import Listed, to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
 # Why each pair is in conflict is asked pair by pair: some seconds.
@@ -57,21 +57,20 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     overview = content.overview(conn, scene)
     _check(scene, overview["objects"], "objects", MOST_OBJECTS)
     conflicts = content.conflicts(conn, scene)
-    _check(scene, len(conflicts["rows"]), "conflicts", MOST_CONFLICTS)
+    listed = content.listed(conflicts)
+    _check(scene, len(listed), "conflicts", MOST_CONFLICTS)
     areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
-    shapes = _shapes(conn, scene, conflicts)
-    rows = [dict(zip(conflicts["columns"], row, strict=True)) for row in conflicts["rows"]]
-    explained = rows[:MOST_EXPLAINED]
-    asked = [Pair(row["a"], row["b"]) for row in explained]
+    shapes = _shapes(conn, scene, listed)
+    asked = [one.pair for one in listed[:MOST_EXPLAINED]]
     pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in asked]
     now = datetime.now(UTC)
     left_out = "changes since, and acknowledging"
-    if len(rows) > len(explained):
+    if len(listed) > len(asked):
         left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
     near = _near(shapes)
     return {
         "scene": {**overview, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
-        "conflicts": conflicts,
+        "conflicts": base64.b64encode(conflicts).decode(),
         "areas": areas,
         "tracks": base64.b64encode(tracks).decode(),
         "shapes": shapes,
@@ -90,16 +89,15 @@ def _check(scene: str, count: int, what: str, most: int) -> None:
         )
 
 
-def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: dict[str, Any]) -> dict[str, Any]:
+def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: list[Listed]) -> dict[str, Any]:
     """Return a FeatureCollection for each layer."""
     found: dict[str, list[Any]] = {"areas": [], "tracks": [], "conflicts": [], "first_contacts": []}
     for layer, number, key, shape in store.map_shapes(conn, scene):
         found[layer].append(_feature(number, {"key": key}, json.loads(shape)))
-    for row in conflicts["rows"]:
-        one = dict(zip(conflicts["columns"], row, strict=True))
-        if one["lon"] is not None:
-            point = {"type": "Point", "coordinates": [one["lon"], one["lat"]]}
-            found["first_contacts"].append(_feature(one["id"], {}, point))
+    for one in conflicts:
+        if one.first_contact_deg is not None:
+            point = {"type": "Point", "coordinates": list(one.first_contact_deg)}
+            found["first_contacts"].append(_feature(one.number, {}, point))
     return {layer: {"type": "FeatureCollection", "features": features} for layer, features in found.items()}
 
 

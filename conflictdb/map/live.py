@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+import math
 import time
 from collections.abc import AsyncIterator, Callable
 from threading import Event, Thread
@@ -20,6 +21,8 @@ _log = logging.getLogger(__name__)
 _PAUSE_S: Final = 0.5
 # Changes that come together are told once.
 _TOGETHER_S: Final = 0.1
+# How often it is looked whether the scene may still be seen, which the database does not notify of.
+_LOOK_S: Final = 1.0
 # Without a word for so long, proxies and browsers take a connection for dead.
 _SILENT_S: Final = 15.0
 
@@ -94,8 +97,8 @@ class Changes:
                     store.never_write(connection)
                     store.hear_changes(connection)
                     if is_first:
-                        self._is_seen = store.scene_settings(connection, self._scene) is not None
-                    if not is_first:  # whatever happened meanwhile
+                        self._is_seen = self._sees(connection)
+                    else:  # whatever happened meanwhile
                         self.tell(OBJECTS)
                     is_first = False
                     self._hear(connection)
@@ -104,16 +107,31 @@ class Changes:
                 self._ends.wait(_PAUSE_S)
 
     def _hear(self, connection: "psycopg.Connection[Any]") -> None:
+        looked_s = -math.inf
         while not self._ends.is_set():
             said = set(filter(None, map(self._meaning, store.changes(connection, _PAUSE_S))))
             if said:
                 time.sleep(_TOGETHER_S)
                 said |= set(filter(None, map(self._meaning, store.changes(connection, 0.0))))
-                # Who may not see the scene, or no longer, is told so once, and of none of its changes.
-                was_seen, self._is_seen = self._is_seen, store.scene_settings(connection, self._scene) is not None
-                if self._is_seen or was_seen:
-                    # What objects are new is asked together with their conflicts.
-                    self.tell(OBJECTS if OBJECTS in said or self._is_seen != was_seen else CONFLICTS)
+            elif time.monotonic() - looked_s < _LOOK_S:
+                continue
+            looked_s = time.monotonic()
+            # Who may not see the scene, or no longer, is told so once, and of none of its changes.
+            was_seen, self._is_seen = self._is_seen, self._sees(connection)
+            if self._is_seen != was_seen:
+                self.tell(OBJECTS)
+            elif said and self._is_seen:
+                # What objects are new is asked together with their conflicts.
+                self.tell(OBJECTS if OBJECTS in said else CONFLICTS)
+
+    def _sees(self, connection: "psycopg.Connection[Any]") -> bool:
+        """Return whether the scene is there, for who asks."""
+        try:
+            return store.scene_settings(connection, self._scene) is not None
+        except ConflictDBError as error:
+            if not store.is_forbidden(error):
+                raise
+            return False
 
     def _meaning(self, payload: str) -> str | None:
         """Return what a notification means for the scene: of a run it names it, unless scenes are protected."""

@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from browsing import Open, rows, time_of, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 import conflictdb
 from conflictdb.db.detect import detect
@@ -199,6 +200,102 @@ def test_changes_and_acknowledgements_show_without_reload(
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
     assert page.evaluate("isSame") is True
     assert page.locator("img[src=x]").count() == 0
+
+
+def test_times_are_written_with_24_hours_wherever_one_is(strait: str, open_page: Open) -> None:
+    """In UTC, as everything else that the page says: not with am and pm in the time of the browser's own country."""
+    page = open_page(strait, locale="en-US", timezone_id="America/New_York")
+    page.get_by_text("Filter", exact=True).click()
+    since, until = page.get_by_label("From (UTC)"), page.get_by_label("To (UTC)")
+    since.press_sequentially("2026-06-01 09:30")
+    until.fill("2026-06-01 13:00:30")
+    page.keyboard.press("Tab")
+    span = page.evaluate("[document.getElementById('from'), document.getElementById('to')].map(({value}) => value)")
+    assert span == ["2026-06-01 09:30", "2026-06-01 13:00:30"]
+    found = page.evaluate("conflictdbPage.filter.from"), page.evaluate("conflictdbPage.filter.to")
+    assert found == (T0_S + 9.5 * 3600, T0_S + 13 * 3600 + 30)
+    left = rows(page)
+    assert 0 < len(left) < 7
+    said = page.locator("body").inner_text()
+    assert not re.search(r"\b\d{1,2}(:\d\d)+ ?[AP]M\b", said, re.IGNORECASE)
+    # What is no time is told when it was written, and bounds nothing.
+    since.fill("06/01/2026 1:30 PM")
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("alert").filter(has_text="A time is written as 2026-06-01 09:30")).to_be_visible()
+    expect(since).to_have_attribute("aria-invalid", "true")
+    for none in ["2026-02-30 10:00", "2026-06-01 24:30", "2026-06-01 10:60", "2026-06-01"]:
+        since.fill(none)
+        assert page.evaluate("conflictdbPage.filter.from") == -math.inf, none
+    since.fill("2026-06-01T09:30:00Z")
+    page.keyboard.press("Tab")
+    expect(since).to_have_attribute("aria-invalid", "false")
+    expect(page.locator("#instants")).to_have_text("")
+    assert rows(page) == left
+
+
+def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    corner = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
+    load(conn, Scene("s"), [Area("CORNER", corner)], [])
+    page = open_page(serve(dsn, "s"))
+    # Where the page writes them, as it draws.
+    ((name, lon, lat),) = page.evaluate("""(() => {
+        const { havens, view } = conflictdbPage, { context } = havens, written = [];
+        context.fillText = (text, x, y) => {
+            const { lng, lat } = view.map.unproject([x, y]);
+            written.push([text, lng, lat]);
+        };
+        havens.draw();
+        delete context.fillText;
+        return written;
+    })()""")
+    assert name == "CORNER"
+    assert shapely.contains_xy(corner, lon, lat)
+
+
+def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
+    conn: Conn, dsn: str, serve: Serve, browser: Browser
+) -> None:
+    """Soon, without another change: objects, conflicts and what is opened of one; it is back when shared again."""
+    guest = f"guest_{conn.info.dbname}"
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    conn.execute(f"CREATE ROLE {guest} LOGIN IN ROLE conflictdb_reader".encode())
+    conn.execute("SELECT conflictdb.protect_scenes()")
+    conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])
+    conn.commit()
+    try:
+        page = browser.new_page()
+        page.goto(serve(psycopg.conninfo.make_conninfo(dsn, options=f"-c role={guest}"), "strait"))
+        page.wait_for_selector("html[data-ready=true]", state="attached")
+        page.get_by_role("button", name="FERRY and TOW").click()
+        expect(page.locator("#detail")).to_contain_text("Decided by stage 4: their motion.")
+        wait_until(page, "conflictdbPage.havens.shown.length > 0")
+        page.wait_for_timeout(1000)
+        before = [shown(page, layer) for layer in ("areas", "tracks", "conflicts")]
+        assert min(before) > 0
+        conn.execute("SELECT conflictdb.unshare_scene('strait', %s)", [guest])
+        conn.commit()
+        expect(page.locator("#list")).to_contain_text("The scene is no longer shown: ")
+        expect(page.locator("#state")).to_have_class(re.compile("lost"))
+        page.wait_for_timeout(300)
+        assert [shown(page, layer) for layer in ("areas", "tracks", "conflicts", "first-contacts")] == [0, 0, 0, 0]
+        assert page.evaluate("conflictdbPage.havens.shown.length") == 0
+        assert page.evaluate("conflictdbPage.timeline.bars.length") == 0
+        left = page.evaluate("document.body.textContent")
+        assert [key for key in ("FERRY", "TOW", "CABLE", "SURVEY") if key in left] == []
+        conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])
+        conn.commit()
+        expect(page.locator(".row")).to_have_count(7)
+        page.wait_for_timeout(1000)
+        assert [shown(page, layer) for layer in ("areas", "tracks", "conflicts")] == before
+        expect(page.locator("#state")).to_contain_text("4 areas")
+    finally:
+        page.close()
+        conn.rollback()
+        conn.execute("SELECT conflictdb.protect_scenes(false)")
+        conn.execute(f"DROP OWNED BY {guest}".encode())
+        conn.commit()
 
 
 def tracks_of_all_kinds() -> list[Track]:

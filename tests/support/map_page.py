@@ -1,6 +1,7 @@
 """The page of `conflictdb map` of a database, served in a thread."""
 
 import json
+import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -65,3 +66,24 @@ class Client:
         status, body, _ = self.ask("GET", path)
         assert status == 200, body
         return json.loads(body)
+
+    def conflicts(self) -> list[dict[str, Any]]:
+        """Return the conflicts in their order, as routine _map_conflicts says that they are packed."""
+        status, body, _ = self.ask("GET", "/api/conflicts")
+        assert status == 200, body
+        (size,) = struct.unpack_from("<I", body)
+        head, at = json.loads(body[4 : 4 + size]), 4 + size
+        found = []
+        for a, b in zip(head["a"], head["b"], strict=True):
+            number, verdict, is_current, error_s, *place, count = struct.unpack_from(">qhhdddffffi", body, at)
+            times = struct.unpack_from(f">{2 * count}d", body, at + 56)
+            at += 56 + 16 * count
+            found.append({
+                "id": number, "a": a, "b": b, "verdict": ("conflict", "grazing", "unresolved")[verdict],
+                "is_current": bool(is_current), "error_s": error_s, "place": tuple(place[:2]), "box": tuple(place[2:]),
+                "periods": list(zip(times[::2], times[1::2], strict=True)), "acknowledged": None,
+            })  # fmt: skip
+        for n, *what in head["acknowledged"]:
+            found[n]["acknowledged"] = tuple(what)
+        assert at == len(body)
+        return found

@@ -3,7 +3,7 @@
 import { byId } from "./dom.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
-import { clock, counted, day } from "./format.js";
+import { clock, counted, day, instantOf } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
@@ -97,6 +97,7 @@ function applyFilter() {
 // Why the list shows nothing, where that is so.
 function whyEmpty() {
   const { scene, areas, tracks, conflicts } = model;
+  if (model.refused !== null) return `The scene is no longer shown: ${model.refused}.`;
   if (conflicts.length) return "The filter leaves no conflict.";
   if (areas.length + tracks.length === 0) return "The scene has no objects yet. They show here as soon as it has some.";
   return scene.is_current ? "No two objects are in conflict." : `No conflict is known yet (${scene.remark}).`;
@@ -169,7 +170,7 @@ function choose(conflict) {
   detail.show(conflict, model, source.pair(conflict.a, conflict.b), model.scene.may_acknowledge);
   moveTo(Number.isFinite(conflict.start) ? conflict.start : t);
   // Beyond the map there is nothing to see: it shows all that it can.
-  view.goTo(conflict.isBeyond ? model.box() : around(conflict), padding());
+  view.goTo(conflict.isBeyond ? model.box() : model.around(conflict, t), padding());
 }
 
 function unchoose() {
@@ -180,26 +181,6 @@ function unchoose() {
   moveTo(t);
   const n = list.reveal(id);
   list.focus(n);
-}
-
-// The box to show of a conflict: both havens at first contact, and the place of contact.
-function around(conflict) {
-  const middle = conflict.lon ?? (conflict.west + conflict.east) / 2;
-  const spans = [];
-  const take = (lon, lat) => spans.push([middle + ((((lon - middle + 180) % 360) + 360) % 360) - 180, lat]);
-  if (conflict.lon !== null) take(conflict.lon, conflict.lat);
-  const isNarrow = conflict.east - conflict.west < 180;
-  if (conflict.west !== null && isNarrow) {
-    take(conflict.west, conflict.south);
-    take(conflict.east, conflict.north);
-  }
-  for (const key of [conflict.a, conflict.b]) {
-    const object = model.objects.get(key);
-    if (object?.kind === "track") for (const [lon, lat] of object.motion.haven(t) ?? []) take(lon, lat);
-  }
-  if (!spans.length) return model.box();
-  const [lons, lats] = [spans.map(([lon]) => lon), spans.map(([, lat]) => lat)];
-  return [Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)];
 }
 
 function padding() {
@@ -257,7 +238,7 @@ let wanted = null;
 
 // Reads again what changed; what changes meanwhile is read after that, once.
 async function changed(what) {
-  wanted = what === "objects" || wanted === "objects" ? "objects" : what;
+  wanted = what === "objects" || wanted === "objects" || model.refused !== null ? "objects" : what;
   reading ??= (async () => {
     try {
       while (wanted) {
@@ -267,6 +248,7 @@ async function changed(what) {
         taken(now);
       }
     } catch (error) {
+      if (error.isRefusal) forget(error.message);
       tell(error.message, true);
     } finally {
       reading = null;
@@ -277,6 +259,7 @@ async function changed(what) {
 
 function taken(what) {
   take(what);
+  view.reveal(true);
   view.renew(version, what === "objects" ? undefined : ["conflicts"]);
   describe();
   if (chosen) {
@@ -284,6 +267,21 @@ function taken(what) {
     if (chosen) detail.show(chosen, model, source.pair(chosen.a, chosen.b), model.scene.may_acknowledge);
     else unchoose();
   }
+  applyFilter();
+  moveTo(t);
+}
+
+// Shows nothing more of a scene that may no longer be seen, or is no more, until it is there again.
+function forget(why) {
+  const { scene, span } = model;
+  model = new Model({ ...scene, is_current: false });
+  Object.assign(model, { span, refused: why });
+  pause();
+  if (chosen) unchoose();
+  byId("detail").replaceChildren();
+  take("objects");
+  view.reveal(false);
+  describe();
   applyFilter();
   moveTo(t);
 }
@@ -303,7 +301,7 @@ function take(what) {
 // --- what people do --------------------------------------------------------------------------------------------------
 
 function readFilter() {
-  const instant = (id, none) => { const at = Date.parse(`${byId(id).value}Z`); return Number.isNaN(at) ? none : at / 1000; };
+  const instant = (id, none) => instantOf(byId(id).value) ?? none;
   const number = (id, none) => (byId(id).value === "" ? none : Number(byId(id).value));
   filter.text = byId("words").value;
   filter.verdicts = new Set([...document.querySelectorAll("input[name=verdict]:checked")].map(({ value }) => value));
@@ -315,9 +313,20 @@ function readFilter() {
   moveTo(t);
 }
 
+// Says of what is no time that it is none: when it was written, not while it is.
+function checkInstants() {
+  const wrong = ["from", "to"].map(byId).filter((field) => {
+    const isWrong = field.value.trim() !== "" && instantOf(field.value) === null;
+    field.setAttribute("aria-invalid", isWrong);
+    return isWrong;
+  });
+  byId("instants").textContent = wrong.length ? "A time is written as 2026-06-01 09:30, in UTC." : "";
+}
+
 function listen() {
   byId("filter").addEventListener("input", readFilter);
-  byId("filter").addEventListener("reset", () => setTimeout(readFilter));
+  byId("filter").addEventListener("change", checkInstants);
+  byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); readFilter(); }));
   byId("filter").addEventListener("submit", (event) => event.preventDefault());
   byId("play").addEventListener("click", () => (playing === null ? play() : pause()));
   byId("before").addEventListener("click", () => neighbour(-1));
@@ -378,7 +387,7 @@ async function start() {
     source.watch(changed, (isHeard) => { if (isHeard) describe(); else tell("The server does not answer; trying again.", true); });
   }
   // For the console of a browser, and tests.
-  globalThis.conflictdbPage = { view, havens, graticule, timeline, get model() { return model; }, get t() { return t; } };
+  globalThis.conflictdbPage = { view, havens, graticule, timeline, filter, get model() { return model; }, get t() { return t; } };
   await view.loaded;
   if (view.showsDetail()) mark();
   performance.mark("shown");

@@ -2,9 +2,10 @@
 
 import { byId } from "./dom.js";
 
+const bytes = (text) => Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0)).buffer;
+
 export async function unpacked(id) {
-  const packed = Uint8Array.from(atob(byId(id).textContent), (sign) => sign.charCodeAt(0));
-  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip")));
+  return new Response(new Blob([bytes(byId(id).textContent)]).stream().pipeThrough(new DecompressionStream("gzip")));
 }
 
 export class EmbeddedSource {
@@ -19,7 +20,7 @@ export class EmbeddedSource {
   }
 
   async conflicts() {
-    return (await this.content).conflicts;
+    return bytes((await this.content).conflicts);
   }
 
   async areas() {
@@ -27,7 +28,7 @@ export class EmbeddedSource {
   }
 
   async tracks() {
-    return Uint8Array.from(atob((await this.content).tracks), (sign) => sign.charCodeAt(0)).buffer;
+    return bytes((await this.content).tracks);
   }
 
   async pair(a, b) {

@@ -21,6 +21,17 @@ export function clock(t, withSeconds = true) {
   return withSeconds ? `${minutes}:${two(date.getUTCSeconds())}` : minutes;
 }
 
+// The instant of a text as people write it: 2026-06-01 09:30, or with seconds; null if it is none.
+export function instantOf(text) {
+  const found = /^\s*(\d{4})-(\d\d)-(\d\d)[ T]+(\d\d?):(\d\d)(?::(\d\d))?\s*(?:Z|UTC)?\s*$/i.exec(text);
+  if (!found) return null;
+  const [year, month, date, hour, minute, second] = found.slice(1).map((digits) => Number(digits ?? 0));
+  const at = new Date(Date.UTC(year, month - 1, date, hour, minute, second));
+  // Of a day or an hour that there is not, another one would come.
+  const isThere = at.toISOString().startsWith(text.trim().slice(0, 10)) && hour < 24 && minute < 60 && second < 60;
+  return isThere ? at.getTime() / 1000 : null;
+}
+
 // With the day where it is another one than that of the one before it.
 export function moment(t, before = null) {
   if (t === -Infinity) return "since ever";

@@ -133,9 +133,10 @@ export class Havens {
     for (const area of this.areas) {
       const isThere = (area.start ?? -Infinity) <= t && (area.end ?? Infinity) >= t;
       if (!isThere || marks.hidden.has(area.key)) continue;
-      const [west, south, east, north] = area.box;
-      const place = mercatorX((west + east) / 2);
-      const y = (mercatorY(Math.max(-85, Math.min(85, (south + north) / 2))) - frame.top) * frame.size;
+      const [west, , east] = area.box;
+      const [lon, lat] = area.inside;
+      const place = mercatorX(lon);
+      const y = (mercatorY(Math.max(-85, Math.min(85, lat))) - frame.top) * frame.size;
       for (let x = place - Math.floor(place - frame.left); x < frame.left + frame.width / frame.size; x += 1) {
         const widthPx = ((east - west) / 360) * frame.size;
         if (widthPx > 24) named.push({ object: area, x: (x - frame.left) * frame.size, y });

@@ -141,6 +141,14 @@ export class MapView {
     for (const kind of kinds) this.map.getSource(kind)?.setTiles?.([this.source.tilesAt(kind, version)]);
   }
 
+  // Draws the shapes of the scene, or none of them.
+  reveal(isShown) {
+    const shapes = LAYERS.filter(([, , from]) => from in this.places);
+    const set = () => shapes.forEach(([id]) => this.map.setLayoutProperty(id, "visibility", isShown ? "visible" : "none"));
+    if (this.isReady) set();
+    else this.map.once("style.load", set);
+  }
+
   // Whether the map is so near that tiles show the scene.
   showsDetail() {
     return this.map.getZoom() >= this.detailZoom;

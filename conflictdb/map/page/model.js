@@ -7,6 +7,12 @@ export const VERDICTS = ["conflict", "grazing", "unresolved"];
 
 const decoder = new TextDecoder();
 
+// The JSON before what is packed, and where that begins.
+function headOf(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  return { head: JSON.parse(decoder.decode(new Uint8Array(buffer, 4, length))), at: 4 + length };
+}
+
 function records({ columns, rows }) {
   return rows.map((row) => Object.fromEntries(columns.map((name, i) => [name, row[i]])));
 }
@@ -41,9 +47,7 @@ function rings(view, at) {
 // Tracks from what conflictdb/map/content.py packs.
 export function unpackTracks(buffer, scene) {
   const view = new DataView(buffer);
-  const length = view.getUint32(0, true);
-  const { rows } = JSON.parse(decoder.decode(new Uint8Array(buffer, 4, length)));
-  let at = 4 + length;
+  let { head: { rows }, at } = headOf(buffer);
   return rows.map(([id, key, name, floor, ceiling, grow, pathSize, outlineSize, outlinesSize]) => {
     const path = points(view, at);
     at += pathSize;
@@ -53,6 +57,35 @@ export function unpackTracks(buffer, scene) {
     at += outlinesSize ?? 0;
     const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene);
     return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, motion };
+  });
+}
+
+// Conflicts from what routine _map_conflicts packs: when (Unix seconds, or infinite), where (degrees, null: not known), how
+// sure, and who acknowledged them.
+export function unpackConflicts(buffer) {
+  const view = new DataView(buffer);
+  let { head: { a, b, acknowledged }, at } = headOf(buffer);
+  const known = new Map(acknowledged.map(([n, ...what]) => [n, what]));
+  const nobody = [null, null, null];
+  return a.map((key, n) => {
+    const [lon, west] = [view.getFloat64(at + 20), view.getFloat32(at + 36)];
+    const [isPlaced, isSeen] = [!Number.isNaN(lon), !Number.isNaN(west)];
+    const [by, why, until] = known.get(n) ?? nobody;
+    const first = at + 56;
+    const periods = Array.from({ length: view.getInt32(at + 52) }, (_, i) => (
+      [view.getFloat64(first + 16 * i), view.getFloat64(first + 16 * i + 8)]));
+    const conflict = {
+      id: Number(view.getBigInt64(at)), a: key, b: b[n], verdict: VERDICTS[view.getInt16(at + 8)],
+      is_current: view.getInt16(at + 10) === 1, error_s: view.getFloat64(at + 12),
+      lon: isPlaced ? lon : null, lat: isPlaced ? view.getFloat64(at + 28) : null,
+      west: isSeen ? west : null, south: isSeen ? view.getFloat32(at + 40) : null,
+      east: isSeen ? view.getFloat32(at + 44) : null, north: isSeen ? view.getFloat32(at + 48) : null,
+      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until,
+      periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity,
+    };
+    conflict.isBeyond = isPlaced && Math.abs(conflict.lat) > MERCATOR_END;
+    at = first + 16 * periods.length;
+    return conflict;
   });
 }
 
@@ -93,8 +126,10 @@ function backward(ring) {
   return ring.map((_, i) => ring[ring.length - 2 - i + 2 * (i % 2)]);
 }
 
-function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north }) {
-  return { kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north] };
+function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north, lon, lat }) {
+  return {
+    kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north], inside: [lon ?? (west + east) / 2, lat ?? (south + north) / 2],
+  };
 }
 
 // A latitude beyond which the map shows nothing, of what an object reaches.
@@ -108,10 +143,11 @@ export class Model {
     this.scene = scene;
     this.areas = [];
     this.tracks = [];
-    this.outlines = null;
+    this.outlines = [];
     this.objects = new Map();
     this.conflicts = [];
     this.beyond = 0;
+    this.refused = null; // why the scene is not there any more, of one of which nothing may be shown
   }
 
   takeObjects(areas, tracks, outlines) {
@@ -124,13 +160,7 @@ export class Model {
   }
 
   takeConflicts(conflicts) {
-    this.conflicts = records(conflicts).map((c) => ({
-      ...c,
-      periods: c.starts.map((start, i) => [start ?? -Infinity, c.ends[i] ?? Infinity]),
-      start: c.starts[0] ?? -Infinity,
-      end: c.ends[c.ends.length - 1] ?? Infinity,
-      isBeyond: c.lat !== null && Math.abs(c.lat) > MERCATOR_END,
-    }));
+    this.conflicts = unpackConflicts(conflicts);
     this.span = this.spanOfAll();
   }
 
@@ -181,8 +211,24 @@ export class Model {
     return [west, south, east, north];
   }
 
-  active(t) {
-    return this.conflicts.filter((c) => c.periods.some(([a, b]) => t >= a && t <= b));
+  // The box to show of a conflict: both havens at an instant, and the place of contact.
+  around(conflict, t) {
+    const middle = conflict.lon ?? (conflict.west + conflict.east) / 2;
+    const spans = [];
+    const take = (lon, lat) => spans.push([middle + ((((lon - middle + 180) % 360) + 360) % 360) - 180, lat]);
+    if (conflict.lon !== null) take(conflict.lon, conflict.lat);
+    const isNarrow = conflict.east - conflict.west < 180;
+    if (conflict.west !== null && isNarrow) {
+      take(conflict.west, conflict.south);
+      take(conflict.east, conflict.north);
+    }
+    for (const key of [conflict.a, conflict.b]) {
+      const object = this.objects.get(key);
+      if (object?.kind === "track") for (const [lon, lat] of object.motion.haven(t) ?? []) take(lon, lat);
+    }
+    if (!spans.length) return this.box();
+    const [lons, lats] = [spans.map(([lon]) => lon), spans.map(([, lat]) => lat)];
+    return [Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)];
   }
 }
 

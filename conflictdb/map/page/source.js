@@ -1,13 +1,19 @@
 // Where the page has its scene from: the server of `conflictdb map`.
 
-class Refused extends Error {}
+class Unanswered extends Error {
+  // status: of the answer, 0 if there was none.
+  constructor(said, status) {
+    super(said);
+    this.isRefusal = status >= 400 && status < 500; // rather than that it does not work
+  }
+}
 
 async function answered(asked) {
   let response;
   try {
     response = await asked;
   } catch {
-    throw new Refused("the server does not answer"); // each browser has words of its own for it
+    throw new Unanswered("the server does not answer", 0); // each browser has words of its own for it
   }
   if (response.ok) return response;
   let said = `${response.status} ${response.statusText}`;
@@ -16,7 +22,7 @@ async function answered(asked) {
   } catch {
     // It said nothing that could be read.
   }
-  throw new Refused(said);
+  throw new Unanswered(said, response.status);
 }
 
 const land = (detail, asked) => ({
@@ -39,7 +45,7 @@ export class ServerSource {
   }
 
   async conflicts() {
-    return (await answered(fetch("/api/conflicts"))).json();
+    return (await answered(fetch("/api/conflicts"))).arrayBuffer();
   }
 
   async areas() {
