@@ -150,8 +150,9 @@ static Way way_at(Search *search, int64_t i, double t) {
     way.length = plane_way_m(pair->plane, way.from, way.to, pair->a.origin);
     if (way.length - least_of_gap(pair, gap) <= WAY_SHARE * search->aim) return way;
     Vector origin = pair->a.origin;
-    way.length = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap, way.from, way.to);
-    plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to);
+    int64_t *left = &pair->parts_left;
+    way.length = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap, way.from, way.to, left);
+    plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to, left);
     return way;
 }
 
@@ -374,7 +375,7 @@ static Stated state_group(Search *search) {
     Way way = search->way;
     if (!(way.pair == stated.moment.pair && way.length == stated.distance)) {
         encounter_place(pair, stated.moment.at);
-        plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to);
+        plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &way.from, &way.to, &pair->parts_left);
     }
     plane_degrees(plane, (Vector){way.from.x + origin.x, way.from.y + origin.y}, stated.a_deg);
     plane_degrees(plane, (Vector){way.to.x + origin.x, way.to.y + origin.y}, stated.b_deg);
@@ -413,13 +414,16 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
         if (!search.heap || !search.seen) status = KERNEL_NO_MEMORY;
     }
     for (int64_t g = 0; status == KERNEL_OK && g < groups->count; g++) {
-        Stated stated = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
+        const Stated untold = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
+        Stated stated = untold;
+        search.pair.parts_left = PLANE_MAX_PARTS;
         if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g], groups->aim_m[g])) {
             search_group(&search);
             for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
             /* Pairs that are asked about at any distance, and none was seen: it cannot be told. */
             bool is_told = search.least < INFINITY || search.wanted < INFINITY || search.first_pair == search.last_pair;
             if (is_told) stated = state_group(&search);
+            if (search.pair.parts_left < 0) stated = untold;
         }
         pair[g] = stated.moment.pair, at_s[g] = stated.moment.at;
         distance_m[g] = stated.distance, error_m[g] = stated.error;

@@ -22,7 +22,8 @@ class Closest:
 
     pair : (g,) the pair that comes closest; -1 where none is within what was asked, and where that is not known
     at_s : (g,) its seconds: the earliest instant that is as close, of a touch the first; some one where less will do
-    distance_m : (g,) metres on the earth, 0 of a touch, infinite beyond what was asked, NaN where a piece cannot be
+    distance_m : (g,) metres on the earth, 0 of a touch, infinite beyond what was asked, NaN where a piece cannot be,
+        and where the work of distances is used up
     error_m : (g,) how far from it the least distance may be, either way
     a_deg, b_deg : (g, 2) longitude (in [-180, 180)) and latitude of the nearest points
     """

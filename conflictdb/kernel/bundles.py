@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,11 @@ from conflictdb.arrays.ragged import offsets
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import Held, check, fields_of, library
 from conflictdb.results import Kind
+
+# Pairs of pieces that there is room for at first, and how many times as much each time that is too little: all pairs of
+# two areas of a hundred thousand parts would be more than any memory holds, and few of them meet.
+_FIRST_ROOM: Final = 2**24
+_MORE_ROOM: Final = 8
 
 
 class _Bundled(Held):
@@ -54,12 +59,18 @@ def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) 
     )
     a, b = (np.ascontiguousarray(rows, np.int64) for rows in (a, b))
     size = np.diff(bundles.offset)
-    room = int((size[a] * size[b]).sum())
-    # Memory that nothing is written to is not taken.
-    first, second, found = np.empty(room, np.int64), np.empty(room, np.int64), np.zeros(1, np.int64)
+    most = int((size[a] * size[b]).sum())
+    found, room = np.zeros(1, np.int64), min(most, _FIRST_ROOM)
     given: list[Any] = [array.ctypes.data for array in (a, b)]
-    room_for: list[Any] = [array.ctypes.data for array in (first, second)]
-    check(library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, found.ctypes.data))
+    while True:
+        # Memory that nothing is written to is not taken.
+        first, second = np.empty(room, np.int64), np.empty(room, np.int64)
+        room_for: list[Any] = [array.ctypes.data for array in (first, second)]
+        status = library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, found.ctypes.data)
+        if not (status and found[0] == room < most):
+            break
+        room = min(_MORE_ROOM * room, most)
+    check(status)
     return PieceRows(first[: found[0]].copy()), PieceRows(second[: found[0]].copy())
 
 

@@ -9,6 +9,9 @@
  * at most, in each step of its search; in all steps its share, but at least as many as one of them may take. Beyond it a
  * pair is left undecided rather than let one take all time. */
 enum { MAX_INTERVALS = 131072, MIN_INTERVALS_PER_PAIR = 256, MAX_INTERVALS_PER_PAIR = 8192 };
+/* Halvings of sides for the distances of a pair at least, whatever its share of PLANE_MAX_PARTS: twice what was seen within
+ * five degrees of a pole. With fewer, pairs that are wanted far apart there are unresolved. */
+enum { MIN_PARTS_PER_PAIR = 65536 };
 
 /* Give the search room in memory. */
 static void lay_out_intervals(Encounter *pair, Interval *memory) {
@@ -23,6 +26,8 @@ static void share_work(Encounter *pair, int64_t company) {
     most = most < MIN_INTERVALS_PER_PAIR ? MIN_INTERVALS_PER_PAIR : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : most;
     pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
     pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
+    int64_t parts = PLANE_MAX_PARTS / (company > 1 ? company : 1);
+    pair->parts_left = parts < MIN_PARTS_PER_PAIR ? MIN_PARTS_PER_PAIR : parts;
 }
 
 void answers_add(Answers *answers, double start, double end, double error, KernelVerdict verdict, bool touches) {
@@ -53,10 +58,15 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
     for (int64_t i = 0; i < pairs->count && !answers.is_full; i++) {
         double low = pairs->low_s[i], high = pairs->high_s[i], beyond = question->beyond_s ? question->beyond_s[i] : INFINITY;
         Guess guess = {question->guess, question->guess_of, i};
+        int64_t before = answers.count;
         answers.pair = i;
         share_work(&pair, question->company ? question->company[i] : 1);
-        if (low <= high && border_meet(scene, pairs, i, &pair)) find_contacts(&pair, low, high, beyond, &guess, &answers);
-        else answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
+        bool is_told = low <= high && border_meet(scene, pairs, i, &pair);
+        if (is_told) find_contacts(&pair, low, high, beyond, &guess, &answers);
+        if (is_told && pair.parts_left >= 0) continue;
+        /* What was found without knowing all distances does not count. */
+        answers.count = before;
+        answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
     }
     free(memory);
     free(intervals);

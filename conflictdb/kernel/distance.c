@@ -22,7 +22,7 @@ typedef struct {
 double approach_distance(Encounter *pair, double t) {
     pair->work->evaluations++;
     encounter_place(pair, t);
-    return most(plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin), 0.0);
+    return most(plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, &pair->parts_left), 0.0);
 }
 
 /* Put the polygons where they are at the ends of a time, and tell what holds during it; those of the middle are added. */
@@ -123,7 +123,8 @@ During approach_during(Encounter *pair, double start, double end, double first, 
     During found = {INFINITY, least_across(pair->plane, gap, &course)};
     if (found.bound > 0.0 && found.bound >= enough) return found;
     pair->work->evaluations++;
-    double metres = plane_metres(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, middle.gap, from, to);
+    double metres =
+        plane_metres(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, middle.gap, from, to, &pair->parts_left);
     found.middle = most(metres, 0.0);
     found.bound = most(found.bound, rate_bound(pair, &course, middle.axis, found.middle, gap));
     if (!(found.bound > 0.0)) return found;

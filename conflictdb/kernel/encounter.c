@@ -59,7 +59,9 @@ double encounter_clearance_m(Encounter *pair, double t, double within_m) {
     pair->work->evaluations++;
     encounter_place(pair, t);
     double known_m = most(pair->separation_m + within_m, 0.0);
-    return plane_distance_within_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, known_m) - pair->separation_m;
+    double distance_m =
+        plane_distance_within_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, known_m, &pair->parts_left);
+    return distance_m - pair->separation_m;
 }
 
 double encounter_distance_error_m(const Encounter *pair, double distance_m) {

@@ -26,14 +26,15 @@ typedef struct {
  *
  * margin_m: closeness that is too close to call, at least KERNEL_TOUCH_M. deep_m: by how much a pair must be nearer
  * than wanted to be so beyond the margin and beyond doubt. undecided, deeper, spare_time: room for the search. looks_left:
- * intervals that the search may still look at before it halves none any more. */
+ * intervals that the search may still look at before it halves none any more. parts_left: as for plane_distance_m; below 0
+ * nothing that was found of the pair counts. */
 typedef struct {
     const KernelPlane *plane;
     Mover a, b;
     double separation_m, margin_m, deep_m;
     Polygon a0, b0, a1, b1, a_now, b_now, spare;
     Intervals undecided, deeper, spare_time;
-    int64_t looks_left;
+    int64_t looks_left, parts_left;
     KernelWork *work;
 } Encounter;
 

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 /* Changes with every change of a structure, a constant or a function of this file. */
-#define KERNEL_ABI 17
+#define KERNEL_ABI 18
 
 /* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
  * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
@@ -206,7 +206,8 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
 void kernel_scene_free(KernelScene *scene);
 
 /* Find all contacts of pairs, in the order of pairs and of time. A pair with a piece that cannot be is unresolved.
- * The work of a pair is bounded, its share of what two objects may take: beyond it, it is left as it is known by then.
+ * The work of a pair is bounded, its share of what two objects may take: beyond it, it is left as it is known by then, and
+ * unresolved where distances took the most.
  *
  * contacts : made here, for kernel_contacts_free
  */
@@ -226,7 +227,8 @@ KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs,
 /* Measure how far apart pairs are at the instants low_s: the length of the shortest way on the earth, minus the depth of
  * those that overlap.
  *
- * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be
+ * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be,
+ *     and where the work is used up
  */
 KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
 
@@ -336,12 +338,43 @@ typedef struct {
 KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
                                   int64_t *first, int64_t *second, int64_t room, int64_t *found);
 
+/* Rows of pieces, of each the box of what it holds. */
+typedef struct {
+    int64_t count;
+    const double *boxes;     /* (count, 4) as above */
+    const double *floor_m;   /* (count,) heights, which two rows share inside of both */
+    const double *ceiling_m; /* (count,) */
+    const int64_t *start_us; /* (count,) */
+    const int64_t *end_us;   /* (count,) */
+    const int64_t *object;   /* (count,) a number for the object that it is of */
+    const uint8_t *is_copy;  /* (count,) 1 for those of a seam copy, two of which meet elsewhere, too */
+} KernelBoxes;
+
+/* Order rows so that those that are near each other, in place and in time, follow each other.
+ *
+ * order : (count,) room for the rows
+ */
+KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order);
+
+/* Find the rows that meet some others in place, height and time, of objects of a larger number.
+ *
+ * rows : in the order that kernel_box_order gives; in another one it takes longer
+ * of : (wanted,) rows, those of an object next to each other
+ * first, second : (room,) which meet; those of each row of `of` follow each other, in the order of these
+ * done : (1,) of how many of these they are: of objects whose pairs have room; the others are left aside
+ * found : (1,) how many there are
+ * looked_at : (1,) boxes that were compared for them, of rows and of rows together
+ */
+KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
+                              int64_t room, int64_t *done, int64_t *found, int64_t *looked_at);
+
 /* Find how close pairs come, the closest of each group: both ends of their time count.
  *
  * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known
  * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first;
  *     where aim_m is more than 2.5e-4 some instant at which it is distance_m, to a hundredth of aim_m
- * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be
+ * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be,
+ *     and where the work of distances is used up
  * error_m : (groups,) how far from it the least distance may be, either way
  * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b
  */

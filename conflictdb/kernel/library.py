@@ -16,7 +16,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 
 # As kernel.h has them.
-ABI: Final = 17
+ABI: Final = 18
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",
@@ -52,6 +52,8 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_bundles": (_POINTER,) * 3 + (_COUNT, _POINTER, _POINTER),
     "kernel_wkb_rings": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _COUNT),
     "kernel_bundled_pairs": (*[_POINTER] * 3, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
+    "kernel_box_order": (_POINTER, _POINTER),
+    "kernel_box_pairs": (_POINTER, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
     "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
     "kernel_joined": (_POINTER, _COUNT, _POINTER, _POINTER, _COUNT, *[_POINTER] * 4),
 }

@@ -27,7 +27,8 @@ def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, thr
 def distances(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
     """Return (n,) how far apart pieces a and b are at instants, metres on the earth; minus the depth of overlaps.
 
-    Never too large, and too small by less than the plane's `distance_error_m`; NaN where a piece cannot be.
+    Never too large, and too small by less than the plane's `distance_error_m`; NaN where a piece cannot be, and where
+    the work that one pair may take is used up.
 
     at_s : (n,) seconds after zero_us (n,)
     """

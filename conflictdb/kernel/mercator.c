@@ -28,8 +28,6 @@ static const double SOLVED_SHARE = 2e-11;
 enum { STEPS = 4, MAX_HALVINGS = 60 };
 /* Where the last step moved a place by no more than this, plane metres, it is known. */
 static const double KNOWN_M = 1e-6;
-/* Parts of one edge that are looked at; a few dozen are usual. With fewer, distances are understated by more. */
-enum { MAX_PARTS = 10000 };
 /* Longer ways, radians, are bounded by the least and the largest radius alone. */
 static const double LONGEST = 2.9;
 static const double TURN = 0x1.921fb54442d18p2; /* 2 pi */
@@ -135,20 +133,23 @@ static double least_between(const KernelPlane *earth, Edge edge, Part part) {
     return most(least_on_chord(part.first, part.last, bend * width * width / 8.0), nearest);
 }
 
-/* Lower `floor` to what a point's distance from an edge is nowhere below, and `best` to the least that is found. */
-static void search_edge(const KernelPlane *earth, Place point, Edge edge, double *best, double *floor) {
+/* Lower `floor` to what a point's distance from an edge is nowhere below, and `best` to the least that is found. A dozen
+ * halvings are usual; along an edge all of which is about as near, millions. Where too few are left, *parts_left is below 0,
+ * and nothing is told. */
+static void search_edge(const KernelPlane *earth, Place point, Edge edge, double *best, double *floor, int64_t *parts_left) {
     Place end = {edge.start.lon + edge.way.lon, edge.start.psi + edge.way.psi};
     Part stack[MAX_HALVINGS + 2];
-    int top = 0, parts = 0;
+    int top = 0;
     stack[top++] = (Part){0.0, 1.0, way_m(earth, point, edge.start), way_m(earth, point, end), 0};
     while (top > 0) {
         Part part = stack[--top];
         *best = least(*best, least(part.first, part.last));
         double bound = least_between(earth, edge, part);
-        if (!(bound < *best * (1.0 - SOLVED_SHARE)) || part.halvings >= MAX_HALVINGS || ++parts > MAX_PARTS) {
+        if (!(bound < *best * (1.0 - SOLVED_SHARE)) || part.halvings >= MAX_HALVINGS) {
             *floor = least(*floor, bound);
             continue;
         }
+        if (--*parts_left < 0) return;
         double middle = 0.5 * (part.low + part.high);
         Place place = {edge.start.lon + middle * edge.way.lon, edge.start.psi + middle * edge.way.psi};
         double found = way_m(earth, point, place);
@@ -197,20 +198,20 @@ static double look_nearby(void *of, const Polygon *vertices, Range range, const 
 
 /* As many edges are searched as there are vertices times sides: of polygons that are more than NEARBY apart. */
 static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
-                       double *best, double *floor, Facing *facing) {
+                       double *best, double *floor, Facing *facing, int64_t *parts_left) {
     for (int64_t i = 0; i < vertices->count; i++)
-        for (int64_t k = 0; k < sides->count; k++) {
+        for (int64_t k = 0; k < sides->count && *parts_left >= 0; k++) {
             int64_t m = edge_end(sides, k);
             Edge edge = {place_of(earth, sides, k, origin),
                          {(sides->x[m] - sides->x[k]) / earth->radius_m, (sides->y[m] - sides->y[k]) / earth->radius_m}};
             double before = *best;
-            search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor);
+            search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor, parts_left);
             if (*best < before) *facing = (Facing){vertices, sides, i, k, NAN};
         }
 }
 
 double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest,
-                           Facing *facing) {
+                           Facing *facing, int64_t *parts_left) {
     Extent extent = extent_none();
     extent_add(&extent, a, origin), extent_add(&extent, b, origin);
     double scale = plane_largest_scale(plane, &extent), width = (extent.east - extent.west) / plane->radius_m;
@@ -225,8 +226,9 @@ double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Pol
     /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
     if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
         double best = INFINITY, floor = INFINITY;
-        search_all(plane, a, b, origin, &best, &floor, facing);
-        search_all(plane, b, a, origin, &best, &floor, facing);
+        search_all(plane, a, b, origin, &best, &floor, facing, parts_left);
+        search_all(plane, b, a, origin, &best, &floor, facing, parts_left);
+        if (*parts_left < 0) return 0.0;
         found = least(floor, best);
     }
     found -= overstated_m(plane, found, LONGEST);

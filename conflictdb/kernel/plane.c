@@ -154,22 +154,22 @@ static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {
 }
 
 static double least_distance(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap,
-                             Facing *facing) {
-    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_m(plane, a, b, origin, gap, facing);
+                             Facing *facing, int64_t *parts_left) {
+    if (plane->projection == KERNEL_MERCATOR) return mercator_distance_m(plane, a, b, origin, gap, facing, parts_left);
     return most(gnomonic_distance_m(plane, a, b, origin, facing) - GNOMONIC_ROUNDING_M, 0.0);
 }
 
 double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap, Vector from,
-                    Vector to) {
+                    Vector to, int64_t *parts_left) {
     Facing facing;
     double metres = 2.0 * gap / (scale_at(plane, from, origin) + scale_at(plane, to, origin));
-    return metres > plane_short_m(plane) ? least_distance(plane, a, b, origin, gap, &facing) : metres;
+    return metres > plane_short_m(plane) ? least_distance(plane, a, b, origin, gap, &facing, parts_left) : metres;
 }
 
-double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin) {
+double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, int64_t *parts_left) {
     Vector from, to;
     Gap gap = polygon_distance(a, b, &from, &to);
-    return plane_metres(plane, a, b, origin, gap.gap, from, to);
+    return plane_metres(plane, a, b, origin, gap.gap, from, to, parts_left);
 }
 
 double plane_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {
@@ -205,11 +205,12 @@ static Vector place_on_side(const KernelPlane *plane, Vector vertex, Vector star
     return along(start, side, ends <= least(at_left, at_right) ? end : 0.5 * (low + high));
 }
 
-void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to) {
+void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to,
+                   int64_t *parts_left) {
     double gap = polygon_distance(a, b, from, to).gap;
     Facing facing = {a, b, 0, 0, NAN};
-    if (!(plane_metres(plane, a, b, origin, gap, *from, *to) > plane_short_m(plane))) return;
-    least_distance(plane, a, b, origin, gap, &facing);
+    if (!(plane_metres(plane, a, b, origin, gap, *from, *to, parts_left) > plane_short_m(plane))) return;
+    least_distance(plane, a, b, origin, gap, &facing, parts_left);
     const Polygon *sides = facing.sides;
     int64_t k = facing.side, m = edge_end(sides, k);
     Vector vertex = {facing.vertices->x[facing.vertex], facing.vertices->y[facing.vertex]};
@@ -219,7 +220,8 @@ void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b,
     *from = facing.vertices == a ? vertex : place, *to = facing.vertices == a ? place : vertex;
 }
 
-double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m) {
+double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m,
+                               int64_t *parts_left) {
     Vector from, to;
     Extent extent = extent_none();
     Gap gap = polygon_distance(a, b, &from, &to);
@@ -228,5 +230,5 @@ double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const
         double largest = plane_largest_scale(plane, &extent), beyond = gap.gap - plane_span_m(plane, within_m, largest);
         if (beyond > 0.0) return within_m + beyond / largest;
     }
-    return plane_metres(plane, a, b, origin, gap.gap, from, to);
+    return plane_metres(plane, a, b, origin, gap.gap, from, to, parts_left);
 }

@@ -59,19 +59,28 @@ void plane_degrees(const KernelPlane *plane, Vector place, double degrees[2]);
 /* Up to how many metres the nearest points in the plane are those on the earth, to rounding. */
 double plane_short_m(const KernelPlane *plane);
 
+/* Halvings of sides that all distances far away of two objects may take together: two seconds or so. Usual are hundreds,
+ * and hundreds of thousands within five degrees of a pole. With fewer, pairs there are unresolved. */
+enum { PLANE_MAX_PARTS = 1 << 24 };
+
 /* The signed separation in metres on the earth: the length of the shortest way between polygons that are apart; of
- * those that overlap their depth. Never overstated; understated by plane_distance_error_m at most. */
-double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin);
+ * those that overlap their depth. Never overstated; understated by plane_distance_error_m at most.
+ *
+ * parts_left: halvings of sides that may still be taken, less those that are. Below 0 there are too few, now or before:
+ * what is far away counts as 0 metres then, which is not overstated and says nothing. */
+double plane_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, int64_t *parts_left);
 
 /* The same where it is at most within_m; else any number above that. */
-double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m);
+double plane_distance_within_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double within_m,
+                               int64_t *parts_left);
 
 /* The same, where the separation in the plane is known, and its nearest points or middles. */
 double plane_metres(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap, Vector from,
-                    Vector to);
+                    Vector to, int64_t *parts_left);
 
 /* The nearest points on the earth of polygons that are apart, from the origin. */
-void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to);
+void plane_nearest(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Vector *from, Vector *to,
+                   int64_t *parts_left);
 
 /* The distance of two places from the origin: at least that of the shortest way. */
 double plane_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
@@ -87,7 +96,7 @@ typedef struct {
 /* Each plane: the least distance of polygons that are apart, and what faces each other there; nearest: that in the
  * plane. And the distance of two places from the origin. */
 double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double nearest,
-                           Facing *facing);
+                           Facing *facing, int64_t *parts_left);
 double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Facing *facing);
 double mercator_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);
 double gnomonic_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin);

@@ -100,7 +100,7 @@ static void keep(Intervals *intervals, int64_t *kept, double start, double end, 
 /* Add both halves of what is left of an interval, to be looked at after all others; false where no room or work is left. */
 static bool split(const Encounter *pair, Intervals *intervals, double start, double end) {
     double middle = 0.5 * (start + end);
-    if (intervals->count + 2 > intervals->most || pair->looks_left <= 0) return false;
+    if (intervals->count + 2 > intervals->most || pair->looks_left <= 0 || pair->parts_left < 0) return false;
     intervals->items[intervals->count++] = (Interval){start, middle, 0.0, BORDERLINE};
     intervals->items[intervals->count++] = (Interval){middle, end, 0.0, BORDERLINE};
     return true;

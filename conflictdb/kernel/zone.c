@@ -121,7 +121,7 @@ bool zone_is_near(Encounter *pair, double from, double to) {
     for (int parts = 0; now != to; parts++) {
         if (parts >= MAX_PARTS) return false;
         encounter_place(pair, now);
-        plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &a, &b);
+        plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &a, &b, &pair->parts_left);
         Place on_a = place_of(&pair->a_now, a), on_b = place_of(&pair->b_now, b);
         if (!(plane_way_m(plane, point_at(&pair->a_now, on_a), point_at(&pair->b_now, on_b), origin) < wanted_m)) return false;
         /* Go on with half of the step where it is too long for these places. */

@@ -15,6 +15,7 @@ int floors(const KernelScene *scene, const KernelPairs *pairs, double *middle, d
         double low = pairs->low_s[i], high = pairs->high_s[i];
         middle[i] = bound[i] = box[i] = NAN;
         if (!border_meet(scene, pairs, i, &pair)) continue;
+        pair.parts_left = PLANE_MAX_PARTS;
         double first = approach_distance(&pair, low), last = approach_distance(&pair, high);
         During during = approach_during(&pair, low, high, first, last, INFINITY);
         middle[i] = during.middle, bound[i] = during.bound;

@@ -174,6 +174,33 @@ static void bundle_boxes(int64_t odd, int64_t calls[16]) {
     free(a), free(b), free(first), free(second);
 }
 
+/* Order boxes, and tell which meet; now and then of rows that there are not, or without room. */
+static void meet_boxes(int64_t odd, int64_t calls[16]) {
+    const int64_t n = below(40), wanted = below(40), room = below(3) ? n * wanted : below(5);
+    double *boxes = block(4 * n, 8), *floor_m = block(n, 8), *ceiling_m = block(n, 8);
+    int64_t *start = block(n, 8), *end = block(n, 8), *object = block(n, 8), *order = block(n, 8), *of = block(wanted, 8);
+    int64_t *first = block(room, 8), *second = block(room, 8), done, found, looked_at;
+    uint8_t *is_copy = block(n, 1);
+    for (int64_t i = 0; i < 4 * n; i++) boxes[i] = number(-10.0, 10.0, odd) + (i % 4 > 1 ? 10.0 : 0.0);
+    for (int64_t i = 0; i < n; i++) {
+        floor_m[i] = number(-10.0, 10.0, odd), ceiling_m[i] = number(-10.0, 30.0, odd), is_copy[i] = (uint8_t)below(2);
+        start[i] = instant(0, 50, odd), end[i] = instant(0, 100, odd), object[i] = below(odd) ? below(n) : (int64_t)draw();
+    }
+    KernelBoxes rows = {below(200) ? n : -1, boxes, floor_m, ceiling_m, start, end, below(200) ? object : NULL, is_copy};
+    KernelStatus status = kernel_box_order(&rows, order);
+    calls[status]++;
+    for (int64_t i = 0; status == KERNEL_OK && i < n; i++)
+        if (order[i] < 0 || order[i] >= n) abort();
+    for (int64_t i = 0; i < wanted; i++) of[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
+    status = kernel_box_pairs(&rows, of, wanted, first, second, room, &done, &found, &looked_at);
+    calls[status]++;
+    if (status == KERNEL_OK && (done < 0 || done > wanted || found > room)) abort();
+    for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
+        if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
+    free(boxes), free(floor_m), free(ceiling_m), free(start), free(end), free(object), free(order), free(of);
+    free(first), free(second), free(is_copy);
+}
+
 /* Read polygons, some of several rings, from bytes that are now and then others, or fewer. */
 static void read_polygons(int64_t odd, int64_t calls[16]) {
     const int64_t n = below(5), most = n * (9 + 3 * (13 + 16 * 3)), room = below(9) ? most / 16 : below(4);
@@ -306,6 +333,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     lay_rows(odd, calls);
     join_triangles(odd, calls);
     bundle_boxes(odd, calls);
+    meet_boxes(odd, calls);
     read_polygons(odd, calls);
     join_rings(odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);

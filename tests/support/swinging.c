@@ -46,7 +46,7 @@ int swings(const KernelPlane *plane, double least_m, double separation_m, double
     Body wall = {.motion = STANDS_STILL, .is_sound = true, .is_convex = true, .count = 4};
     Body square = {.motion = ON_RHUMB_LINE, .is_sound = true, .is_convex = true, .count = 4};
     KernelWork work = {0};
-    Encounter pair = {.plane = plane, .a = {.body = &wall}, .b = {.body = &square}, .looks_left = 131072, .work = &work};
+    Encounter pair = {.plane = plane, .a = {.body = &wall}, .b = {.body = &square}, .looks_left = 131072, .parts_left = PLANE_MAX_PARTS, .work = &work};
     pair.b.into_s = least_m + separation_m + SIDE_M + BY_M;
     Polygon *polygons[] = {&pair.a0, &pair.b0, &pair.a1, &pair.b1, &pair.a_now, &pair.b_now, &pair.spare};
     for (int k = 0; k < 7; k++) polygons[k]->x = room[k], polygons[k]->y = room[k] + 8;

@@ -61,6 +61,24 @@ def test_bundles_hold_every_piece_and_meet_where_pieces_do(workload: Workload) -
         assert wanted == set(found)
 
 
+@pytest.mark.parametrize("room", [1, 3, 2**24])
+def test_pairs_of_bundles_need_no_more_room_than_they_take(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two areas of 200,000 parts each, of which two pairs meet: all pairs would be 320 GB."""
+    monkeypatch.setattr("conflictdb.kernel.bundles._FIRST_ROOM", room)
+    places = ((0.0, 1.0, 1.1), (3.0, 1.0, 1.1))
+    areas = [
+        Area(f"A{i}", shapely.MultiPolygon([shapely.box(x, 0.0, x + 0.05, 0.05) for x in xs]))
+        for i, xs in enumerate(places)
+    ]
+    pieces, count = made(Scene("s"), areas, []), 200_000
+    whole = Bundles(
+        pieces.take(np.repeat(np.arange(6), [count, 1, 1, count, 1, 1])), np.array([0, count + 2, 2 * count + 4])
+    )
+    a, b = bundled_pairs(whole, np.array([0]), np.array([1]))
+    met = [(count, 2 * count + 2), (count + 1, 2 * count + 3)]
+    assert list(zip(a.tolist(), b.tolist(), strict=True)) == met
+
+
 def test_a_ship_at_anchor_is_one_bundle_for_an_hour() -> None:
     bundles = bundles_of(made(Scene("s"), [], [anchored("ship", 60)]))
     assert len(bundles) == 1

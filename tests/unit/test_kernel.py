@@ -11,19 +11,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
+from conflictdb import model
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import Plane, Questions, Scene, Work, build, contacts
+from conflictdb.kernel.approach import closest
 from conflictdb.kernel.library import LEAST_PART, SHARE, TAKES, library, shared
+from conflictdb.kernel.meeting import distances
 from conflictdb.kernel.scene import HeldPairs, HeldPieces, State
-from conflictdb.model import MAX_HAVEN_CORNERS, EarthModel, Track
+from conflictdb.model import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.results import Verdict
+from conflictdb.results import Kind, Verdict
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 
@@ -377,6 +382,32 @@ def test_the_work_of_a_pair_that_meets_for_ever_is_bounded() -> None:
         contacts(scene, one, 2000.0, 1.0, work)
         looks.append(work.windows)
     assert 5000 < max(looks) < 20_000
+
+
+def test_distances_of_a_pair_take_a_bounded_share_of_work() -> None:
+    """Ten metres from a pole all of a parallel is as near: one distance takes thousands of halvings."""
+    scene = model.Scene("s", earth=EarthModel.SPHERE)
+    square = rectangle_outline_m(1.0, 1.0, 1.0, 1.0)
+    way = Track("T", np.array([(10.0, 60.0), (12.0, 60.0)]), np.array([0, 3_600_000_000]), square)
+    areas = AreaBatch.of([Area("A", shapely.MultiPolygon([shapely.box(0.0, 0.0, 90.0, 5.0)]))])
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, areas, TrackBatch.of([way]))
+    north = (pieces.kind == Kind.TRACK.code)[:, None] * [0.0, 30.0 - np.degrees(10.0 / MEAN_RADIUS_M)]
+    near_pole = replace(pieces, leg_start_deg=pieces.leg_start_deg + north, leg_end_deg=pieces.leg_end_deg + north)
+    wanted_m = MEAN_RADIUS_M * np.radians(85.0) - 10.0
+    a, b = np.array([0]), np.array([1])
+    start, end = pieces.shared_span(a, b)
+    times = (start, np.zeros(1), (end - start) / 1e6)
+    prepared, work = Scene(plane.kernel_plane, near_pole), Work()
+    questions = Questions(a, b, *times, np.array([np.inf]), np.array([1]))
+    found = contacts(prepared, questions, wanted_m, 1e-3, work)
+    assert found.verdict.tolist() == [UNRESOLVED]
+    assert (found.start_s, found.end_s) == (0.0, times[2])
+    assert work.evaluations < 4000
+    # One of them is known; of a whole time the least is not.
+    assert distances(prepared, a, b, start, np.zeros(1)) == pytest.approx([wanted_m - 1.0], abs=0.01)
+    near = closest(prepared, a, b, *times, np.array([0, 1]), np.array([np.inf]), np.zeros(1), Work())
+    assert np.isnan(near.distance_m).all()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from threadpoolctl import threadpool_info, threadpool_limits
 from verdicts import solved
 
 from conflictdb import kernel
@@ -116,6 +117,23 @@ def test_a_solver_that_fails_or_errs_changes_no_answer(monkeypatch: pytest.Monke
                     assert (x is None) == (y is None)
                     assert x is None or y is None or abs(x - y) <= 2 + 1e6 * (one.time_error_s + other.time_error_s)
     assert {linear_program, nonlinear_program} <= set(asked)
+
+
+def test_programs_do_their_linear_algebra_by_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Last digits follow the number of threads, and that the number of processors: on Spark and elsewhere it is one."""
+    program, seen = nonlinear_program.extreme_contact, []
+
+    def watched(pair: Encounters, start_s: float, end_s: float, *, latest: bool) -> float | None:
+        seen.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        return program(pair, start_s, end_s, latest=latest)
+
+    monkeypatch.setattr(nonlinear_program, "extreme_contact", watched)
+    known = scenes.meridian_entry(EarthModel.WGS84)
+    with threadpool_limits(2, user_api="blas"):
+        solved(replace(known.scene, method=Method.NLP), known.areas, known.tracks)
+        after = {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    assert set(seen) == {1}
+    assert after == {2}
 
 
 def test_verdicts_by_depth() -> None:
