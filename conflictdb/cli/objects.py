@@ -1,14 +1,13 @@
 """`load` and `export`."""
 
 import argparse
-from pathlib import Path
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.output import binary, data, out
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import loaded_text, remark_loaded
 from conflictdb.cli.session import database, load_files
-from conflictdb.io.reading import PARQUET
+from conflictdb.io.reading import is_parquet
 from conflictdb.io.whole_files import whole_file
 
 
@@ -24,13 +23,13 @@ def load(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write a scene file."""
-    check(args, [(args.format == "geojson" and _is_parquet(args.file), "a file of GeoJSON does not end in .parquet")])
+    check(args, [(args.format == "geojson" and is_parquet(args.file), "a file of GeoJSON does not end in .parquet")])
     is_binary = args.format == "geoparquet"
     with database(args) as db:
         if args.file == "-" and is_binary:
             with binary() as stream:
                 db.write_geoparquet(args.scene, stream)
-        elif is_binary and not _is_parquet(args.file):
+        elif is_binary and not is_parquet(args.file):
             with whole_file(args.file) as stream:
                 db.write_geoparquet(args.scene, stream)
         elif args.file == "-":
@@ -38,7 +37,3 @@ def export(args: argparse.Namespace) -> int:
         else:
             db.export(args.scene, args.file)
     return DONE
-
-
-def _is_parquet(file: str) -> bool:
-    return Path(file).suffix.lower() in PARQUET

@@ -5,7 +5,7 @@ A directory of Parquet of the Arrow form FOUND, and in it another, STATES, of th
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from conflictdb.arrays.arrow.found import COMPUTED, kinds, to_conflicts
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
 from conflictdb.io.parquet_process import decoded
-from conflictdb.io.scene_file import scene_of
+from conflictdb.io.scene_file import scene_of, settings_of
 from conflictdb.model import Scene
 
 # Readers of the directory leave aside what begins so.
@@ -31,12 +31,14 @@ MAX_COMPUTED_MB: Final = 16_000.0
 class Computed:
     """What conflicts were computed from: settings, and n objects.
 
+    pairs : how many were found
     kind : (n,) int8
     object_id, version : (n,) int64
     key : (n,) object, texts
     """
 
     settings: Scene
+    pairs: int
     kind: NDArray[np.int8]
     object_id: NDArray[np.int64]
     version: NDArray[np.int64]
@@ -45,7 +47,9 @@ class Computed:
 
 def settings_text(scene: Scene) -> str:
     """Return settings as what was computed tells them."""
-    return json.dumps({name: value for name, value in asdict(scene).items() if name != "name" and value is not None})
+    settings = settings_of(scene)
+    del settings["name"]
+    return json.dumps(settings)
 
 
 def read_computed(path: Path) -> Computed:
@@ -60,12 +64,14 @@ def read_computed(path: Path) -> Computed:
         )
         raise InvalidInput("file", "", rule, str(path))
     told: set[str] = set()
+    counts: set[int] = set()
     parts: list[Mapping[str, Any]] = []
     try:
         with decoded(states, MAX_COMPUTED_MB) as rows:
             for batch in rows.batches:
                 columns = COMPUTED.columns(batch)
                 told |= set(columns["settings"].unique().to_pylist())
+                counts |= set(columns["pairs"].unique().to_pylist())
                 parts.append(
                     {
                         "kind": kinds(columns["kind"]),
@@ -74,10 +80,11 @@ def read_computed(path: Path) -> Computed:
                         "key": np.array([*columns["id"].to_pylist(), None], dtype=object)[:-1],
                     }
                 )
-        if len(told) != 1:
+        if len(told) != 1 or len(counts) != 1:
             raise InvalidInput("file", "settings", "must be those of one scene")
         return Computed(
             settings=scene_of(json.loads(told.pop()), "computed"),
+            pairs=counts.pop(),
             **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
         )
     except InvalidInput as refused:
@@ -86,11 +93,19 @@ def read_computed(path: Path) -> Computed:
         raise InvalidInput("file", "settings", "must be JSON", str(states)) from error
 
 
-def read_conflicts(path: Path) -> Iterator[tuple[Conflicts, Polygons]]:
-    """Yield conflicts of numbered objects, and where they are, some at a time; raises InvalidInput."""
+def read_conflicts(path: Path, pairs: int) -> Iterator[tuple[Conflicts, Polygons]]:
+    """Yield conflicts of numbered objects, and where they are, some at a time; raises InvalidInput.
+
+    pairs : how many there must be; a file that was lost on the way would be conflicts that are gone
+    """
+    count = 0
     try:
         with decoded(path, MAX_COMPUTED_MB) as rows:
             for batch in rows.batches:
+                count += batch.num_rows
                 yield to_conflicts(batch)
+        if count != pairs:
+            rule = f"holds {count:,} pairs of the {pairs:,} that were found: are all of its files there, and no others?"
+            raise InvalidInput("file", "conflicts", rule)
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__

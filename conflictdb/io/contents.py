@@ -1,10 +1,10 @@
 """What a file holds, and what of it was left out."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from conflictdb.errors import Refusals
+from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import Area, Scene, Track
 
 
@@ -51,6 +51,28 @@ class Remark:
 
     def __str__(self) -> str:
         return f"{self.source}: {self.key}: {self.text}"
+
+
+@dataclass(slots=True)
+class Parts:
+    """A file that is read part by part, so that nobody holds all of it.
+
+    settings : of its scene, None if the file names none
+    each : areas and tracks, some at a time; they can be read once
+    refusals, skipped, remarks : what was found of the parts that were read
+    """
+
+    settings: Scene | None
+    each: Iterator[tuple[list[Area], list[Track]]]
+    refusals: Refusals = field(default_factory=Refusals)
+    skipped: list[Skipped] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
+
+
+def given_twice(item: str, first: int, row: int) -> InvalidInput:
+    """Return the refusal of an object whose id an earlier row has; rows count from 0."""
+    rule = f"is given twice, by rows {first} and {row} (from 0); ids must be unique in the scene"
+    return InvalidInput(item, "id", rule)
 
 
 def left_out(source: str, refusals: Refusals) -> list[Skipped]:

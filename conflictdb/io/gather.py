@@ -75,11 +75,16 @@ def gather(
             contents = read(
                 path, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
             )
-            own = contents.scene.name if contents.scene else stem(Path(path))
-            name = checked_key("scene", "name", own if scene is None else scene)
+            name = scene_name(path, contents.scene, scene)
             _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
     refusals.raise_found()
     return list(plans.values())
+
+
+def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> str:
+    """Return the name of the scene of a file: the one that is asked for, else as it says, else as it is called."""
+    own = settings.name if settings else stem(Path(path))
+    return checked_key("scene", "name", own if scene is None else scene)
 
 
 def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> None:

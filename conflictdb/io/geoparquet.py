@@ -136,7 +136,9 @@ class Layout:
 
 
 def _name_of(crs: Any) -> str:
-    """Return a reference system in PROJJSON by its code, else as it is."""
+    """Return a reference system in PROJJSON by its code, else as it is; older writers give its code, or WKT."""
+    if isinstance(crs, str):
+        return crs
     known = crs.get("id") if isinstance(crs, dict) else None
     if isinstance(known, dict) and "authority" in known and "code" in known:
         return f"{known['authority']}:{known['code']}"

@@ -11,7 +11,8 @@ looks like a known one is refused.
 import csv
 import json
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import StringIO
 from itertools import chain
@@ -23,12 +24,12 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.arrow.forms import METADATA_KEY
+from conflictdb.arrays.arrow.forms import METADATA_KEY, told
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
 from conflictdb.io.arrow_values import plain
-from conflictdb.io.contents import Contents, Remark, Skipped, left_out
+from conflictdb.io.contents import Contents, Parts, Remark, Skipped, given_twice, left_out
 from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
@@ -41,9 +42,12 @@ from conflictdb.io.positions import COLUMNS, read_positions
 from conflictdb.io.scene_file import scene_of
 from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
+from conflictdb.results import Kind
 
 # What a file may hold as Arrow, which takes five times its size in memory as objects, and JSON thirty.
 MAX_PARQUET_MB: Final = 400.0
+# What one may hold that is read part by part, and not kept; it fills a database.
+MAX_PARTS_MB: Final = 4_000.0
 # Columns of which one makes lines tracks.
 _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 _INDEX: Final = "__index_level_0__"  # of pandas
@@ -53,24 +57,27 @@ _UNSURE: Final = "does not say its reference system: taken for longitude and lat
 _SPHERICAL: Final = "says that edges are great circles; here they are what the motion of the scene says"
 
 
+# Returns the row that has the key of an object first, which is in this row.
+First = Callable[[str, int], int]
+
+
 @dataclass(slots=True)
 class _Found:
-    """What was read so far; others: rows that are neither, by their type."""
+    """What was read of a part; others: rows that are neither, by their type, of all parts."""
 
+    refusals: Refusals
+    first: First
     areas: list[Area] = field(default_factory=list)
     tracks: list[Track] = field(default_factory=list)
     at_speed: list[objects.TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
-    rows: dict[str, int] = field(default_factory=dict)
-    refusals: Refusals = field(default_factory=Refusals)
 
     def add(self, row: int, item: Area | Track | objects.TrackAtSpeed) -> None:
         """Add the object of a row; refuse an id that an earlier row has."""
-        first = self.rows.setdefault(item.key, row)
+        first = self.first(item.key, row)
         with self.refusals:
             if first != row:
-                rule = f"is given twice, by rows {first} and {row} (from 0); ids must be unique in the scene"
-                raise InvalidInput(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", "id", rule)
+                raise given_twice(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", first, row)
             if isinstance(item, Area):
                 self.areas.append(item)
             elif isinstance(item, Track):
@@ -94,49 +101,113 @@ def read_parquet(
     stem : name of the scene if the file tells its settings, but no name
     fastest_kn : `max_speed_kn`, or what it is by default for plans
     """
+    first: dict[str, int] = {}
+    most_mb = MAX_PARQUET_MB if max_file_mb is None else max_file_mb
+    most = most_mb, most_mb
+    areas: list[Area] = []
+    tracks: list[Track] = []
+    with parquet_parts(path, stem, most, max_speed_kn, fastest_kn, first.setdefault) as parts:
+        for some_areas, some_tracks in parts.each:
+            areas += some_areas
+            tracks += some_tracks
+    if not skip_invalid:
+        parts.refusals.raise_found()
+    contents = Contents(parts.settings, areas, tracks, [*left_out(str(path), parts.refusals), *parts.skipped])
+    contents.remarks = parts.remarks
+    return contents
+
+
+@contextmanager
+def parquet_parts(
+    path: Path, stem: str, most_mb: tuple[float, float], max_speed_kn: float | None, fastest_kn: float, first: First
+) -> Iterator[Parts]:
+    """Give what `read_parquet` returns part by part; only rows per waypoint are one part.
+
+    most_mb : a file may hold as Arrow, and one that is one part
+    first : says which keys were there before
+    """
     source = str(path)
-    with decoded(path, MAX_PARQUET_MB if max_file_mb is None else max_file_mb) as rows:
+    with decoded(path, most_mb[0]) as rows:
         schema = rows.schema
-        told = _told(schema)
-        settings = scene_of(told["scene"], stem) if told.get("scene") is not None else None
-        if told.get("form") == OBJECTS.name or _fits(schema):
-            found = _of_form(rows.batches, told)
-            return _contents(source, found, settings, fastest_kn, [], skip_invalid=skip_invalid)
+        said = told("file", schema)
+        settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
+        parts = Parts(settings, iter(()))
+        found = _Found(parts.refusals, first)
+        if said.get("form") == OBJECTS.name or _fits(schema):
+            parts.each = _taken(_of_form(found, rows.batches, said), found, settings, fastest_kn)
+            yield parts
+            return
         layout = Layout.of(schema)
-        remarks = [
+        parts.remarks += [
             Remark(source, "file", text)
             for text, holds in ((_UNSURE, not layout.is_sure), (_SPHERICAL, layout.is_spherical))
             if holds and layout.geometry is not None
         ]
-        first, rest = _peeked(rows.batches)
-        if _are_positions(first, layout):
+        before, rest = _peeked(rows.batches)
+        if _are_positions(before, layout):
+            rest = _bounded(rest, most_mb[1])
             contents = read_positions(_as_csv(rest, layout), source, max_speed_kn=max_speed_kn)
-            contents.remarks = [*contents.remarks, *remarks]
-            return contents
+            parts.remarks[:0] = contents.remarks
+            parts.skipped += contents.skipped
+            parts.each = iter([(contents.areas, contents.tracks)])
+            yield parts
+            return
         if layout.geometry is None:
             known = ", ".join(schema.names[:20])
             rule = (
                 f"there is none: no metadata of GeoParquet, no column geometry, no lon and lat with a time; got {known}"
             )
             raise InvalidInput("file", "geometry", rule)
-        found = _Found()
-        setting = objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
-        row = 0
-        for batch in rest:
-            _add_rows(found, batch, row, layout, setting)
-            row += batch.num_rows
-    return _contents(source, found, settings, fastest_kn, remarks, skip_invalid=skip_invalid)
+        parts.each = chain(
+            _taken(_of_rows(found, rest, layout, settings), found, settings, fastest_kn),
+            _others(found, source, parts.skipped),
+        )
+        yield parts
 
 
-def _told(schema: "pa.Schema") -> dict[str, Any]:
-    """Return what the metadata say of the form; whether that is known is judged with the columns."""
-    try:
-        told = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
-    except (ValueError, RecursionError):
-        told = None
-    if not isinstance(told, dict):
-        raise InvalidInput("file", "metadata conflictdb", "must be a JSON object")
-    return told
+def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[pa.RecordBatch]":
+    """Yield batches; raises InvalidInput for more than can be held."""
+    size = 0
+    for batch in batches:
+        size += batch.nbytes
+        if size > most_mb * 1e6:
+            rule = f"holds more than {most_mb:g} MB of rows per waypoint: split it, or allow more with --max-file-mb"
+            raise InvalidInput("file", "", rule)
+        yield batch
+
+
+def _taken(
+    read: Iterator[None], found: _Found, settings: Scene | None, fastest_kn: float
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield what was found, each time some was read."""
+    scene = settings or Scene("file")
+    for _ in read:
+        areas, tracks, at_speed = found.areas, found.tracks, found.at_speed
+        found.areas, found.tracks, found.at_speed = [], [], []
+        timed = objects.timed(at_speed, scene, fastest_kn, found.refusals)
+        tracks += [track for track in timed if track is not None]
+        yield areas, within_speed(tracks, scene.motion, fastest_kn, found.refusals)
+
+
+def _of_rows(
+    found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout, settings: Scene | None
+) -> Iterator[None]:
+    """Read rows, an object each, some at a time."""
+    setting = objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
+    row = 0
+    for batch in batches:
+        _add_rows(found, batch, row, layout, setting)
+        row += batch.num_rows
+        yield
+
+
+def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Tell of rows that were left out for what their geometry is; they are no part."""
+    for kind, rows in found.others.items():
+        named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
+        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
+        skipped.append(Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False))
+    yield from ()
 
 
 def _fits(schema: "pa.Schema") -> bool:
@@ -150,49 +221,28 @@ def _fits(schema: "pa.Schema") -> bool:
     return True
 
 
-def _contents(
-    source: str, found: _Found, settings: Scene | None, fastest_kn: float, remarks: list[Remark], *, skip_invalid: bool
-) -> Contents:
-    scene = settings or Scene("file")
-    timed = objects.timed(found.at_speed, scene, fastest_kn, found.refusals)
-    found.tracks.extend(track for track in timed if track is not None)
-    tracks = within_speed(found.tracks, scene.motion, fastest_kn, found.refusals)
-    if not skip_invalid:
-        found.refusals.raise_found()
-    contents = Contents(settings, found.areas, tracks, left_out(source, found.refusals))
-    for kind, rows in found.others.items():
-        named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
-        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
-        contents.skipped.append(
-            Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False)
-        )
-    contents.remarks = remarks
-    return contents
-
-
-def _of_form(batches: "Iterator[pa.RecordBatch]", told: dict[str, Any]) -> _Found:
-    """Return the objects of a file of the form OBJECTS."""
-    found, row = _Found(), 0
-    known = {METADATA_KEY: json.dumps({k: v for k, v in told.items() if k != "scene"})}
+def _of_form(found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any]) -> Iterator[None]:
+    """Read the objects of a file of the form OBJECTS, some at a time."""
+    row = 0
+    known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
         OBJECTS.columns(batch)  # what does not fit is wrong with no row
         try:
-            items = _checked(batch)
+            _add_checked(found, batch, row)
         except InvalidInput:
-            items = []
             for i in range(batch.num_rows):  # for all that is wrong, each with its row
                 with found.refusals:
-                    items += _checked(batch.slice(i, 1))
-        for item in items:
-            found.add(row, item)
-            row += 1
-    return found
+                    _add_checked(found, batch.slice(i, 1), row + i)
+        row += batch.num_rows
+        yield
 
 
-def _checked(batch: "pa.RecordBatch") -> list[Area | Track]:
+def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
+    """Add the objects of a batch whose first row has this number; raises InvalidInput for the first mistake of any."""
     areas, tracks = to_objects(batch)
     items: list[Area | Track] = [*areas, *tracks]
+    is_track = np.array(batch.column("kind").to_pylist()) == Kind.TRACK.value
     for item in items:
         who = f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}"
         checked_key(who, "id", item.key)
@@ -200,7 +250,8 @@ def _checked(batch: "pa.RecordBatch") -> list[Area | Track]:
             check_text(who, "name", item.name)
         if item.properties:
             check_storable(who, "", item.properties)
-    return items
+    for i, item in zip(np.argsort(is_track, kind="stable").tolist(), items, strict=True):
+        found.add(row + i, item)
 
 
 def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from itertools import islice
 from typing import IO, Any, Final
 
@@ -18,6 +17,7 @@ from conflictdb.arrays.arrow.forms import METADATA_KEY, Form
 from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES, of_rows
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.io.geoparquet import COVERING, GEOMETRY, SIDES, metadata
+from conflictdb.io.scene_file import settings_of
 from conflictdb.model import Scene
 from conflictdb.results import Conflict
 
@@ -36,10 +36,9 @@ def write_objects(stream: IO[bytes], scene: Scene, batches: "Iterable[pa.RecordB
 
     batches : of the form OBJECTS
     """
-    settings = {name: value for name, value in asdict(scene).items() if value is not None}
     schema = OBJECTS.schema.append(pa.field(COVERING, _BOX, nullable=False))
     bounds, kinds = np.full(4, np.nan), set()
-    with _written(stream, OBJECTS, schema, {"scene": settings}) as writer:
+    with _written(stream, OBJECTS, schema, {"scene": settings_of(scene)}) as writer:
         for table in _grouped(batches):
             shapes = shapely.from_wkb(table.column(GEOMETRY).to_numpy())
             boxes = shapely.bounds(shapes)
@@ -75,11 +74,13 @@ def _written(
 def _grouped(batches: "Iterable[pa.RecordBatch]") -> "Iterator[pa.Table]":
     """Yield small batches together, as many as become a row group."""
     held: list[pa.RecordBatch] = []
+    rows = 0
     for batch in batches:
         held.append(batch)
-        if sum(one.num_rows for one in held) >= _ROWS:
+        rows += batch.num_rows
+        if rows >= _ROWS:
             yield pa.Table.from_batches(held)
-            held = []
+            held, rows = [], 0
     if held:
         yield pa.Table.from_batches(held)
 

@@ -1,6 +1,6 @@
 """Objects that lie far from all others: a hint of swapped coordinates, or of a slip in a number."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,8 @@ from conflictdb.model import Area, Track
 # and at least so far, metres: less is no sign of a mistake.
 FAR: Final = 10.0
 _LEAST_M: Final = 200_000.0
+# Objects that are looked at together.
+_AT_ONCE: Final = 50_000
 # Corners of an extent, as columns of longitude and latitude.
 _CORNERS: Final = ([0, 1], [0, 3], [2, 1], [2, 3])
 # With longitude and latitude swapped it is among the others: then a smaller distance is remarkable.
@@ -24,39 +26,53 @@ _FAR_IF_SWAPPED: Final = 3.0
 def remarks(source: str, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
     """Yield a remark on each object that lies far from all others."""
     items: list[Area | Track] = [*areas, *tracks]
-    if len(items) < 2:
+    extents = np.array([extent(item) for item in items]).reshape(-1, 4)
+    yield from far(source, extents, lambda i: name_of(items[i]))
+
+
+def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -> Iterator[Remark]:
+    """Yield a remark on each of some objects that lies far from all others.
+
+    extents : (n, 4) as `extent` returns them
+    name : of an object, by its number
+    """
+    n = len(extents)
+    if n < 2:
         return
-    extents = np.array([_extent(item) for item in items])  # west, south, east, north
     places = 0.5 * (extents[:, :2] + extents[:, 2:])
     at = _unit(places)
-    middle = np.median(at, axis=0)
-    if len(items) == 2:
-        middle = at[0]
-    size_m = np.max([_apart_m(_unit(extents[:, corner]), at) for corner in _CORNERS], axis=0)
-    apart_m = _apart_m(at, middle)
+    middle = np.array([np.median(at[:, i]) for i in range(3)]) if n > 2 else at[0]
+    # Some at a time: there may be millions.
+    size_m, apart_m = np.empty(n), np.empty(n)
+    for first in range(0, n, _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        size_m[some] = np.max([_apart_m(_unit(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0)
+        apart_m[some] = _apart_m(at[some], middle)
     distance_m = np.maximum(apart_m - size_m, 0.0)
     # Of the others: without the farthest, so that one object cannot make itself look near.
-    nearer = np.argsort(distance_m)[: max(1, min(len(items) - 1, int(0.9 * len(items))))]
+    nearer = np.argsort(distance_m)[: max(1, min(n - 1, int(0.9 * n)))]
     reach_m = float((apart_m + size_m)[nearer].max())
-    swapped = places[:, ::-1].copy()
-    can_be_swapped = np.abs(places[:, 0]) <= 90.0
-    swapped_m = np.where(can_be_swapped, _apart_m(_unit(swapped), middle), np.inf)
-    looks_swapped = (distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M)) & (
-        swapped_m <= np.maximum(reach_m, distance_m / FAR)
-    )
-    is_far = (distance_m > max(FAR * reach_m, _LEAST_M)) & (len(items) > 2)
+    remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
+    swapped_m = np.full(n, np.inf)
+    can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
+    swapped_m[can_be_swapped] = _apart_m(_unit(places[can_be_swapped, ::-1]), middle)
+    looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
+    is_far = (distance_m > max(FAR * reach_m, _LEAST_M)) & (n > 2)
     for i in np.flatnonzero(is_far | looks_swapped).tolist():
-        item = items[i]
-        kind = "track" if isinstance(item, Track) else "area"
         text = f"lies {distance_m[i] / 1000.0:,.0f} km from the other objects"
         if looks_swapped[i]:
             text += ", but among them if longitude and latitude are swapped: longitude comes first"
         else:
             text += f", which lie within {max(reach_m, 1000.0) / 1000.0:,.0f} km of each other; is its position right?"
-        yield Remark(source, f"{kind} {item.key!r}", text)
+        yield Remark(source, name(i), text)
 
 
-def _extent(item: Area | Track) -> NDArray[np.float64]:
+def name_of(item: Area | Track) -> str:
+    """Return an object as errors and remarks name it."""
+    return f"{'track' if isinstance(item, Track) else 'area'} {item.key!r}"
+
+
+def extent(item: Area | Track) -> NDArray[np.float64]:
     """Return the least and largest longitude and latitude of an object: west, south, east, north, degrees."""
     if isinstance(item, Track):
         return np.concatenate([item.positions_deg.min(axis=0), item.positions_deg.max(axis=0)])

@@ -9,14 +9,17 @@ import codecs
 import gzip
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io import places
-from conflictdb.io.contents import Contents, Remark
+from conflictdb.io.contents import Contents, Parts, Remark
 from conflictdb.io.scene_file import read_scene
 from conflictdb.io.speeds import MAX_SPEED_KN
+from conflictdb.io.summary import Summary
+from conflictdb.model import Area, Track
 
 # What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
 # a scene may be many files.
@@ -67,10 +70,58 @@ def read(
     return contents
 
 
+@contextmanager
+def read_parts(
+    path: str | Path, *, max_speed_kn: float | None = None, max_file_mb: float | None = None
+) -> Iterator[Parts]:
+    """Give what `read` returns of a file of GeoParquet, some objects at a time: nobody holds them all.
+
+    Whoever has taken all parts raises the refusals, if there are any. `max_file_mb` is 4,000 by default.
+    """
+    path = Path(path)
+    with _named(path):
+        from conflictdb.io.parquet import MAX_PARQUET_MB, MAX_PARTS_MB, parquet_parts  # needs pyarrow
+
+        most = (MAX_PARTS_MB, MAX_PARQUET_MB) if max_file_mb is None else (max_file_mb, max_file_mb)
+        fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
+        summary = Summary()
+        with parquet_parts(path, stem(path), most, max_speed_kn, fastest_kn, summary.first) as parts:
+            parts.each = _summed_up(parts.each, parts, summary, str(path))
+            yield parts
+
+
+def _summed_up(
+    each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield parts, and tell in the end what only all of them show."""
+    for areas, tracks in each:
+        summary.add([*areas, *tracks])
+        yield areas, tracks
+    parts.refusals.found.extend(summary.twice())
+    parts.remarks += [*(() if len(summary) else (_empty(source),)), *summary.remarks(source)]
+
+
 def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     if not contents.areas and not contents.tracks:
-        yield Remark(source, "file", "holds no objects")
+        yield _empty(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
+
+
+def _empty(source: str) -> Remark:
+    return Remark(source, "file", "holds no objects")
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Name the file in every refusal."""
+    try:
+        yield
+    except InvalidInput as refused:
+        raise refused.at(str(path)) from refused.__cause__
+    except RecursionError:  # also while a message was made of what is wrong
+        raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
+    except MemoryError:
+        raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
 
 
 def _read(
@@ -80,7 +131,7 @@ def _read(
     is_packed = suffixes[-1:] == [".gz"]
     suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
     fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
-    try:
+    with _named(path):
         if layers and suffix in _JSON | _ROWS | PARQUET:
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
         if suffix in _JSON:
@@ -102,12 +153,11 @@ def _read(
 
         most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
         return read_objects(path, most_mb, fastest_kn, layers, skip_invalid=skip_invalid)
-    except InvalidInput as refused:
-        raise refused.at(str(path)) from refused.__cause__
-    except RecursionError:  # also while a message was made of what is wrong
-        raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
-    except MemoryError:
-        raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
+
+
+def is_parquet(path: str | Path) -> bool:
+    """Return whether a file is GeoParquet, by its name."""
+    return Path(path).suffix.lower() in PARQUET
 
 
 def stem(path: Path) -> str:

@@ -124,9 +124,8 @@ def _leave_unique(items: dict[int, Area | Track | objects.TrackAtSpeed], refusal
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of the scene file that `read_scene` reads back as exactly these objects, one line per feature."""
-    settings = {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
     yield '{ "type": "FeatureCollection",\n'
-    yield f'  "scene": {dumped(settings)},\n'
+    yield f'  "scene": {dumped(settings_of(scene))},\n'
     items: list[Area | Track] = [*areas, *tracks]
     foreign = sorted({name for item in items for name in objects.suspect_properties(item)})
     if foreign:  # put there by SQL; else they would be taken for members that are misspelt
@@ -200,6 +199,11 @@ def _plain(
         setting = replace(setting, to_degrees=reference.of_member(fields.who, geometry, setting.to_degrees))
     fields.refusals.found += names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, setting.foreign)
     return objects.track(key, geometry, fields, setting) if is_track else objects.area(key, geometry, fields, setting)
+
+
+def settings_of(scene: Scene) -> dict[str, Any]:
+    """Return the settings of a scene as files have them, for `scene_of`: its name, and all that are set."""
+    return {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
 
 
 def scene_of(settings: Any, stem: str) -> Scene:

@@ -7,6 +7,7 @@ import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import shapely
 
 from conflictdb import io
 from conflictdb.errors import InvalidInput
-from conflictdb.io import ogr_process
+from conflictdb.io import confined, ogr_process
 
 pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
 
@@ -38,11 +39,10 @@ def refusal(path: Path) -> str:
 @pytest.fixture
 def little(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give the process that reads two seconds and half a gigabyte, so that tests need not wait for more."""
-    monkeypatch.setattr(ogr_process, "_LEAST_SECONDS", 2.0)
-    monkeypatch.setattr(ogr_process, "_SECONDS_PER_MB", 0.01)
-    monkeypatch.setattr(ogr_process, "_LEAST_MEMORY", 1 << 29)
-    monkeypatch.setattr(ogr_process, "_MEMORY_PER_MB", 1)
     ogr_process._others()
+    monkeypatch.setattr(confined, "_LEAST_SECONDS", 2.0)
+    monkeypatch.setattr(confined, "_LEAST_MEMORY", 1 << 29)
+    monkeypatch.setattr(ogr_process, "_OGR", replace(ogr_process._OGR, seconds_per_mb=0.01, memory_per_mb=1))
 
 
 def geopackage(path: Path, name: str = "one") -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+import pyproj
 import pytest
 import shapely
 from hypothesis import given, settings
@@ -24,6 +25,7 @@ from conflictdb.io import parquet, read, write
 from conflictdb.io.geoparquet import CRS84
 from conflictdb.io.parquet_process import Rows
 from conflictdb.io.parquet_writing import write_objects
+from conflictdb.io.reading import read_parts
 from conflictdb.model import Area, Scene, Track
 
 SQUARE = shapely.box(9.0, 54.0, 9.5, 54.25)
@@ -34,6 +36,7 @@ EIGHT, TEN = 1_780_300_800_000_000, 1_780_308_000_000_000  # 2026-06-01, UTC
 # What is read as it is read outside of tests: by a process of its own.
 APART = (
     "test_parts_in_a_directory_are_one_file",
+    "test_parts_that_do_not_belong_together_are_refused",
     "test_what_was_cut_off_or_is_something_else_is_refused",
     "test_what_unpacks_to_too_much_is_refused",
 )
@@ -272,6 +275,35 @@ def test_parts_in_a_directory_are_one_file(tmp_path: Path) -> None:
     assert "directory without parts" in refusal(tmp_path / "empty.parquet")
 
 
+def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    """In another reference system, of a scene with other settings, and in directories of their own: none is misread."""
+    directory = tmp_path / "areas.parquet"
+    directory.mkdir()
+    column = {"encoding": "WKB", "geometry_types": ["Polygon"], "bbox": [9.0, 54.0, 9.5, 54.25]}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    written(directory / "part-0.parquet", {"id": ["A"], "geometry": [SQUARE]})
+    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, geo)
+    assert [area.key for area in read(directory).areas] == ["A", "B"]
+    column["crs"] = {"id": {"authority": "EPSG", "code": 25832}}
+    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, geo)
+    assert "say different things of themselves" in refusal(directory)
+    for k, scene in enumerate((Scene("s"), Scene("s", separation_m=500.0))):
+        with (directory / f"part-{k}.parquet").open("wb") as stream:
+            write_objects(stream, scene, [of_objects([Area(f"A{k}", SQUARE)], [])])
+    (directory / "part-1.geoparquet").unlink()
+    assert "other settings of the scene" in refusal(directory)
+    (directory / "kind=area").mkdir()
+    assert "partitioned into directories" in refusal(directory)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", pyproj.CRS(4326).to_wkt(), 4326])
+def test_a_reference_system_may_be_its_name_or_wkt(tmp_path: Path, crs: str | int) -> None:
+    """As older writers give it."""
+    geo = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", "crs": crs}}}
+    path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, geo)
+    assert read(path).areas[0].footprint.bounds == SQUARE.bounds
+
+
 def test_a_misspelt_column_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.parquet", {"id": ["A"], "geometry": [SQUARE], "floor_ft": [100.0]})
     assert "floor_ft: is not known; did you mean floor_m? Rename the column" in refusal(path)
@@ -390,3 +422,18 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     pq.write_table(pa.table({"geometry": pa.repeat(SQUARE.wkb, 300), "note": note}), path, compression="zstd")
     assert path.stat().st_size < 20_000
     assert "holds more than 20 MB" in refusal(path, max_file_mb=20.0)
+
+
+def test_rows_per_waypoint_are_held_and_bounded_also_by_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are one part, of no more than fits; what is given goes before."""
+    n = 4
+    columns = {"mmsi": ["1"] * n, "time": pa.array([EIGHT + i * 10**9 for i in range(n)], US), "lon": [9.0] * n}
+    path = written(tmp_path / "ais.parquet", {**columns, "lat": [54.0 + 0.01 * i for i in range(n)]}, {})
+    with read_parts(path) as parts:
+        ((areas, tracks),) = parts.each
+    assert (areas, [one.key for one in tracks]) == ([], ["1"])
+    monkeypatch.setattr(parquet, "MAX_PARQUET_MB", 1e-5)
+    with pytest.raises(InvalidInput, match="holds more than 1e-05 MB of rows per waypoint"), read_parts(path):
+        pass
+    with read_parts(path, max_file_mb=1.0) as parts:
+        assert len(list(parts.each)) == 1

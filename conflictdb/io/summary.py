@@ -1,0 +1,67 @@
+"""What is remembered of the objects of a file that is read part by part: some sixty bytes each, but for their keys.
+
+Enough to tell of a key that occurs twice, and of objects that lie far from all others, when all are read.
+"""
+
+from array import array
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from conflictdb.errors import InvalidInput
+from conflictdb.io import places
+from conflictdb.io.contents import Remark, given_twice
+from conflictdb.model import Area, Track
+
+_UTF_8: Final = "utf-8", "surrogatepass"
+
+
+@dataclass(slots=True)
+class Summary:
+    """Of n objects, in the order they came: names one after the other, hashes of keys, rows and extents."""
+
+    _of_part: dict[str, int] = field(default_factory=dict)
+    _names: bytearray = field(default_factory=bytearray)
+    _ends: "array[int]" = field(default_factory=lambda: array("q"))
+    _hashes: "array[int]" = field(default_factory=lambda: array("q"))
+    _rows: "array[int]" = field(default_factory=lambda: array("q"))
+    _extents: "array[float]" = field(default_factory=lambda: array("d"))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def first(self, key: str, row: int) -> int:
+        """Return the row of the part that is being read that has a key first; this row, if there is none."""
+        return self._of_part.setdefault(key, row)
+
+    def add(self, items: Iterable[Area | Track]) -> None:
+        """Remember the objects of a part; the next one begins."""
+        for item in items:
+            self._names += places.name_of(item).encode(*_UTF_8)
+            self._ends.append(len(self._names))
+            self._hashes.append(hash(item.key))
+            self._rows.append(self._of_part.get(item.key, len(self._rows)))
+            self._extents.extend(places.extent(item).tolist())
+        self._of_part.clear()
+
+    def name(self, i: int) -> str:
+        """Return an object as errors and remarks name it."""
+        return self._names[self._ends[i - 1] if i else 0 : self._ends[i]].decode(*_UTF_8)
+
+    def twice(self) -> Iterator[InvalidInput]:
+        """Yield a refusal for each object whose key an earlier one has."""
+        hashes = np.array(self._hashes)
+        order = np.argsort(hashes, kind="stable")
+        same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
+        first: dict[str, int] = {}
+        for i in np.unique([order[same], order[same + 1]]).astype(int).tolist():
+            name = self.name(i)
+            row = first.setdefault(name.partition(" ")[2], self._rows[i])
+            if row != self._rows[i]:
+                yield given_twice(name, row, self._rows[i])
+
+    def remarks(self, source: str) -> Iterator[Remark]:
+        """Yield a remark on each object that lies far from all others."""
+        yield from places.far(source, np.array(self._extents).reshape(-1, 4), self.name)

@@ -1,0 +1,161 @@
+"""A file of GeoParquet is loaded some objects at a time: as if it were read whole, and in bounded memory."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import shapely
+from commands import Outcome, Run, runner
+
+from conflictdb import connect, io
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.io import parquet_child
+from conflictdb.io.parquet_writing import write_objects
+from conflictdb.model import Area, Motion, Scene, Track
+
+# Rows that are decoded at once: objects come in several parts.
+AT_ONCE = parquet_child.ROWS_AT_ONCE
+SCENE = Scene("sea", separation_m=10.0)
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(dsn, capsys)
+
+
+def area(key: str, lon: float, lat: float = 54.0) -> Area:
+    return Area(key, shapely.MultiPolygon([shapely.box(lon, lat, lon + 0.001, lat + 0.001)]))
+
+
+def track(key: str, lon: float) -> Track:
+    times = np.array([0, 3_600_000_000])
+    return Track(key, np.array([(lon, 54.0), (lon, 54.1)]), times, np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)]))
+
+
+def written(path: Path, areas: Sequence[Area], tracks: Sequence[Track] = (), scene: Scene = SCENE) -> Path:
+    with path.open("wb") as stream:
+        write_objects(stream, scene, [of_objects(areas, []), of_objects([], tracks)])
+    return path
+
+
+def many(count: int, more: Sequence[Area] = ()) -> list[Area]:
+    """So many areas, and then some more: in the last of several parts."""
+    return [*(area(f"A{i}", 9.0 + 1e-5 * i) for i in range(count)), *more]
+
+
+def told(dsn: str, query: str) -> list[Any]:
+    with psycopg.connect(dsn) as conn:
+        return conn.execute(query.encode()).fetchall()
+
+
+def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_path: Path) -> None:
+    """Objects, their order and settings; merged, and replaced by fewer; remarks on all of them together."""
+    path = written(
+        tmp_path / "sea.parquet", many(AT_ONCE, [area("far", 170.0)]), [track(f"T{i}", 9.0) for i in range(9)]
+    )
+    done = run("load", path)
+    assert (done.code, f"{AT_ONCE + 10} added") == (0, done.out.split(": ")[1].split(",")[0])
+    assert done.err.count("km from the other objects") == 1
+    assert "area 'far'" in done.err
+    with connect(dsn) as db:
+        contents = io.read(path)
+        settings, areas, tracks = db._read("sea")
+        assert settings == contents.scene == SCENE
+        assert [one.key for one in areas] == [one.key for one in contents.areas]
+        assert [one.footprint for one in areas] == [one.footprint for one in contents.areas]
+        assert [one.times_us.tolist() for one in tracks] == [one.times_us.tolist() for one in contents.tracks]
+    one = written(tmp_path / "one.parquet", [area("A1", 20.0), area("new", 9.0)])
+    assert "1 added, 1 updated, 0 removed, 0 unchanged" in run("load", one, "--scene", "sea", "--merge").out
+    assert f"0 added, 0 updated, {AT_ONCE + 9} removed, 2 unchanged" in run("load", one, "--scene", "sea").out
+
+
+@pytest.mark.parametrize(
+    ("last", "rules"),
+    [
+        ([area("A7", 9.0)], [f"area 'A7': id: is given twice, by rows 7 and {AT_ONCE} (from 0)"]),
+        ([area("N", 9.0, 89.5)], ["area 'N': "]),
+        (
+            [replace(area("B", 9.0), key="B\0"), area("A8", 9.0), area("A8", 9.5)],
+            [
+                "'B\\x00': id: ",
+                f"area 'A8': id: is given twice, by rows 8 and {AT_ONCE + 1}",
+                f"area 'A8': id: is given twice, by rows {AT_ONCE + 1} and {AT_ONCE + 2}",
+            ],
+        ),
+    ],
+)
+def test_what_is_refused_in_the_last_part_leaves_all_as_it_was(
+    run: Run, dsn: str, tmp_path: Path, last: list[Area], rules: list[str]
+) -> None:
+    """All mistakes are told, and nothing of the parts before is written; the file is named."""
+    path = written(tmp_path / "sea.parquet", many(AT_ONCE, last))
+    refused = run("load", path)
+    assert refused.code == 4
+    for rule in rules:
+        assert rule in refused.err, refused.err
+    assert refused.err.count(str(path)) == len(rules) == refused.err.count("\n")
+    assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+    whole = path.read_bytes()
+    for cut in (len(whole) // 2, len(whole) - 10):
+        path.write_bytes(whole[:cut])
+        assert "cannot be read as Parquet" in run("load", path).err
+    assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+
+
+def test_what_cannot_be_left_out_is_read_whole(run: Run, tmp_path: Path) -> None:
+    """Objects that are refused can still be left out, also one that is given twice."""
+    path = written(tmp_path / "sea.parquet", many(20, [area("A7", 10.0), area("N", 9.0, 89.5)]))
+    done: Outcome = run("load", path, "--skip-invalid")
+    assert "20 added" in done.out
+    assert "2 LEFT OUT" in done.out
+    assert "given twice" in done.err
+    assert "area 'N'" in done.err
+
+
+def test_great_circles_without_a_centre_get_the_middle_of_all(run: Run, dsn: str, tmp_path: Path) -> None:
+    """Of all parts, as when they are read whole; once there it stays."""
+    scene = Scene("circles", motion=Motion.GREAT_CIRCLE)
+    path = written(tmp_path / "circles.parquet", many(AT_ONCE, [area("east", 30.0)]), scene=scene)
+    whole = written(tmp_path / "whole.parquet", many(AT_ONCE, [area("east", 30.0)]), scene=scene)
+    assert run("load", path).code == 0
+    assert run("load", whole, "--scene", "whole", "--skip-invalid").code == 0
+    (centre,), (other,) = (
+        told(dsn, f"SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = '{name}'")
+        for name in ("circles", "whole")
+    )
+    assert centre == other
+    assert 9.0 < centre[0] < 9.2
+    assert run("load", written(path, [area("B", 31.0)], scene=scene)).code == 0
+    assert told(dsn, "SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = 'circles'") == [centre]
+
+
+MEASURED = """
+import resource, sys
+from conflictdb.cli import main
+assert main(sys.argv[1:]) == 0
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def test_memory_does_not_grow_with_the_file(dsn: str, tmp_path: Path) -> None:
+    """Five times as many objects take less than a fifth of what they took when they were held."""
+    peaks = []
+    for count in (AT_ONCE, 6 * AT_ONCE):
+        table = pa.Table.from_batches([of_objects(many(AT_ONCE), [])])
+        tables = [
+            table.set_column(0, "id", pa.array([f"{k} {key}" for key in table["id"].to_pylist()]))
+            for k in range(count // AT_ONCE)
+        ]
+        pq.write_table(pa.concat_tables(tables), tmp_path / "sea.parquet", row_group_size=AT_ONCE)
+        command = [sys.executable, "-c", MEASURED, "--dsn", dsn, "load", str(tmp_path / "sea.parquet")]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        peaks.append(int(done.stdout.split()[-1]) * 1024)
+    assert peaks[1] - peaks[0] < 5 * AT_ONCE * 1_900 / 5
