@@ -1,6 +1,6 @@
 """A scene on Spark with one processor, with two, on a cluster of two executors, and by `detect` in PostgreSQL.
 
-    ./.venv/bin/python benchmarks/scale_out.py [--legs 100000] [--dsn DSN] [--jobs 2]
+    ./.venv/bin/python benchmarks/scale_out.py [--legs 100000 1000000] [--dsn DSN] [--jobs 2]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
 
 Scenes are the *sea* of quick_sea.py, as dense at any size, in a file of GeoParquet. Each run is a process of its own,
@@ -10,18 +10,18 @@ for itself. `detect` has the scene in a new database, and writes all rows. All m
 
 Seconds are those of the clock: run it on a machine that does nothing else. Those of Spark come from its log of events:
 *pieces* are what reads, checks and cuts objects, *join* stages 1 and 2, *solve* stages 3 and 4 with the merging, and
-writing the files; *between* is when no task runs, and of `detect` what it writes. Starting Spark and loading the
-database are beside it, and not within.
+writing the files; *between* is when no task runs, and of `detect` what it writes. *before* is starting Spark, and
+loading the database, where objects are read and checked, which Spark does within *pieces*. Memory is the most that one
+process held, disk what Spark has there for itself, 115 MB of it jars; of the cluster that is not seen.
 """
 
 import argparse
-import json
 import os
 import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,25 +30,25 @@ from typing import Any, Final
 import pyarrow.parquet as pq
 import quick_sea
 from measured import WARM, fresh_database, in_fresh_process, load, versions, write_csv
+from sparked import EXECUTOR_MEMORY, Watched, events, logged, operators
 from tables import markdown, put_into
 
 import conflictdb
 from conflictdb import Scene
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
-from conflictdb.server.settings import Settings
-from conflictdb.spark import engine
 
 SEED: Final = 1
 SCENE: Final = Scene("sea")
 PARTS: Final = ("pieces", "join", "solve")
 ALONE, TOGETHER, CLUSTER, DATABASE = "local[1]", "local[2]", "2 executors", "PostgreSQL"
-# As many everywhere, so that all do the same: four for each of two processors.
+# As many everywhere, so that all do the same: four for each of two processors, and of no more than so many legs.
 PARTITIONS: Final = 8
-EXECUTOR_MEMORY: Final = "2g"
+LEGS_OF_A_PARTITION: Final = 12_500
 # Machines that the model is of: processors, and bytes a second that the network brings each (10 Gbit).
 PROCESSORS: Final = 8
 NETWORK: Final = 1.25e9
 MACHINES: Final = (1, 2, 4, 8, 16)
+MOST_MACHINES: Final = 1_000
 
 
 @dataclass(frozen=True)
@@ -71,63 +71,54 @@ class Taken:
     single_s: float | None = None
     shuffled_mb: float | None = None
     spilled_mb: float | None = None
+    java_mb: float | None = None
+    worker_mb: float | None = None
+    disk_mb: float | None = None
 
 
-def on_spark(master: str, processors: int, path: str, directory: str) -> tuple[Taken, str]:
+def on_spark(master: str, processors: int, path: str, partitions: int, directory: str) -> tuple[Taken, str]:
     """Detect the scene in a file on Spark, with so many processors for all that this process starts.
 
     Returns what it took, and the version of Spark.
     """
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
-    events, output = Path(directory, "events"), Path(directory, "conflicts")
-    events.mkdir()
-    options = {
-        "spark.eventLog.enabled": "true",
-        "spark.eventLog.dir": events.as_uri(),
-        "spark.driver.host": "127.0.0.1",
-        "spark.driver.bindAddress": "127.0.0.1",
-        "spark.driver.memory": EXECUTOR_MEMORY,
-        "spark.executor.memory": EXECUTOR_MEMORY,
-        "spark.cores.max": "2",
-        "spark.scheduler.minRegisteredResourcesRatio": "1.0",  # both executors are there before work begins
-    }
-    Path(directory, "spark-defaults.conf").write_text("".join(f"{name} {value}\n" for name, value in options.items()))
-    os.environ["SPARK_CONF_DIR"] = directory
-    began = time.time()
-    with engine.session(master, Settings.from_environment().cache / "spark", os.environ, is_quiet=True) as spark:
+    output, began = Path(directory, "conflicts"), time.time()
+    # Executors of a cluster are not of this process, but of that which started it.
+    with Watched(os.getppid(), Path(directory)) as held, logged(master, Path(directory)) as spark:
         from conflictdb.spark.detection import detect_on_spark
         from conflictdb.spark.files import read_objects, write_conflicts
 
         started = time.time()
-        found = detect_on_spark(spark, read_objects(spark, [path]), SCENE, partitions=PARTITIONS)
+        found = detect_on_spark(spark, read_objects(spark, [path]), SCENE, partitions=partitions)
         write_conflicts(found, str(output))
         ended, version = time.time(), f"Spark {spark.version}"
     conflicts = sum(pq.read_metadata(part).num_rows for part in output.glob("*.parquet"))
-    (log,) = events.iterdir()
-    return Taken(started - began, **told_by(log, started, ended), total_s=ended - started, conflicts=conflicts), version
+    told = told_by(events(Path(directory)), started, ended) | {"java_mb": held.java_mb, "worker_mb": held.worker_mb}
+    if master.startswith("local"):
+        told["disk_mb"] = held.disk_mb
+    return Taken(started - began, **told, total_s=ended - started, conflicts=conflicts), version
 
 
-def told_by(log: Path, began: float, ended: float) -> dict[str, float]:
+def told_by(events: Iterable[dict[str, Any]], began: float, ended: float) -> dict[str, float]:
     """Return seconds by parts, task_s, single_s and megabytes, as Spark's log of events has them."""
     spans: dict[str, list[tuple[float, float]]] = {part: [] for part in PARTS}
     tasks: dict[int, float] = {}
     single_s = shuffled = spilled = 0.0
     alone = set()
-    with log.open() as lines:
-        for event in map(json.loads, lines):
-            if event["Event"] == "SparkListenerStageCompleted":
-                stage = event["Stage Info"]
-                span = stage["Submission Time"] / 1e3, stage["Completion Time"] / 1e3
-                spans[_part(stage)].append(span)
-                if stage["Number of Tasks"] == 1:
-                    alone.add(stage["Stage ID"])
-                    single_s += span[1] - span[0]
-            elif event["Event"] == "SparkListenerTaskEnd" and event.get("Task Metrics"):
-                metrics, info, stage_id = event["Task Metrics"], event["Task Info"], event["Stage ID"]
-                taken = (info["Finish Time"] - info["Launch Time"]) / 1e3
-                tasks[stage_id] = tasks.get(stage_id, 0.0) + taken
-                shuffled += metrics["Shuffle Write Metrics"]["Shuffle Bytes Written"]
-                spilled += metrics["Disk Bytes Spilled"]
+    for event in events:
+        if event["Event"] == "SparkListenerStageCompleted":
+            stage = event["Stage Info"]
+            span = stage["Submission Time"] / 1e3, stage["Completion Time"] / 1e3
+            spans[_part(stage)].append(span)
+            if stage["Number of Tasks"] == 1:
+                alone.add(stage["Stage ID"])
+                single_s += span[1] - span[0]
+        else:
+            metrics, info, stage_id = event["Task Metrics"], event["Task Info"], event["Stage ID"]
+            taken = (info["Finish Time"] - info["Launch Time"]) / 1e3
+            tasks[stage_id] = tasks.get(stage_id, 0.0) + taken
+            shuffled += metrics["Shuffle Write Metrics"]["Shuffle Bytes Written"]
+            spilled += metrics["Disk Bytes Spilled"]
     within = {f"{part}_s": _together(spans[part]) for part in PARTS}
     every = _together([span for part in PARTS for span in spans[part]])
     return within | {
@@ -141,7 +132,7 @@ def told_by(log: Path, began: float, ended: float) -> dict[str, float]:
 
 def _part(stage: dict[str, Any]) -> str:
     """Return which part a stage of Spark is of, by the operators in it."""
-    names = {json.loads(one["Scope"])["name"] if "Scope" in one else one["Name"] for one in stage["RDD Info"]}
+    names = operators(stage)
     if "WriteFiles" in names:
         return "solve"
     return "join" if any("Join" in name for name in names) else "pieces"
@@ -214,7 +205,8 @@ def measure(legs: int, target: str | None, jobs: int) -> tuple[list[dict[str, An
             own.mkdir()
             with cluster(own) if way == CLUSTER else ExitStack() as address:
                 master = address if way == CLUSTER else way
-                found[way], spark = in_fresh_process(on_spark, master, processors, str(path), str(own))
+                partitions = max(PARTITIONS, legs // LEGS_OF_A_PARTITION)
+                found[way], spark = in_fresh_process(on_spark, master, processors, str(path), partitions, str(own))
             print(way, found[way], flush=True)
         with fresh_database(target) as dsn:
             found[DATABASE], told = in_fresh_process(in_postgresql, dsn, str(path), jobs)
@@ -238,7 +230,8 @@ def modelled_s(alone: dict[str, Any], machines: int, processors: int) -> float:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return tables in Markdown: what was measured, and what the model says of the largest scene."""
-    heads = ("legs", "way", "before, s", *PARTS, "between", "all, s", "times as fast", "efficiency", "shuffled, MB")
+    heads = ("legs", "way", "before, s", *PARTS, "between", "all, s", "times as fast", "efficiency")
+    sizes = {"shuffled_mb": "shuffled", "disk_mb": "disk", "java_mb": "a Java", "worker_mb": "a worker, MB"}
     lines = []
     for row in rows:
         alone = next(one for one in rows if one["legs"] == row["legs"] and one["way"] == ALONE)
@@ -251,7 +244,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"{row['total_s']:.3g}",
                 f"{faster:.2f}",
                 f"{faster / 2:.0%}" if row["way"] in (TOGETHER, CLUSTER) else "",
-                "" if row["shuffled_mb"] is None else f"{row['shuffled_mb']:,.0f}",
+                *("" if row[name] is None else f"{row[name]:,.0f}" for name in sizes),
             ]
         )
     largest = [row for row in rows if row["legs"] == rows[-1]["legs"]]
@@ -270,7 +263,23 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         for n, taken in foretold
     ]
     costs = markdown(("machines", "foretold, s", "processor seconds paid", "efficiency"), model)
-    return f"{markdown(heads, lines)}\n\n{told}\n\n{costs}"
+    return f"{markdown((*heads, *sizes.values()), lines)}\n\n{_winner(rows)}\n\n{told}\n\n{costs}"
+
+
+def _winner(rows: Sequence[dict[str, Any]]) -> str:
+    """Return which of PostgreSQL and Spark is faster for each scene, and from how many machines on Spark would be."""
+    sentences = []
+    for legs in dict.fromkeys(row["legs"] for row in rows):
+        ways = {row["way"]: row for row in rows if row["legs"] == legs}
+        spark_s, loaded_s = ways[TOGETHER]["total_s"], ways[DATABASE]["total_s"]
+        with_loading_s = loaded_s + ways[DATABASE]["before_s"]
+        counts = [n for n in range(1, MOST_MACHINES) if modelled_s(ways[ALONE], n, 2) < loaded_s]
+        sentences.append(
+            f"For {legs:,} legs PostgreSQL takes {loaded_s / spark_s:.0%} of the time of Spark on the same two "
+            f"processors, {with_loading_s / spark_s:.0%} with the loading of its database; by the model below Spark "
+            + (f"overtakes the loaded database with {counts[0]} machines of two." if counts else "never overtakes it.")
+        )
+    return " ".join(sentences)
 
 
 def main() -> None:

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import note, out, remark
+from conflictdb.cli.parser import check
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database
 from conflictdb.database import DEMO_SCENE
-from conflictdb.errors import ConflictDBError
+from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.in_memory import solve
 from conflictdb.io.reading import read
 from conflictdb.model import Scene
@@ -25,7 +26,7 @@ from conflictdb.server.settings import Settings
 from conflictdb.spark import engine
 
 if TYPE_CHECKING:
-    from pyspark.sql import SparkSession
+    from pyspark.sql import DataFrame, SparkSession
 
 # Settings that a scene has unless they are given.
 _SETTINGS: Final = ("motion", "earth", "centre", "method", "tolerance_m", "separation_m", "nearest_m")
@@ -33,20 +34,57 @@ _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"
 
 
 def detect(args: argparse.Namespace) -> int:
-    """Find the conflicts of the objects in GeoParquet files, and write them into others."""
-    with _session(args) as spark:
+    """Find the conflicts of the objects in GeoParquet files, or of a scene of the database, and write them to files."""
+    check(args, [(not args.input and not args.scene, "say --scene, of the database, or --input, of files")])
+    with _given(args) as (spark, scene, objects):
         from conflictdb.spark.detection import detect_on_spark
-        from conflictdb.spark.files import read_objects, settings_in, write_conflicts, write_states
+        from conflictdb.spark.files import write_conflicts, write_states
 
-        scene = settings_in(args.input[0]) or Scene(args.scene or "spark")
         given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
         scene = replace(scene, **{name: value for name, value in given.items() if value is not None})
-        objects = read_objects(spark, args.input)
         found = detect_on_spark(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
         write_conflicts(found, args.output)
-        write_states(objects, scene, args.output)
-        note(f"{scene.name}: {spark.read.parquet(args.output).count():,} pairs in {args.output}")
+        pairs = spark.read.parquet(args.output).count()
+        write_states(objects, scene, args.output, pairs)
+        note(f"{scene.name}: {pairs:,} pairs in {args.output}")
     return DONE
+
+
+@contextmanager
+def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, DataFrame]"]:
+    """Give a session of Spark, and settings and objects of files, or else of the scene of the database."""
+    if args.input:
+        with _session(args) as spark:
+            from conflictdb.spark.files import read_objects, settings_in
+
+            yield spark, settings_in(args.input) or Scene(args.scene or "spark"), read_objects(spark, args.input)
+        return
+    with database(args) as db:
+        engine.coordinates()  # says what is missing, before anything is read
+        from conflictdb.spark.jdbc import is_reached_by_network, scene_objects
+
+        if is_reached_by_network(db.connection):
+            with _session(args, reads_database=True) as spark, scene_objects(spark, db.connection, args.scene) as given:
+                yield spark, *given
+            return
+        with _session(args) as spark, tempfile.TemporaryDirectory() as directory:
+            from conflictdb.spark.files import read_objects, settings_in
+
+            _require_here(spark, args.scene)
+            path = str(Path(directory, "objects.parquet"))
+            db.export(args.scene, path)
+            yield spark, settings_in([path]) or Scene(args.scene), read_objects(spark, [path])
+
+
+def _require_here(spark: "SparkSession", scene: str) -> None:
+    """Raise StoreError if executors are on other machines, where they see neither the socket nor what was exported."""
+    master = str(spark.sparkContext.master)
+    if not master.startswith("local"):
+        raise StoreError(
+            f"the database is reached by a socket of this machine, and executors of {master} may be on others: name a "
+            f"host that they reach, or `conflictdb export --scene {shlex.quote(scene)} FILE.parquet` to where they "
+            "read, and give it as --input"
+        )
 
 
 def write_back(args: argparse.Namespace) -> int:
@@ -59,8 +97,8 @@ def write_back(args: argparse.Namespace) -> int:
     )
     if done.behind:
         remark(
-            f"{args.scene}: {done.behind:,} objects changed since it was exported, and wait for a detection "
-            f"(`conflictdb detect --scene {shlex.quote(args.scene)}` does it)"
+            f"{args.scene}: {done.behind:,} objects changed since it was exported, or were not in it, and wait for a "
+            f"detection (`conflictdb detect --scene {shlex.quote(args.scene)}` does it)"
         )
     return DONE
 
@@ -102,8 +140,10 @@ def _told(row: dict[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def _session(args: argparse.Namespace) -> Iterator["SparkSession"]:
+def _session(args: argparse.Namespace, *, reads_database: bool = False) -> Iterator["SparkSession"]:
     cache = Settings.from_environment().cache / "spark"
     note("Spark starts, in some ten seconds; the first time it fetches its jars (115 MB)")
-    with engine.session(args.master, cache, os.environ, is_quiet=not args.debug) as spark:
+    with engine.session(
+        args.master, cache, os.environ, is_quiet=not args.debug, reads_database=reads_database
+    ) as spark:
         yield spark

@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
@@ -28,8 +28,6 @@ ENVIRONMENT: Final = {
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
 _MOST_S: Final = 1e9  # 31 years: more is a mistake in the unit, and nothing could wait for it
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-Command = Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
@@ -444,16 +442,15 @@ def _spark(commands: Any) -> None:
         on_spark,
         "detect",
         "on_spark:detect",
-        "find the conflicts of objects in GeoParquet files, and write them into others",
+        "find the conflicts of a scene of the database, or of objects in GeoParquet files, and write them to files",
         "The rows are those of `conflictdb detect` on the same objects and settings.",
     )
     parser.add_argument(
         "--input",
-        required=True,
         nargs="+",
         metavar="PATH",
         help="GeoParquet files of objects, as `conflictdb export` writes them, or directories of them; any path that "
-        "Spark can read",
+        "Spark can read (default: the scene of the database)",
     )
     parser.add_argument("--output", required=True, metavar="PATH", help="directory of GeoParquet to write, a new one")
     _add_spark(parser)
@@ -461,7 +458,8 @@ def _spark(commands: Any) -> None:
         "--scene",
         type=name,
         metavar="NAME",
-        help="name of the scene (default: as the first file says, as it says all settings if it was exported)",
+        help="scene of the database, whose settings it has unless others are given; of files the name (default: as "
+        "the first file says, as it says all settings if it was exported)",
     )
     parser.add_argument("--motion", choices=("rhumb", "great_circle"), help="how tracks and edges run (default: rhumb)")
     parser.add_argument("--earth", choices=("wgs84", "sphere"), help="default: wgs84; of great circles sphere")
@@ -663,7 +661,7 @@ def _add_merge(parser: Parser) -> None:
         "--max-file-mb",
         type=megabytes,
         metavar="MB",
-        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 400)",
+        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 4000, or 400 where it is held whole)",
     )
 
 

@@ -6,7 +6,7 @@ workers. Between these Spark shuffles; whatever it does again gives the same row
 
 import math
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -20,15 +20,17 @@ from pyspark.sql.types import BinaryType
 from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.objects import OBJECTS
-from conflictdb.earth.geodesy import direction_of
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Motion, Scene
+from conflictdb.motion.registry import middle_deg, summed_directions
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.spark import joining, pieces, solving
 from conflictdb.spark.engine import with_sedona
 
 # Partitions for each processor of the cluster: so that the last of them to end are short.
 _PER_PROCESSOR: Final = 4
+# What a worker holds of pyspark and pandas, beside what a process of `detect` holds.
+_SPARK_MB: Final = 64
 # What no stage looks at.
 _UNUSED: Final = ("name", "properties")
 _SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
@@ -66,7 +68,6 @@ def detect_on_spark(
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
         objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
     objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
-    _refuse_twins(objects)
     scene = _centred(objects, scene)
     count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
     cut = mapped(objects.repartition(count, "id"), partial(pieces.cut, scene=scene), pieces.SCHEMA)
@@ -74,8 +75,9 @@ def detect_on_spark(
     extent = joining.Extent.of(cut)
     met = mapped(joining.candidates(spark, cut, extent), solving.meeting, solving.PAIRS)
     together = met.repartition(count, "a_key", "b_key").sortWithinPartitions("a_key", "b_key")
+    outlines = _outlines(spark, cut, extent)
     solve = partial(
-        solving.solved, scene=scene, outlines=_outlines(spark, objects), pairs_at_once=Memory.of(memory_mb).pairs
+        solving.solved, scene=scene, outlines=outlines, pairs_at_once=Memory.of(memory_mb - _SPARK_MB).pairs
     )
     found = mapped(together, solve, solving.SCHEMA)
     weakref.finalize(found, _free, cut).atexit = False
@@ -95,45 +97,44 @@ def mapped(
     return rows.mapInArrow(function, from_arrow_schema(schema))
 
 
-def _refuse_twins(objects: DataFrame) -> None:
-    twins = objects.groupBy("id").count().where("count > 1").orderBy("id").head()
-    if twins is not None:
-        raise InvalidInput(f"object {twins[0]!r}", "id", "occurs more than once: keys must be unique")
-
-
 def _centred(objects: DataFrame, scene: Scene) -> Scene:
-    """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does."""
+    """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does.
+
+    Raises InvalidInput for objects all around the earth, which are refused whatever the centre.
+    """
     if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None:
         return scene
     sums = mapped(objects.select("geometry"), _directions, _SUMS).collect()
-    count, x, y, z = (math.fsum(row[i] for row in sums) for i in range(4))
-    if not count:
+    if not any(row["count"] for row in sums):
         return scene
-    if math.hypot(x, y, z) < 1e-6 * count:
-        raise InvalidInput(f"scene {scene.name!r}", "centre", "is needed: objects are all around the earth")
-    lon, lat = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
-    return replace(scene, centre=(round(lon, 6), round(lat, 6)))
+    middle = middle_deg(np.array([math.fsum(column) for column in zip(*sums, strict=True)]))
+    if middle is None:
+        rule = (
+            "does not follow from objects all around the earth; with motion 'great_circle' all must lie within 60 "
+            "degrees of it: split the scene, or use motion 'rhumb'"
+        )
+        raise InvalidInput(f"scene {scene.name!r}", "centre", rule)
+    return replace(scene, centre=middle)
 
 
 def _directions(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
     """Yield the number of corners and waypoints of objects, and the sums of their directions."""
     for batch in batches:
         places = shapely.get_coordinates(shapely.from_wkb(np.array(batch.column(0).to_pylist(), dtype=object)))
-        (sine, cosine), (sine_lat, cosine_lat) = direction_of(places[:, 0]), direction_of(places[:, 1])
-        sums = [float(len(places)), *map(math.fsum, (cosine_lat * cosine, cosine_lat * sine, sine_lat))]
-        yield pa.RecordBatch.from_arrays([pa.array([value]) for value in sums], schema=_SUMS)
+        yield pa.RecordBatch.from_arrays(list(summed_directions(places).reshape(4, 1)), schema=_SUMS)
 
 
 class _Outlines:
-    """The outlines of areas by their keys, sent to each machine once, and read when they are asked for."""
+    """Large outlines of areas by their keys, sent to each machine once, and read when they are asked for."""
 
     def __init__(self, sent: Any) -> None:
         self._sent = sent
 
-    def __call__(self) -> dict[str, bytes]:
-        return dict(self._sent.value)
+    def __call__(self) -> Mapping[str, bytes]:
+        held: Mapping[str, bytes] = self._sent.value
+        return held
 
 
-def _outlines(spark: SparkSession, objects: DataFrame) -> solving.Outlines:
-    known = mapped(objects.where("kind = 'area'"), pieces.outlines, pieces.OUTLINES)
-    return _Outlines(spark.sparkContext.broadcast({row[0]: bytes(row[1]) for row in known.toLocalIterator()}))
+def _outlines(spark: SparkSession, cut: DataFrame, extent: joining.Extent) -> solving.Outlines:
+    rows = cut.where("pieces IS NULL").select("key", "outline").collect() if extent.outlines else []
+    return _Outlines(spark.sparkContext.broadcast({key: bytes(outline) for key, outline in rows}))

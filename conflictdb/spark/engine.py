@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 # What the versions of Sedona's Python package and of Spark go with; its transforms need the tools' wrapper.
 _SEDONA: Final = "org.apache.sedona:sedona-spark-shaded-3.5_2.12:{version}"
 _TOOLS: Final = "org.datasyslab:geotools-wrapper:1.8.1-33.1"
+# What reads databases, and the class of it that Spark asks for.
+_JDBC: Final = "org.postgresql:postgresql:42.7.14"
+DRIVER: Final = "org.postgresql.Driver"
 # Spark 3.5 starts with others too, up to where something is missing that it takes for granted.
 _JAVA: Final = 17
 # Jars alone: they hold all that they need, and descriptions of projects need not be at hand.
@@ -40,13 +43,15 @@ _OPTIONS: Final[dict[str, Any]] = {
 _TOLD_LINES: Final = 3
 
 
-def coordinates() -> list[str]:
+def coordinates(*, reads_database: bool = False) -> list[str]:
     """Return the Maven coordinates of Sedona's jars, for ``spark-submit --packages``.
+
+    reads_database : with that of the driver of databases
 
     Raises EngineMissing where the Python packages are missing.
     """
     _require_packages()
-    return [_SEDONA.format(version=version("apache-sedona")), _TOOLS]
+    return [_SEDONA.format(version=version("apache-sedona")), _TOOLS, *([_JDBC] if reads_database else [])]
 
 
 def _require_packages() -> None:
@@ -72,7 +77,12 @@ def _require_java(home: str | None) -> None:
 
 @contextmanager
 def session(
-    master: str | None, cache: Path, environ: MutableMapping[str, str], *, is_quiet: bool
+    master: str | None,
+    cache: Path,
+    environ: MutableMapping[str, str],
+    *,
+    is_quiet: bool,
+    reads_database: bool = False,
 ) -> "Iterator[SparkSession]":
     """Give a session with Sedona; it ends with the block.
 
@@ -83,11 +93,12 @@ def session(
     cache : directory in which jars are kept
     environ : that of this program: says whether spark-submit started it, and where Java is; told what workers run
     is_quiet : what Java prints goes to a file, and its end into the error
+    reads_database : with the driver of databases
     """
     is_submitted = "PYSPARK_GATEWAY_PORT" in environ
     if not is_submitted:
         _require_java(environ.get("JAVA_HOME"))
-    packages = coordinates()
+    packages = coordinates(reads_database=reads_database)
     from pyspark.errors import PySparkRuntimeError
     from pyspark.sql import SparkSession
 
@@ -124,6 +135,17 @@ def with_sedona(spark: "SparkSession") -> "SparkSession":
             f"Spark runs without Sedona's jars: start it with --packages {','.join(coordinates())}"
         ) from None
     return spark
+
+
+def with_driver(spark: "SparkSession") -> None:
+    """Raise EngineMissing if a session cannot read databases."""
+    try:
+        getattr(spark.sparkContext._jvm, DRIVER)()
+    except TypeError:  # as what is no class answers when it is called
+        wanted = ",".join(coordinates(reads_database=True))
+        raise EngineMissing(
+            f"Spark runs without the driver of PostgreSQL databases: start it with --packages {wanted}"
+        ) from None
 
 
 def _alone(master: str) -> dict[str, Any]:

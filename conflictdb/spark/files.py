@@ -1,7 +1,7 @@
 """GeoParquet on Spark: objects in, conflicts out, by all workers at once; a path is what Spark can read and write."""
 
-import json
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import pyarrow as pa
@@ -9,7 +9,7 @@ from pyarrow import parquet
 from pyspark.errors import AnalysisException
 from pyspark.sql import DataFrame, SparkSession, functions
 
-from conflictdb.arrays.arrow.forms import METADATA_KEY
+from conflictdb.arrays.arrow.forms import told
 from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
@@ -18,15 +18,42 @@ from conflictdb.io.scene_file import scene_of
 from conflictdb.model import Scene
 
 
-def settings_in(path: str) -> Scene | None:
-    """Return the settings of the scene that a file was exported of; None for what is no file here, or says nothing."""
-    if not Path(path).is_file():
-        return None
+def settings_in(paths: Sequence[str]) -> Scene | None:
+    """Return the settings of the scene that files, or directories of them, were exported of.
+
+    None for what is not here, or says nothing; raises InvalidInput where some say other settings than the first.
+    """
+    first: tuple[str, Scene] | None = None
+    for file in (file for path in paths for file in _files(Path(path))):
+        scene = _settings(file)
+        if scene is None:
+            continue
+        first = first or (file, scene)
+        differing = [of.name for of in fields(Scene) if getattr(scene, of.name) != getattr(first[1], of.name)]
+        if differing not in ([], ["name"]):
+            rule = f"differs from that in {first[0]}; a scene has one set of settings"
+            raise InvalidInput(f"scene {scene.name!r}", next(n for n in differing if n != "name"), rule, file)
+    return first[1] if first else None
+
+
+def _files(path: Path) -> list[str]:
+    """Return a file, or those in a directory that Spark reads; none of what is elsewhere."""
+    if path.is_dir():
+        return sorted(str(one) for one in path.rglob("*.parquet") if one.is_file() and not _is_hidden(one, path))
+    return [str(path)] if path.is_file() else []
+
+
+def _is_hidden(file: Path, directory: Path) -> bool:
+    return any(part[0] in "._" for part in file.relative_to(directory).parts)
+
+
+def _settings(path: str) -> Scene | None:
     try:
-        told = json.loads((parquet.read_schema(path).metadata or {}).get(METADATA_KEY, b"{}"))
-    except (pa.ArrowException, ValueError) as error:
+        schema = parquet.read_schema(path)
+    except pa.ArrowException as error:
         raise InvalidInput(path, "", f"is no Parquet of conflictdb: {_first_line(error)}") from error
-    return None if told.get("scene") is None else scene_of(told["scene"], Path(path).stem)
+    scene = told(path, schema).get("scene")
+    return None if scene is None else scene_of(scene, Path(path).stem)
 
 
 def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
@@ -56,11 +83,12 @@ def write_conflicts(found: DataFrame, path: str) -> None:
         raise InvalidInput(path, "", f"cannot be written: {_first_line(error)}") from error
 
 
-def write_states(objects: DataFrame, scene: Scene, path: str) -> None:
-    """Write beside conflicts which states of which objects they were computed from, if these have numbers."""
+def write_states(objects: DataFrame, scene: Scene, path: str, pairs: int) -> None:
+    """Write beside so many pairs which states of which objects they were computed from, if these have numbers."""
     if {"object_id", "version"} <= set(objects.columns):
         states = objects.select("kind", "id", "object_id", "version").where("object_id IS NOT NULL")
-        states.withColumn("settings", functions.lit(settings_text(scene))).write.parquet(f"{path}/{STATES}")
+        told = {"settings": functions.lit(settings_text(scene)), "pairs": functions.lit(pairs).cast("bigint")}
+        states.withColumns(told).write.parquet(f"{path}/{STATES}")
 
 
 def _first_line(error: Exception) -> str:

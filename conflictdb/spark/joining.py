@@ -15,7 +15,7 @@ import numpy as np
 from pyspark.sql import DataFrame, SparkSession, functions
 
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
-from conflictdb.spark.crowding import SAMPLE, Cells
+from conflictdb.spark.crowding import Cells
 from conflictdb.spark.pieces import refusal_of
 
 # Boxes are wider by this, metres, and by as much again where Sedona compares them: more than moving them rounds. Stage
@@ -24,24 +24,27 @@ _PAD_M: Final = 0.01
 # More buckets than this would cost coordinates their digits, and no scene is that long.
 _MOST_BUCKETS: Final = 10_000
 # So many rows may a piece become, on average, by being in several buckets.
-_COPIES: Final = 2.0
+_COPIES: Final = 1.25
 # Corners of a piece in space and time, of which the least of two pieces says where their pair counts.
 _CORNER: Final = {"x": f"west - {_PAD_M}D", "y": f"south - {_PAD_M}D", "t": "double(start_us)"}
 _FAR_CORNER: Final = {"x": f"east + {_PAD_M}D", "y": f"north + {_PAD_M}D", "t": "double(end_us)"}
 
-_MEMBER: Final = ("kind", "key", "turn", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m", "piece")
-_PAIR: Final = ("kind", "key", "piece")
+_PAIR: Final = ("kind", "key", "pieces", "outline")
+_MEMBER: Final = ("turn", "start_us", "end_us", "end_inclusive", "floor_m", "ceiling_m", *_PAIR)
+_BOUNDS: Final = tuple(f"{end}_{axis}" for end in ("low", "high") for axis in _CORNER)
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What a scene's pieces cover: their number, metres of the plane from west to east and south to north, and times.
+    """What a scene's pieces cover: metres of the plane from west to east and south to north, and times.
 
+    rows : of pieces, and outlines that have rows of their own
     first_us, last_us : of all bounded spans; the same where there are none
     span_us : of all pieces together, unbounded ones counted from first to last
     """
 
-    pieces: int
+    rows: int
+    outlines: int
     width_m: float
     height_m: float
     first_us: int
@@ -57,8 +60,10 @@ class Extent:
             for bounded, name in zip(is_bounded, ("start_us", "end_us"), strict=True)
         )
         row = pieces.agg(
-            functions.min("refused"),
-            functions.count("*"),
+            functions.count("refused"),
+            functions.count("pieces"),
+            functions.count("outline"),
+            functions.count(functions.when(functions.col("pieces").isNotNull(), functions.col("outline"))),
             functions.max("east") - functions.min("west"),
             functions.max("north") - functions.min("south"),
             functions.least(functions.min(start), functions.min(end)),
@@ -66,12 +71,13 @@ class Extent:
             functions.sum((end - start).cast("double")),
             functions.count(functions.when(~(is_bounded[0] & is_bounded[1]), 1)),
         ).head()
-        refused, count, width_m, height_m, first_us, last_us, span_us, unbounded = row or (None, 0, *(None,) * 5, 0)
-        if refused is not None:
-            raise refusal_of(refused)
+        refused, rows, outlines, carried, width_m, height_m, first_us, last_us, span_us, unbounded = row or (0,) * 10
+        if refused:
+            told = pieces.where("refused IS NOT NULL").agg(functions.min("refused")).head() or ("",)
+            raise refusal_of(told[0])
         first_us, last_us = first_us or 0, last_us or 0
         span_us = (span_us or 0.0) + unbounded * float(last_us - first_us)
-        return cls(count, width_m or 0.0, height_m or 0.0, first_us, last_us, span_us)
+        return cls(rows, outlines - carried, width_m or 0.0, height_m or 0.0, first_us, last_us, span_us)
 
     @property
     def buckets(self) -> int:
@@ -79,11 +85,12 @@ class Extent:
         duration = float(self.last_us - self.first_us)
         if not self.span_us or not duration:
             return 1
-        return max(1, min(_MOST_BUCKETS, int((_COPIES - 1.0) * self.pieces * duration / self.span_us)))
+        return max(1, min(_MOST_BUCKETS, int((_COPIES - 1.0) * self.rows * duration / self.span_us)))
 
 
 def candidates(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFrame:
-    """Return kind, key and piece of both members of each pair, a before b in the order of kinds and keys."""
+    """Return kind, key, pieces and outline of both members of each pair, a before b in the order of kinds and keys."""
+    pieces = pieces.where("pieces IS NOT NULL")
     placed = _placed(pieces, _cells(spark, pieces, extent), extent)
     # Sedona's tree makes partitions of as many rows of its first side: that one has a row for each lot.
     sides = {
@@ -91,20 +98,30 @@ def candidates(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFr
         "b": placed.withColumn("lot", functions.expr("pmod(hash(key, turn, start_us), lots)")),
     }
     a, b = (_renamed(side, _boxed(rows, extent)) for side, rows in sides.items())
+    b = b.drop(*(f"b_{name}" for name in _BOUNDS))
     met = a.join(b, functions.expr(f"ST_Intersects(a_box, b_box) AND {_MAY_MEET}"))
     return met.select([f"{side}_{name}" for side in "ab" for name in _PAIR])
 
 
 def _cells(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFrame:
     """Return the cells of a scene, a row each: bounds, lots, and how many lots come before."""
-    share = min(1.0, SAMPLE / max(extent.pieces, 1))
+    share = Cells.share(extent.rows)
     some = pieces.selectExpr(*_CORNER.values(), *_FAR_CORNER.values())
     seen = np.array((some if share == 1.0 else some.sample(share, seed=1)).collect(), np.float64).reshape(-1, 6)
     cells = Cells.of(seen[:, :3], seen[:, 3:], share)
-    columns = [*cells.low.T, *cells.high.T, cells.lots, np.cumsum(cells.lots) - cells.lots]
-    names = [f"{end}_{axis}" for end in ("low", "high") for axis in _CORNER]
-    schema = ", ".join([*(f"{name} double" for name in names), "lots bigint", "before bigint"])
-    return spark.createDataFrame(list(zip(*(column.tolist() for column in columns), strict=True)), schema)
+    bounds = np.concatenate([cells.low, cells.high], axis=1).tolist()
+    before = (np.cumsum(cells.lots) - cells.lots).tolist()
+    # As words of a query: as rows they would pass through workers, for a second.
+    rows = [
+        f"({', '.join(map(_double, bound))}, {lots}L, {first}L)"
+        for bound, lots, first in zip(bounds, cells.lots.tolist(), before, strict=True)
+    ]
+    names = ", ".join(_BOUNDS)
+    return spark.sql(f"SELECT * FROM VALUES {', '.join(rows)} AS cells({names}, lots, before)")  # noqa: S608 numbers
+
+
+def _double(value: float) -> str:
+    return f"double('{value!r}')"
 
 
 def _placed(pieces: DataFrame, cells: DataFrame, extent: Extent) -> DataFrame:
@@ -137,8 +154,7 @@ def _boxed(placed: DataFrame, extent: Extent) -> DataFrame:
         f"ST_PolygonFromEnvelope(x - {_PAD_M}D + {east}, y - {_PAD_M}D + {north},"
         f" far_x + {_PAD_M}D + {east}, far_y + {_PAD_M}D + {north})"
     )
-    bounds = [f"{end}_{axis}" for end in ("low", "high") for axis in _CORNER]
-    return placed.selectExpr(*_MEMBER, *_CORNER, *bounds, "first", "bucket", f"{box} AS box")
+    return placed.selectExpr(*_MEMBER, *_CORNER, *_BOUNDS, "first", "bucket", f"{box} AS box")
 
 
 def _renamed(side: str, rows: DataFrame) -> DataFrame:

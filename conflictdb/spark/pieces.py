@@ -1,4 +1,8 @@
-"""Objects cut into pieces, on workers: batches of the form OBJECTS in, rows of pieces out."""
+"""Objects cut into pieces, on workers: batches of the form OBJECTS in, rows of pieces out.
+
+A row holds the parts of an area that lie near each other, in a bundle, or one slice of a track. Bundles of slices would
+be wider than what they are of: they meet so many that there are more pairs, and all carry more.
+"""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -7,15 +11,18 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import shapely
 
 from conflictdb.arrays.arrow.objects import to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import Bundles
 from conflictdb.errors import InvalidInput
+from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
+from conflictdb.pieces.bundles import bundles_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.results import Kind
@@ -24,9 +31,13 @@ from conflictdb.results import Kind
 _AT_ONCE: Final = 4_000_000
 # Number of an object that has none.
 NO_NUMBER: Final = -1
+# An outline of more bytes than this (120 vertices) does not go with each row of its area: there may be many.
+_MOST_CARRIED: Final = 2_000
 
-# A piece: whose it is, its hull's box (metres of the plane), span and heights, and all of it (`arrays.packed`). An
-# object that is refused is a row with nothing but that: JSON with key, field and rule.
+# Pieces: whose they are, the box of their hulls (metres of the plane), span and heights, all of each, one after the
+# other (`arrays.packed`), and of an area its outline (WKB, degrees), for it may be asked for where they meet. A large
+# outline has a row of its own, with kind and key. An object that is refused is a row with nothing but that: JSON with
+# key, field and rule.
 SCHEMA: Final = pa.schema(
     [
         pa.field("kind", pa.int8()),
@@ -41,26 +52,39 @@ SCHEMA: Final = pa.schema(
         pa.field("end_inclusive", pa.bool_()),
         pa.field("floor_m", pa.float64()),
         pa.field("ceiling_m", pa.float64()),
-        pa.field("piece", pa.binary()),
+        pa.field("pieces", pa.binary()),
+        pa.field("outline", pa.binary()),
         pa.field("refused", pa.string()),
     ]
 )
-# Areas: their outlines, WKB in degrees.
-OUTLINES: Final = pa.schema([pa.field("key", pa.string()), pa.field("outline", pa.binary())])
 
 
 def cut(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:
-    """Yield the pieces of objects; a batch with an object that is refused is one row that says so."""
+    """Yield the pieces of objects; some objects of which one is refused are one row that says so.
+
+    Of two with the same key the second is refused: they must be in the same batches.
+    """
+    seen: set[str] = set()
     for batch in batches:
         rows = max(1, batch.num_rows * _AT_ONCE // max(batch.get_total_buffer_size(), 1))
         for first in range(0, batch.num_rows, rows):
+            some = batch.slice(first, rows)
             try:
-                yield _pieces(batch.slice(first, rows), scene)
+                _refuse_twins(some.column("id").to_pylist(), seen)
+                yield from _pieces(some, scene)
             except InvalidInput as refusal:
                 yield _refused(refusal)
 
 
-def _pieces(batch: pa.RecordBatch, scene: Scene) -> pa.RecordBatch:
+def _refuse_twins(keys: list[str], seen: set[str]) -> None:
+    for key in keys:
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "id", "occurs more than once: keys must be unique")
+        seen.add(key)
+
+
+def _pieces(batch: pa.RecordBatch, scene: Scene) -> Iterator[pa.RecordBatch]:
+    """Yield the pieces of some objects, and large outlines."""
     areas, tracks = to_objects(batch)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
@@ -76,34 +100,47 @@ def _pieces(batch: pa.RecordBatch, scene: Scene) -> pa.RecordBatch:
         replace(AreaBatch.of(areas), version=versions[Kind.AREA]),
         replace(TrackBatch.of(tracks), version=versions[Kind.TRACK]),
     )
+    is_slice = pieces.kind == Kind.TRACK.code
+    parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
+    bundles = Bundles.concatenate([bundles_of(parts), Bundles.of_each(slices)])
+    pieces = bundles.pieces
     # Numbered within the batch while they are cut.
-    of_tracks = pieces.kind == Kind.TRACK.code
-    row = pieces.object_id + np.where(of_tracks, len(areas), 0)
-    key = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()).take(pa.array(row))
+    row = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, len(areas), 0)
     number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])[row]
-    return rows_of(replace(pieces, object_id=number), key)
+    outline = pa.array(shapely.to_wkb([area.footprint for area in areas]), pa.binary())
+    is_carried = pc.less_equal(pc.binary_length(outline), _MOST_CARRIED)
+    carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
+    key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
+    yield rows_of(replace(bundles, pieces=replace(pieces, object_id=number)), key.take(of), carried.take(of))
+    large = pa.array(np.flatnonzero(~np.asarray(is_carried, np.bool_)))
+    if len(large):
+        code = pa.array(np.full(len(large), Kind.AREA.code, np.int8))
+        yield _row_with(kind=code, key=key.take(large), outline=outline.take(large))
 
 
-def rows_of(pieces: Pieces, key: pa.Array) -> pa.RecordBatch:
-    """Return pieces as rows, whose objects have these keys (n,)."""
+def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatch:
+    """Return bundles of pieces as rows, whose objects have these keys and outlines (n,)."""
+    pieces, first, last = bundles.pieces, bundles.offset[:-1], bundles.offset[1:] - 1
     words, offset = packed(pieces)
+    boxes = boxes_of(pieces)
     low, high = (
-        reduce.reduceat(pieces.hull_xy, pieces.hull_offset[:-1]) if len(pieces) else np.empty((0, 2))
-        for reduce in (np.minimum, np.maximum)
+        reduce.reduceat(some, first) if len(first) else some
+        for reduce, some in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
     )
-    buffers = [None, pa.py_buffer((offset * WORD).astype(np.int32)), pa.py_buffer(words)]
+    buffers = [None, pa.py_buffer((offset[bundles.offset] * WORD).astype(np.int32)), pa.py_buffer(words)]
     columns = [
-        pa.array(pieces.kind),
+        pa.array(pieces.kind[first]),
         key,
-        pa.array(pieces.turn),
+        pa.array(pieces.turn[first]),
         *(pa.array(np.ascontiguousarray(side)) for side in (*low.T, *high.T)),
-        pa.array(pieces.start_us),
-        pa.array(pieces.end_us),
-        pa.array(pieces.end_inclusive),
-        pa.array(pieces.floor_m),
-        pa.array(pieces.ceiling_m),
-        pa.Array.from_buffers(pa.binary(), len(pieces), buffers),
-        pa.nulls(len(pieces), pa.string()),
+        pa.array(pieces.start_us[first]),
+        pa.array(pieces.end_us[last]),
+        pa.array(pieces.end_inclusive[last]),
+        pa.array(pieces.floor_m[first]),
+        pa.array(pieces.ceiling_m[first]),
+        pa.Array.from_buffers(pa.binary(), len(bundles), buffers),
+        outline,
+        pa.nulls(len(bundles), pa.string()),
     ]
     return pa.RecordBatch.from_arrays(columns, schema=SCHEMA)
 
@@ -116,20 +153,16 @@ def _column(batch: pa.RecordBatch, name: str, missing: object) -> pa.Array:
 
 
 def _refused(refusal: InvalidInput) -> pa.RecordBatch:
-    told = json.dumps([refusal.key, refusal.field, refusal.rule, refusal.source])
-    columns = [pa.array([told] if name == "refused" else [None], SCHEMA.field(name).type) for name in SCHEMA.names]
+    return _row_with(refused=pa.array([json.dumps([refusal.key, refusal.field, refusal.rule, refusal.source])]))
+
+
+def _row_with(**known: pa.Array) -> pa.RecordBatch:
+    """Return rows of which nothing but some columns is known."""
+    n = len(next(iter(known.values())))
+    columns = [known.get(field.name, pa.nulls(n, field.type)) for field in SCHEMA]
     return pa.RecordBatch.from_arrays(columns, schema=SCHEMA)
 
 
 def refusal_of(told: str) -> InvalidInput:
     """Return what a row says that is refused."""
     return InvalidInput(*json.loads(told))
-
-
-def outlines(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the outlines of areas."""
-    for batch in batches:
-        areas, _ = to_objects(batch)
-        keys = pa.array([area.key for area in areas], pa.string())
-        held = shapely.to_wkb([area.footprint for area in areas])
-        yield pa.RecordBatch.from_arrays([keys, pa.array(held, pa.binary())], schema=OUTLINES)

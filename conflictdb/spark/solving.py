@@ -1,10 +1,11 @@
-"""Stages 2 to 4 on workers: rows of pairs of pieces in, rows of conflicts out.
+"""Stages 2 to 4 on workers: pairs of rows of pieces in, rows of conflicts out.
 
 Of one pair of objects all pairs of pieces come one after the other; a batch that is solved ends where one ends. So its
 answer does not depend on how rows are spread over partitions and batches.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.arrow.found import FOUND, of_found
-from conflictdb.arrays.packed import PART, TURN, WORD, packed_hulls, unpacked
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
+from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_scene
@@ -28,30 +31,52 @@ from conflictdb.spark.pieces import SCHEMA as PIECES
 _MOST_BYTES: Final = 128_000_000
 _WORD_TYPE: Final = np.dtype("<i8")
 
-# Pairs of pieces, and the keys of their objects, a before b in the order of kinds and keys.
-PAIRS: Final = pa.schema(
-    [pa.field(f"{side}_{name}", PIECES.field(name).type) for side in "ab" for name in ("kind", "key", "piece")]
+# What stage 1 leaves: two rows of pieces, a before b in the order of kinds and keys.
+JOINED: Final = pa.schema(
+    [
+        pa.field(f"{side}_{name}", PIECES.field(name).type)
+        for side in "ab"
+        for name in ("kind", "key", "pieces", "outline")
+    ]
 )
+# Two pieces, and the keys of their objects. Outlines are those of the rows, and with the first pair of these alone.
+PAIRS: Final = pa.schema([field.with_name(field.name.replace("pieces", "piece")) for field in JOINED])
 SCHEMA: Final = FOUND.schema
 
-# Returns the outlines (WKB, degrees) of areas by their keys.
-Outlines = Callable[[], dict[str, bytes]]
+# Returns the outlines (WKB, degrees) of areas by their keys, where pairs do not carry them.
+Outlines = Callable[[], Mapping[str, bytes]]
 
 
 def meeting(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the rows whose hulls meet (stage 2)."""
+    """Yield the pairs of pieces whose boxes and hulls meet, of pairs of rows (stage 2)."""
     for batch in batches:
         if batch.num_rows:
-            (words, begin), n = _words(batch), batch.num_rows
-            hulls = packed_hulls(words, begin)
-            rows = np.arange(n)
-            yield batch.filter(pa.array(~kernel.apart(*hulls, PieceRows(rows), PieceRows(rows + n))))
+            yield _meeting(batch)
+
+
+def _meeting(batch: pa.RecordBatch) -> pa.RecordBatch:
+    words, bounds = _words(batch, "pieces")
+    begin, offset = begins_in(words, bounds[:-1], bounds[1:])
+    pieces, rows = unpacked(words, begin), np.arange(batch.num_rows)
+    a, b = bundled_pairs(Bundles(pieces, offset), rows, rows + batch.num_rows)
+    meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
+    a, b = PieceRows(a[meet]), PieceRows(b[meet])
+    row = np.searchsorted(offset, a, side="right") - 1
+    is_first = pa.array(np.diff(row, prepend=-1) != 0)
+    ends, columns = np.append(begin, bounds[-1]), []
+    for side, some in (("a", a), ("b", b)):
+        kind, key, outline = (batch.column(f"{side}_{name}").take(pa.array(row)) for name in ("kind", "key", "outline"))
+        to, index = ragged_rows(ends, some)
+        buffers = [None, pa.py_buffer((to * WORD).astype(np.int32)), pa.py_buffer(words[index])]
+        piece = pa.Array.from_buffers(pa.binary(), len(some), buffers)
+        columns += [kind, key, piece, pc.if_else(is_first, outline, None)]
+    return pa.RecordBatch.from_arrays(columns, schema=PAIRS)
 
 
 def solved(
     batches: Iterable[pa.RecordBatch], scene: Scene, outlines: Outlines, pairs_at_once: int
 ) -> Iterator[pa.RecordBatch]:
-    """Yield the conflicts of rows that are sorted by their two keys."""
+    """Yield the conflicts of pairs that are sorted by their two keys."""
     for table in _whole(batches, pairs_at_once):
         source = _Batch(table, outlines)
         for found, _ in run_scene(scene, plane_of(scene), source):
@@ -72,41 +97,48 @@ def _without_unknown_numbers(found: pa.RecordBatch) -> pa.RecordBatch:
 def _whole(batches: Iterable[pa.RecordBatch], at_once: int) -> Iterator[pa.Table]:
     """Yield rows in parts of about so many, or of so many bytes; those of the same two objects stay together."""
     held: list[pa.RecordBatch] = []
+    # Of what is held: rows, bytes, and the row where the last pair of objects begins.
+    rows = size = last = 0
     for batch in batches:
-        held.append(batch)
-        rows, size = (
-            sum(of) for of in zip(*((one.num_rows, one.get_total_buffer_size()) for one in held), strict=True)
-        )
-        if rows < at_once and size < _MOST_BYTES:
+        if not batch.num_rows:
             continue
-        table = pa.Table.from_batches(held)
-        last = _last_begin(table)
-        if last:
+        begin = _last_begin(batch, held[-1] if held else None)
+        last = last if begin is None else rows + begin
+        held.append(batch)
+        rows, size = rows + batch.num_rows, size + batch.get_total_buffer_size()
+        if last and (rows >= at_once or size >= _MOST_BYTES):
+            table = pa.Table.from_batches(held)
             yield table.slice(0, last)
-        # Copied: a slice would keep all of it in memory.
-        held = pa.Table.from_batches(table.slice(last).to_batches()).combine_chunks().to_batches()
+            # Copied: a slice would keep all of it in memory.
+            held = pa.Table.from_batches(table.slice(last).to_batches()).combine_chunks().to_batches()
+            rows, size, last = rows - last, sum(one.get_total_buffer_size() for one in held), 0
     if held:
         yield pa.Table.from_batches(held)
 
 
-def _last_begin(table: pa.Table) -> int:
-    """Return the row where the last pair of objects begins."""
-    a, b = table.column("a_key"), table.column("b_key")
-    differs = pc.or_(pc.not_equal(a.slice(1), a.slice(0, len(a) - 1)), pc.not_equal(b.slice(1), b.slice(0, len(b) - 1)))
-    begins = np.flatnonzero(np.asarray(differs))
-    return int(begins[-1]) + 1 if begins.size else 0
+def _last_begin(batch: pa.RecordBatch, before: pa.RecordBatch | None) -> int | None:
+    """Return the row of a batch where its last pair of objects begins; None where that began before it."""
+    a, b = batch.column("a_key"), batch.column("b_key")
+    differs = pc.or_(pc.not_equal(a[1:], a[:-1]), pc.not_equal(b[1:], b[:-1]))
+    begins = np.flatnonzero(np.asarray(differs, np.bool_))
+    if begins.size:
+        return int(begins[-1]) + 1
+    if before is None:
+        return 0
+    goes_on = all(batch.column(name)[0] == before.column(name)[-1] for name in ("a_key", "b_key"))
+    return None if goes_on else 0
 
 
-def _words(batch: pa.RecordBatch | pa.Table) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the words of the pieces of all a, then all b, of a batch, and where each piece begins (2 n,)."""
+def _words(batch: pa.RecordBatch | pa.Table, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the words of a column of all a, then all b, of a batch, and where each row's begin and end (2 n + 1,)."""
     columns: list[pa.Array] = []
-    for name in ("a_piece", "b_piece"):
-        column = batch.column(name)
+    for side in "ab":
+        column = batch.column(f"{side}_{name}")
         columns += column.chunks if isinstance(column, pa.ChunkedArray) else [column]
     column = pa.concat_arrays([one.cast(pa.large_binary()) for one in columns])
     _, bounds, data = column.buffers()
-    begin = np.frombuffer(bounds, np.int64)[column.offset : column.offset + len(column)]
-    return np.frombuffer(data, _WORD_TYPE, count=data.size // WORD), begin // WORD
+    bounds = np.frombuffer(bounds, np.int64)[column.offset : column.offset + len(column) + 1]
+    return np.frombuffer(data, _WORD_TYPE, count=data.size // WORD), bounds // WORD
 
 
 class _Batch:
@@ -116,7 +148,7 @@ class _Batch:
     """
 
     def __init__(self, table: pa.Table, outlines: Outlines) -> None:
-        self._outlines = outlines
+        self._outlines, self._table = outlines, table
         coded = pa.chunked_array([*table.column("a_key").chunks, *table.column("b_key").chunks]).combine_chunks()
         coded = coded.dictionary_encode()
         by_key = pc.sort_indices(coded.dictionary)
@@ -124,7 +156,8 @@ class _Batch:
         number_of = np.empty(len(by_key), np.int64)
         number_of[np.asarray(by_key)] = np.arange(len(by_key))
         number = number_of[np.asarray(coded.indices)]
-        words, begin = _words(table)
+        words, bounds = _words(table, "piece")
+        begin = bounds[:-1]
         first, row = _distinct(words, begin, number)
         pieces = unpacked(words, begin[first])
         self.numbers = np.empty(len(by_key), np.int64)
@@ -138,7 +171,12 @@ class _Batch:
         yield self._pieces, *self._pairs
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        known = self._outlines()
+        carried: dict[str, bytes] = {}
+        for side in "ab":
+            outline = self._table.column(f"{side}_outline")
+            keys, outlines = (one.filter(outline.is_valid()) for one in (self._table.column(f"{side}_key"), outline))
+            carried |= zip(keys.to_pylist(), outlines.to_pylist(), strict=True)
+        known = ChainMap(carried, self._outlines())  # type: ignore[arg-type]  # is not written to
         return np.asarray(shapely.from_wkb([known[key] for key in self.keys.take(pa.array(area_ids)).to_pylist()]))
 
 

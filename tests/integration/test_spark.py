@@ -8,6 +8,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 import pytest
 import scenes
 import shapely
@@ -19,7 +20,7 @@ from conflictdb.arrays.arrow.objects import of_objects
 from conflictdb.io.parquet_writing import write_objects
 from conflictdb.io.reading import read
 from conflictdb.methods import Method
-from conflictdb.model import Area
+from conflictdb.model import Area, Track, rectangle_outline_m
 
 # Sedona joins small scenes by sending one side everywhere, unless it is told not to.
 BY_TREE = {"sedona.join.autoBroadcastJoinThreshold": "-1"}
@@ -39,12 +40,20 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         Job("strait", strait, areas, tracks, 3, BY_SENDING),
         Job("near at the seam", near, *objects, 5, BY_TREE, kills=True),
     ]
-    exported, output, refused = (str(tmp_path / name) for name in ("exported.parquet", "output", "refused.parquet"))
-    for path, some in ((exported, objects), (refused, ([polar()], []))):
+    names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
+    exported, output, refused, twins, strange, around = (str(tmp_path / name) for name in names)
+    ends = np.array([[10.0, 20.0], [-170.0, -20.0]])
+    opposite = Track("T", ends, np.array([0, 10**12]), rectangle_outline_m(100, 100, 100, 100))
+    refused_ones = (refused, ([polar()], [])), (twins, ([], [opposite] * 2)), (around, ([], [opposite]))
+    for path, some in ((exported, objects), *refused_ones):
         with Path(path).open("wb") as stream:
             write_objects(stream, near, [of_objects(*some)])
+    of_a_list = parquet.read_table(refused).replace_schema_metadata({"conflictdb": "[]"})
+    parquet.write_table(of_a_list, strange)
     detect = ["spark", "detect", "--output", output, "--input"]
-    commands = [[*detect, refused], [*detect, exported, "--partitions", "2"], [*detect, exported], [*detect, __file__]]
+    commands = [[*detect, refused], [*detect, exported, "--partitions", "2"]]
+    commands += [[*detect, path] for path in (exported, __file__, strange, twins)]
+    commands += [[*detect, around, "--motion", "great_circle", "--earth", "sphere"]]
     found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
     assert (tmp_path / "near at the seam.killed").exists()
     for job in jobs:
@@ -53,14 +62,17 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
     # The command has the settings of the file, and one line for what it refuses.
-    (refusal, done, twice, no_parquet) = json.loads((tmp_path / "said.json").read_text())
-    assert refusal[0] == twice[0] == no_parquet[0] == 4
+    refusal, done, twice, no_parquet, no_object, same_key, no_centre = json.loads((tmp_path / "said.json").read_text())
+    said = refusal, twice, no_parquet, no_object, same_key, no_centre
+    assert all((code, text.count("\n")) == (4, 1) for code, text in said)
     assert refusal[1].startswith("conflictdb: area 'N': geometry: ")
     assert done[0] == 0
     assert in_order(parquet.read_table(output)).to_pylist() == expected.to_pylist()
     assert "already exists" in twice[1]
     assert "test_spark.py" in no_parquet[1]
-    assert all(text.count("\n") == 1 for _, text in (refusal, twice, no_parquet))
+    assert no_object[1] == f"conflictdb: {strange}: metadata conflictdb: must be a JSON object\n"
+    assert "object 'T': id: occurs more than once" in same_key[1]
+    assert "centre: does not follow from objects all around the earth" in no_centre[1]
     geo = json.loads(parquet.read_schema(next(Path(output).glob("*.parquet"))).metadata[b"geo"])
     assert geo["primary_column"] == "region"
     assert all("crs" not in column for column in geo["columns"].values())

@@ -1,6 +1,6 @@
 """Answers of Spark, and what they must be: run as a program, beside the tests, for Spark is one of its own.
 
-    python spark_answers.py DIRECTORY [MASTER]
+    python spark_answers.py DIRECTORY MASTER [reads-database]
 
 takes every `*.job` of a directory, a pickled Job, through one session of Spark, and leaves the conflicts of each beside
 it; then runs the commands of conflictdb in `commands.json`, and leaves what they end with and say in `said.json`. Exits
@@ -78,17 +78,23 @@ def in_order(found: pa.Table) -> pa.Table:
 
 
 def answers(
-    jobs: Sequence[Job], directory: Path, master: str, commands: Sequence[Sequence[str]] = ()
+    jobs: Sequence[Job],
+    directory: Path,
+    master: str,
+    commands: Sequence[Sequence[str]] = (),
+    *,
+    reads_database: bool = False,
 ) -> dict[str, pa.Table]:
     """What Spark finds, by the names of jobs; skips the test where Spark does not run and cannot be fetched.
 
     commands : of the command line, run after that
+    reads_database : whether one of them needs the driver of databases
     """
     _add_extra()
     (directory / "commands.json").write_text(json.dumps(commands))
     for job in jobs:
         (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
-    command = [sys.executable, __file__, str(directory), master]
+    command = [sys.executable, __file__, str(directory), master, *(["reads-database"] if reads_database else [])]
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "JAVA_TOOL_OPTIONS": _SHORT_LIVED}
     done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
     if done.returncode == 2:
@@ -104,14 +110,14 @@ def _add_extra() -> None:
         subprocess.run([_ROOT / "run", "spark", "--help"], env=environ, capture_output=True, check=False)
 
 
-def _main(directory: Path, master: str) -> int:
+def _main(directory: Path, master: str, *, reads_database: bool) -> int:
     from conflictdb.cli import main
     from conflictdb.server.settings import Settings
     from conflictdb.spark import engine
 
     cache = Settings.from_environment().cache / "spark"
     try:
-        with engine.session(master, cache, os.environ, is_quiet=False) as spark:
+        with engine.session(master, cache, os.environ, is_quiet=False, reads_database=reads_database) as spark:
             from conflictdb.spark.detection import detect_on_spark
             from conflictdb.spark.files import read_objects, write_conflicts
 
@@ -174,4 +180,4 @@ def _command(pid: int) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(_main(Path(sys.argv[1]), *sys.argv[2:] or ["local[2]"]))
+    sys.exit(_main(Path(sys.argv[1]), sys.argv[2], reads_database="reads-database" in sys.argv[3:]))

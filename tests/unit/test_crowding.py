@@ -14,7 +14,7 @@ def boxes(rng: np.random.Generator, count: int, size: float) -> tuple[np.ndarray
 def test_every_place_is_in_one_cell() -> None:
     """Cells fill space and time, also far outside of what they were made of, and do not overlap."""
     rng = np.random.default_rng(1)
-    low, high = boxes(rng, 900, 0.1)
+    low, high = boxes(rng, 3_000, 0.4)
     low[:40, 2], high[:40, 2] = -(2.0**63), 2.0**63  # there for ever
     cells = Cells.of(low, high, 1.0)
     places = np.concatenate([rng.uniform(-0.5, 1.5, (3_000, 3)), low, cells.low[np.isfinite(cells.low).all(axis=1)]])
@@ -40,6 +40,16 @@ def test_a_sample_tells_of_all() -> None:
     of_all, of_some = Cells.of(low[:600], high[:600], 1.0), Cells.of(low[:60], high[:60], 0.1)
     assert abs(of_all.lots[0] - of_some.lots[0]) <= 1
     assert Cells.of(low, high, 1.0).lots[0] == 256
+
+
+def test_a_scene_that_is_crowded_nowhere_is_one_cell() -> None:
+    """Cells cost copies of what is in several; and that two in a sample meet by chance makes no crowd."""
+    low, high = boxes(np.random.default_rng(3), 4_000, 0.03)
+    cells = Cells.of(low, high, 0.01)
+    assert cells.lots.tolist() == [1]
+    assert Cells.share(2_000) == 1.0
+    assert Cells.share(400_000) == 0.01
+    assert Cells.share(40_000_000) == 0.001
 
 
 def test_a_scene_of_nothing_is_one_cell() -> None:

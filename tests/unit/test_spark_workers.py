@@ -2,9 +2,11 @@
 
 import re
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 import scenes
 import shapely
@@ -13,9 +15,10 @@ from workloads import GROWING, OCEAN, SEAM, throw
 
 from conflictdb.arrays.arrow.objects import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.packed import WORD, packed, unpacked
+from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
+from conflictdb.io.parquet_writing import write_objects
 from conflictdb.methods import Method
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
@@ -26,6 +29,26 @@ from conflictdb.stage1_broad_phase import candidates
 Objects = tuple[Scene, list[Area], list[Track]]
 THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)]
 OBJECTS = [*((one.scene, one.areas, one.tracks) for one in scenes.known_scenes()), *THROWN]
+
+
+def test_files_of_one_scene_say_the_same_settings(tmp_path: Path) -> None:
+    """Those of a file, or of any in a directory; other settings are refused, whichever of the files says them."""
+    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    from conflictdb.spark.files import settings_in
+
+    (tmp_path / "parts" / "day=1").mkdir(parents=True)
+    first, second = tmp_path / "first.parquet", tmp_path / "parts" / "day=1" / "second.parquet"
+    for path, scene in ((first, Scene("s", separation_m=500.0)), (second, Scene("other", separation_m=500.0))):
+        with path.open("wb") as stream:
+            write_objects(stream, scene, [])
+    (tmp_path / "parts" / "_hidden.parquet").touch()
+    assert settings_in([str(first), "s3a://nowhere/objects"]) == Scene("s", separation_m=500.0)
+    assert settings_in([str(tmp_path / "parts"), str(first)]) == Scene("other", separation_m=500.0)
+    assert settings_in(["s3a://nowhere/objects"]) is None
+    with second.open("wb") as stream:
+        write_objects(stream, Scene("s", separation_m=100.0), [])
+    with pytest.raises(InvalidInput, match=r"second\.parquet: scene 's': separation_m: differs from that in .*first"):
+        settings_in([str(first), str(tmp_path / "parts")])
 
 
 def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Generator) -> list[pa.RecordBatch]:
@@ -46,30 +69,34 @@ def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
     given = in_batches(of_objects(areas, tracks), 5, rng)
     rows = pa.Table.from_batches(list(pieces.cut(given, scene)), schema=pieces.SCHEMA)
     assert rows["refused"].null_count == len(rows)
-    outlines = [row for batch in pieces.outlines(given) for row in batch.to_pylist()]
+    has_pieces = rows["pieces"].is_valid()
+    large, rows = rows.filter(pc.invert(has_pieces)), rows.filter(has_pieces)
+    known = dict(zip(large["key"].to_pylist(), large["outline"].to_pylist(), strict=True))
     met = in_batches(pairs_of(rows).take(rng.permutation(len(pairs_of(rows)))), 7, rng)
     hulls_meet = pa.Table.from_batches(list(solving.meeting(met)), schema=solving.PAIRS)
     sorted_rows = hulls_meet.sort_by([("a_key", "ascending"), ("b_key", "ascending")])
-    known = {row["key"]: row["outline"] for row in outlines}
     found = solving.solved(in_batches(sorted_rows, 9, rng), scene, lambda: known, 4)
     return in_order(pa.Table.from_batches(list(found), schema=solving.SCHEMA))
 
 
 def pairs_of(rows: pa.Table) -> pa.Table:
-    """The pairs of rows that stage 1 leaves."""
-    held = b"".join(rows["piece"].to_pylist())
-    begin = np.cumsum([0, *(len(one) // WORD for one in rows["piece"].to_pylist())])[:-1]
+    """The pairs of rows that stage 1 leaves: those with pieces whose boxes meet."""
+    held = b"".join(rows["pieces"].to_pylist())
+    bounds = np.cumsum([0, *(len(one) // WORD for one in rows["pieces"].to_pylist())])
+    begin, offset = begins_in(np.frombuffer(held, np.int64), bounds[:-1], bounds[1:])
     made = unpacked(np.frombuffer(held, np.int64), begin)
+    row = np.repeat(np.arange(len(rows)), np.diff(offset))
     keys = [key.encode() for key in rows["key"].to_pylist()]
-    made = replace(made, object_id=np.unique(keys, return_inverse=True)[1].astype(np.int64))
-    columns = [rows.take(one) for one in candidates(made)]
+    made = replace(made, object_id=np.unique(keys, return_inverse=True)[1].astype(np.int64)[row])
+    pairs = np.unique(np.stack([row[one] for one in candidates(made)]), axis=1)
+    columns = [rows.take(one) for one in pairs]
     return pa.table(
         {
             f"{side}_{name}": some[name]
             for side, some in zip("ab", columns, strict=True)
-            for name in ("kind", "key", "piece")
+            for name in ("kind", "key", "pieces", "outline")
         },
-        schema=solving.PAIRS,
+        schema=solving.JOINED,
     )
 
 
@@ -103,6 +130,40 @@ def test_workers_know_the_whole_of_both_areas() -> None:
     assert answer_of_workers(objects, 1).to_pylist() == expected.to_pylist()
 
 
+def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is too large to go with each row of an area is told once, and found where it is asked for."""
+    ring = shapely.Point(0.1, 0.0).buffer(0.05, quad_segs=40)
+    comb = shapely.union_all([ring, *(shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20))])
+    areas = [Area("COMB", comb), Area("BOX", shapely.MultiPolygon([shapely.box(0, 0.1, 1, 1)]))]
+    scene = Scene("large", tolerance_m=1_000.0)
+    (rows, large) = pieces.cut([of_objects(areas, [])], scene)
+    assert large.drop_columns(["outline"]).to_pylist() == [
+        {name: {"kind": 0, "key": "COMB"}.get(name) for name in pieces.SCHEMA.names if name != "outline"}
+    ]
+    outlines = dict(zip(rows["key"].to_pylist(), rows["outline"].to_pylist(), strict=True))
+    assert (outlines["COMB"], outlines["BOX"]) == (None, shapely.to_wkb(areas[1].footprint))
+    expected = answer_of_one_machine(scene, areas, []).to_pylist()
+    assert expected
+    for most in (0, 10_000):
+        monkeypatch.setattr(pieces, "_MOST_CARRIED", most)
+        assert answer_of_workers((scene, areas, []), 1).to_pylist() == expected
+
+
+def test_parts_that_are_solved_hold_whole_pairs_of_objects() -> None:
+    """However rows come: parts end where a pair of objects does, and one that fills more than a part is one."""
+    rng = np.random.default_rng(4)
+    of = np.repeat(np.arange(40), rng.choice([1, 2, 5, 60], 40))
+    columns = {"a_key": pa.array(of // 3).cast(pa.string()), "b_key": pa.array(of).cast(pa.string())}
+    held = [columns.get(field.name, pa.nulls(len(of), field.type)) for field in solving.PAIRS]
+    rows = pa.table(held, schema=solving.PAIRS)
+    for most in (1, 3, 200):
+        parts = list(solving._whole(in_batches(rows, most, rng), 10))
+        assert pa.concat_tables(parts).select(["a_key", "b_key"]).equals(rows.select(["a_key", "b_key"]))
+        pairs = [set(part["b_key"].to_pylist()) for part in parts]
+        assert len(pairs) >= (2 if most == 200 else 8)
+        assert sum(map(len, pairs)) == 40
+
+
 def test_packed_pieces_are_the_same_pieces() -> None:
     """Every field comes back, with its type; and shapes that do not change are one array."""
     for scene, areas, tracks in OBJECTS:
@@ -110,6 +171,11 @@ def test_packed_pieces_are_the_same_pieces() -> None:
         made = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
         words, offset = packed(made)
         again = unpacked(words, offset[:-1])
+        # Of runs of one, two, three pieces it is found out where each begins.
+        runs = np.unique([0, *np.cumsum(np.arange(len(made))), len(made)].copy())
+        runs = runs[runs <= len(made)]
+        begin, pieces_of_runs = begins_in(words, offset[runs[:-1]], offset[runs[1:]])
+        assert (begin.tolist(), pieces_of_runs.tolist()) == (offset[:-1].tolist(), runs.tolist())
         assert again.changes == made.changes
         for column in fields(made):
             one, other = getattr(made, column.name), getattr(again, column.name)
@@ -126,3 +192,13 @@ def test_refused_objects_are_rows_that_say_so() -> None:
     with pytest.raises(InvalidInput, match=re.escape(str(refusal))):
         solve([], [polar], known.scene)
     assert "area 'N': geometry" in str(refusal)
+
+
+def test_the_second_of_two_objects_with_one_key_is_refused() -> None:
+    """Also where they come in different batches."""
+    known = scenes.hole(EarthModel.WGS84)
+    batch = of_objects(known.areas, [])
+    first, second = pieces.cut([batch, batch], known.scene)
+    assert first["refused"].null_count == len(first)
+    with pytest.raises(InvalidInput, match=f"object '{known.areas[0].key}': id: occurs more than once"):
+        raise pieces.refusal_of(second["refused"][0].as_py())

@@ -1,0 +1,162 @@
+"""A scene of a database on Spark: workers read parts of its objects through JDBC, all in one state of the database.
+
+Each part is a connection and a transaction of its own. They see the state that one transaction of this process shares,
+which stays open as long as Spark may read again; a row that was read in another state ends the work.
+"""
+
+import logging
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial, reduce
+from itertools import pairwise
+from typing import Any, Final
+from urllib.parse import quote
+
+import psycopg
+import pyarrow as pa
+from py4j.protocol import Py4JJavaError
+from pyspark.errors import PySparkException
+from pyspark.sql import DataFrame, SparkSession
+from pyspark.sql.pandas.types import from_arrow_schema
+from pyspark.storagelevel import StorageLevel
+
+from conflictdb.arrays.arrow.columns import numbers
+from conflictdb.arrays.arrow.objects import OBJECTS, of_objects
+from conflictdb.db import store
+from conflictdb.errors import StoreError
+from conflictdb.model import Scene
+from conflictdb.results import Kind
+from conflictdb.spark.detection import mapped
+from conflictdb.spark.engine import DRIVER, with_driver
+
+# Connections at a time, and objects that are worth one.
+_MOST_PARTS: Final = 16
+_LEAST_OBJECTS: Final = 20_000
+# Rows that a connection asks for at a time.
+_ROWS_AT_ONCE: Final = 1_000
+# What libpq and the driver in Java call alike.
+_ALIKE: Final = ("sslmode", "sslrootcert", "sslcert", "sslkey", "options")
+
+
+def is_reached_by_network(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether a connection is one that Java can make, too: it knows no sockets in the file system."""
+    host = conn.info.host
+    return bool(conn.info.hostaddr or host) and not host.startswith(("/", "@"))
+
+
+@contextmanager
+def scene_objects(spark: SparkSession, conn: psycopg.Connection[Any], scene: str) -> Iterator[tuple[Scene, DataFrame]]:
+    """Give the settings and the objects of a scene of a database, as they were at one instant.
+
+    Objects are rows of the Arrow form OBJECTS, without names and properties, for `detect_on_spark`. They are read at
+    once, and kept in the cache of Spark until the block ends; until then a transaction is open on the connection, for
+    what Spark loses it reads again.
+
+    Parameters
+    ----------
+    conn : psycopg connection without an open transaction, over the network; executors connect as it does
+    scene : a scene that its user may read
+
+    Raises
+    ------
+    EngineMissing
+        The driver in Java is missing.
+    InvalidInput
+        The scene is not known.
+    StoreError
+        Executors cannot read the database, or it is reached by a socket.
+    """
+    with_driver(spark)
+    if not is_reached_by_network(conn):
+        raise StoreError(f"database {conn.info.dbname!r} is reached by a socket, which Java does not know: name a host")
+    with store.shared_snapshot(conn) as shared:
+        number = store.scene_id(conn, scene)
+        settings = store.read_settings(conn, number)
+        of_kinds = [of for kind in Kind if (of := _objects(spark, conn, number, kind, shared)) is not None]
+        none = spark.createDataFrame([], from_arrow_schema(OBJECTS.schema))
+        objects = (reduce(DataFrame.unionAll, of_kinds) if of_kinds else none).persist(StorageLevel.MEMORY_AND_DISK)
+        try:
+            with _told(conn, scene):
+                objects.count()
+            yield settings, objects
+        finally:
+            objects.unpersist()
+
+
+def _objects(
+    spark: SparkSession, conn: psycopg.Connection[Any], scene_id: int, kind: Kind, shared: store.Shared
+) -> DataFrame | None:
+    """Return the objects of a kind, None if there are none."""
+    first = store.firsts(conn, scene_id, kind, _LEAST_OBJECTS)
+    if not first:
+        return None
+    first = first[:: -(-len(first) // _MOST_PARTS)]
+    parts = [f"object_id >= {begin} AND object_id < {end}" for begin, end in pairwise(first)]
+    parts.append(f"object_id >= {first[-1]}")
+    url, properties = _as_java_connects(conn)
+    properties |= {"sessionInitStatement": shared.begin, "fetchsize": str(_ROWS_AT_ONCE)}
+    with _told(conn, f"number {scene_id}"), _unheard():
+        rows = spark.read.jdbc(url, f"({store.query(scene_id, kind)}) objects", predicates=parts, properties=properties)
+    return mapped(rows, partial(_read, kind=kind, shared=shared), OBJECTS.schema)
+
+
+def _as_java_connects(conn: psycopg.Connection[Any]) -> tuple[str, dict[str, str]]:
+    """Return the address of a database, and with what else it is connected to; Spark shows nobody the password."""
+    info, told = conn.info, conn.info.get_parameters()
+    host = info.host or info.hostaddr
+    host = f"[{host}]" if ":" in host else host
+    properties = {"driver": DRIVER, "user": info.user, "ApplicationName": "conflictdb"}
+    properties |= {"password": info.password} if info.password else {}
+    properties |= {name: told[name] for name in _ALIKE if told.get(name)}
+    return f"jdbc:postgresql://{host}:{info.port}/{quote(info.dbname, safe='')}", properties
+
+
+def _read(batches: Iterable[pa.RecordBatch], kind: Kind, shared: store.Shared) -> Iterator[pa.RecordBatch]:
+    for batch in batches:
+        store.require_state(batch.column("state").unique().to_pylist(), shared)
+        columns, strings = {}, {}
+        for name in set(batch.schema.names) - {"state"}:
+            column = batch.column(name)
+            if pa.types.is_binary(column.type):
+                strings[name] = column.to_pylist()
+            else:
+                columns[name] = numbers(column)
+        of = store.numbered(kind, columns, strings)
+        yield of_objects(of.areas, of.tracks, of.object_id, of.version)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep what goes to Java, and holds a password, out of the log."""
+    loggers = [logging.getLogger(name) for name in ("py4j", "py4j.clientserver", "py4j.java_gateway")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _told(conn: psycopg.Connection[Any], scene: str) -> Iterator[None]:
+    """Say in one line why Spark could not read."""
+    try:
+        yield
+    except (Py4JJavaError, PySparkException) as error:
+        where = f"{conn.info.dbname!r} on {conn.info.host}"
+        raise StoreError(f"Spark cannot read scene {scene} of database {where}: {_cause(error)}") from error
+
+
+def _cause(error: Py4JJavaError | PySparkException) -> str:
+    """Return what was wrong first, in one line; where a worker ended, what ended it."""
+    if isinstance(error, PySparkException):
+        message = str(error)
+    else:
+        cause = error.java_exception
+        while cause.getCause() is not None:
+            cause = cause.getCause()
+        message = str(cause.getMessage())
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    return lines[-1] if any("Traceback" in line for line in lines) else lines[0]

@@ -1,0 +1,174 @@
+"""A scene of a database through Spark and back: read by workers or exported, its conflicts are those of `detect`."""
+
+import json
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import scenes
+from commands import STRAIT, Run, runner
+from own_server import own_server
+from psycopg import conninfo
+from spark_answers import answers
+
+from conflictdb import connect
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.db import store
+from conflictdb.errors import StoreError
+from conflictdb.io.parquet_writing import write_objects
+from conflictdb.results import Kind
+
+PASSWORD = "never-to-be-seen"  # noqa: S105
+# What a detection, and who computed elsewhere, say alike.
+KEPT = (
+    "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
+    "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
+)  # fmt: skip
+# Objects without what `put_area` and `put_track` do for scenes of great circles.
+ROWS = """
+INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('late', 'great_circle', 'sphere');
+INSERT INTO conflictdb.track (scene_id, key, path, outline, outlines, grow_mps, floor_m, ceiling_m)
+SELECT conflictdb._scene_id('late'), key, path, outline, outlines, grow_mps, floor_m, ceiling_m
+FROM conflictdb.track WHERE scene_id = conflictdb._scene_id('circles') ORDER BY key DESC;
+INSERT INTO conflictdb.area (scene_id, key, footprint, active_span)
+SELECT conflictdb._scene_id('late'), key, footprint, active_span
+FROM conflictdb.area WHERE scene_id = conflictdb._scene_id('circles')
+"""
+
+
+@dataclass(frozen=True)
+class Networked:
+    """How to connect to a server over the network: as its owner, and as a user with a password who may only read."""
+
+    owner: str
+    reader: str
+
+
+@pytest.fixture
+def networked() -> Iterator[Networked]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    with own_server(listen_addresses="127.0.0.1", port=port) as server:
+        with (server.data / "pg_hba.conf").open("a") as rules:
+            rules.write("\nhost conflictdb reader 127.0.0.1/32 scram-sha-256\n")
+        with psycopg.connect(server.dsn, autocommit=True) as conn:
+            conn.execute(f"CREATE ROLE reader LOGIN PASSWORD '{PASSWORD}' IN ROLE conflictdb_reader")
+            conn.execute("SELECT pg_reload_conf()")
+        over = conninfo.make_conninfo(server.dsn, host="127.0.0.1", user="reader", password=PASSWORD)
+        yield Networked(server.dsn, over)
+
+
+@pytest.fixture
+def run(networked: Networked, capsys: pytest.CaptureFixture[str]) -> Run:
+    return runner(networked.owner, capsys)
+
+
+def known(run: Run, scene: str) -> list[dict[str, Any]]:
+    rows = json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
+    return [{name: row[name] for name in KEPT} for row in rows]
+
+
+def over_the_pole(path: Path) -> None:
+    """A scene of great circles without a centre."""
+    one = scenes.circles_over_the_pole()
+    with path.open("wb") as stream:
+        write_objects(stream, replace(one.scene, name="circles", centre=None), [of_objects(one.areas, one.tracks)])
+
+
+def test_a_scene_goes_through_spark_and_back(
+    networked: Networked, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exported, read by workers and over a socket, what is written back is what `detect` finds; again, it is nothing.
+
+    The password of a reader is in no log, neither of this program nor of Spark.
+    """
+    over_the_pole(tmp_path / "circles.parquet")
+    assert run("load", STRAIT, tmp_path / "circles.parquet").code == 0
+    with psycopg.connect(networked.owner) as conn:
+        conn.execute(ROWS)
+    exported = {name: tmp_path / f"{name}.parquet" for name in ("strait", "late")}
+    for name, path in exported.items():
+        assert run("export", "--scene", name, path).code == 0
+    ways = [
+        ("strait", networked.owner, ["--input", str(exported["strait"])]),
+        ("strait", networked.reader, ["--scene", "strait"]),
+        ("strait", networked.owner, ["--scene", "strait"]),  # over a socket, which Java does not know
+        ("circles", networked.reader, ["--scene", "circles"]),
+        ("late", networked.owner, ["--input", str(exported["late"])]),
+    ]
+    outputs = [tmp_path / f"{number} {name}" for number, (name, _, _) in enumerate(ways)]
+    detect = [["--debug", "--dsn", dsn, "spark", "detect", *given, "--partitions", "2"] for _, dsn, given in ways]
+    commands = [[*command, "--output", str(output)] for command, output in zip(detect, outputs, strict=True)]
+    commands.append(["--dsn", networked.reader, "spark", "detect", "--scene", "no", "--output", str(tmp_path / "no")])
+    events = tmp_path / "events"
+    events.mkdir()
+    (tmp_path / "spark-defaults.conf").write_text(f"spark.eventLog.enabled true\nspark.eventLog.dir file:{events}\n")
+    monkeypatch.setitem(os.environ, "SPARK_CONF_DIR", str(tmp_path))
+    answers([], tmp_path, "local[2]", commands, reads_database=True)
+    *done, refused = json.loads((tmp_path / "said.json").read_text())
+    assert [code for code, _ in done] == [0] * len(done), done
+    assert refused[0] == 4
+    assert "is not in this database" in refused[1]
+    logs = [path.read_text() for path in events.iterdir()]
+    assert sum("JDBCRelation" in text for text in logs) == 2
+    assert not any(PASSWORD in text for text in [*logs, *(text for _, text in done)])
+
+    for name, output in zip((name for name, _, _ in ways), outputs, strict=True):
+        written = run("spark", "write-back", "--scene", name, output)
+        assert (written.code, written.err) == (0, "")
+        found = known(run, name)
+        assert found
+        assert "0 opened, 0 changed, 0 closed" in run("spark", "write-back", "--scene", name, output).out
+        copy = tmp_path / "copy.parquet"
+        assert run("export", "--scene", name, copy).code == 0
+        assert run("detect", copy, "--scene", "copy").code == 0
+        assert known(run, "copy") == found
+        run("detect", "--scene", name, "--full")
+        assert known(run, name) == found
+
+
+def test_readers_see_the_state_that_is_shared(dsn: str) -> None:
+    """Others read the very objects that there were, by parts; rows of another state are refused."""
+    with connect(dsn) as db, psycopg.connect(dsn) as reader, psycopg.connect(dsn, autocommit=True) as editor:
+        name = db.load(STRAIT)
+        number = store.scene_id(db.connection, name)
+        with store.snapshot(db.connection):
+            before = [to_rows(one) for one in store.each_object(db.connection, number)]
+        with store.shared_snapshot(db.connection) as shared:
+            editor.execute("DELETE FROM conflictdb.track WHERE key = 'FERRY'")
+            editor.execute("UPDATE conflictdb.area SET ceiling_m = 7 WHERE key = 'DIVING'")
+            reader.execute(shared.begin)
+            read = [rows_of(reader, number, kind, shared) for kind in Kind]
+            assert [to_rows(one) for one in read] == before
+            first = {kind: store.firsts(db.connection, number, kind, 3) for kind in Kind}
+        assert {kind: len(of) for kind, of in first.items()} == {Kind.AREA: 2, Kind.TRACK: 3}
+        assert first[Kind.TRACK] == read[1].object_id[::3].tolist()
+        reader.rollback()
+        with pytest.raises(StoreError, match="did not read the state"):
+            rows_of(reader, number, Kind.AREA, shared)
+
+
+def rows_of(reader: psycopg.Connection[Any], number: int, kind: Kind, shared: store.Shared) -> store.Numbered:
+    """The objects of a kind as somebody else reads them."""
+    cursor = reader.execute(store.query(number, kind).encode(), binary=True)
+    names = [column.name for column in cursor.description or ()]
+    columns = dict(zip(names, zip(*cursor.fetchall(), strict=True), strict=True))
+    store.require_state(columns.pop("state"), shared)
+    is_bytes = {name: isinstance(values[0], bytes) for name, values in columns.items()}
+    return store.numbered(
+        kind,
+        {name: np.array(values) for name, values in columns.items() if not is_bytes[name]},
+        {name: values for name, values in columns.items() if is_bytes[name]},
+    )
+
+
+def to_rows(of: store.Numbered) -> list[dict[str, Any]]:
+    """Objects as rows, without names and properties."""
+    return of_objects(of.areas, of.tracks, of.object_id, of.version).drop_columns(["name", "properties"]).to_pylist()
