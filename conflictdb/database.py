@@ -9,23 +9,26 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
 
+import numpy as np
 import psycopg
 
 from conflictdb import inputs
 from conflictdb.db import attached, schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
 from conflictdb.io import Remark, Skipped, scene_text, write_lines
-from conflictdb.io.gather import Plan, gather
-from conflictdb.io.reading import PARQUET
+from conflictdb.io.contents import Parts
+from conflictdb.io.gather import Plan, gather, scene_name
+from conflictdb.io.reading import is_parquet, read_parts
 from conflictdb.io.whole_files import whole_file
 from conflictdb.methods import Method
 from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
+from conflictdb.motion.registry import centred, middle_deg, places_of, plane_of, summed_directions
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
@@ -298,7 +301,11 @@ class Database:
         """Load some files as `load` does, files of one scene as if they were one; return what it did to each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction.
+        One file of GeoParquet is read and sent some objects at a time, in that transaction, unless some may be left
+        out: it may be of any size.
         """
+        if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
+            return [self._loaded_by_parts(paths[0], scene, merge, max_speed_kn, max_file_mb)]
         gathered = gather(
             paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
         )
@@ -313,22 +320,41 @@ class Database:
 
         With `skip_invalid`, objects that the scene's plane cannot hold are left out of the plan.
         """
-        settings = plan.settings
-        needs_centre = settings is not None and settings.motion == Motion.GREAT_CIRCLE and settings.centre is None
-        if settings is None or needs_centre:
-            with self._transaction():
-                known = store.scene_settings(self.connection, plan.name)
-            if settings is None:
-                settings = known or Scene(plan.name)
-            elif known is not None:  # once there, a centre stays
-                settings = replace(settings, centre=known.centre)
-        settings = centred(settings, plan.areas, plan.tracks)
+        settings = centred(self._own_settings(plan.name, plan.settings), plan.areas, plan.tracks)
         for source in plan.sources:
             while (refused := _refused(settings, plan, source)) is not None:
                 if not skip_invalid:
                     raise refused
                 plan.leave_out(source, refused)
         return plan, settings
+
+    def _own_settings(self, name: str, settings: Scene | None) -> Scene:
+        """Return the settings of a scene: a file's, else those it has already."""
+        if settings is not None and (settings.motion != Motion.GREAT_CIRCLE or settings.centre is not None):
+            return settings
+        with self._transaction():
+            known = store.scene_settings(self.connection, name)
+        if settings is None:
+            return known or Scene(name)
+        return settings if known is None else replace(settings, centre=known.centre)  # once there, a centre stays
+
+    def _loaded_by_parts(
+        self, path: str | Path, scene: str | None, merge: bool, max_speed_kn: float | None, max_file_mb: float | None
+    ) -> Loaded:
+        """Load a file whose objects are read some at a time, and held by nobody."""
+        read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
+        with read() as parts:
+            name = scene_name(path, parts.settings, scene)
+            settings = self._own_settings(name, None if parts.settings is None else replace(parts.settings, name=name))
+            if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
+                settings = _centred(settings, parts)
+                with read() as again:
+                    return self._replaced(settings, again, merge)
+            return self._replaced(settings, parts, merge)
+
+    def _replaced(self, settings: Scene, parts: Parts, merge: bool) -> Loaded:
+        counts = store.replace_scene_by_parts(self.connection, settings, _fitting(settings, parts), merge=merge)
+        return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
 
     def _loaded(self, plan: Plan, settings: Scene, merge: bool) -> Loaded:
         try:
@@ -437,7 +463,8 @@ class Database:
         Raises
         ------
         InvalidInput
-            What was computed was of other settings, of another scene, or does not say; nothing was written.
+            What was computed was of other settings, of another scene, or does not say, or a file of it is missing;
+            nothing was written.
         LockTimeout
             Somebody else kept a lock for `lock_timeout_s`; nothing was written.
         """
@@ -446,7 +473,7 @@ class Database:
 
         of = read_computed(Path(path))
         states = store.ObjectStates.of(of.kind, of.object_id, of.version, of.key)
-        found = read_conflicts(Path(path))
+        found = read_conflicts(Path(path), of.pairs)
         return write_back(self.connection, scene, of.settings, states, found, lock_timeout_s=lock_timeout_s, say=say)
 
     def conflicts(
@@ -823,7 +850,7 @@ class Database:
         Else it is GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if it cannot be
         written, an older one stays.
         """
-        if Path(path).suffix.lower() in PARQUET:
+        if is_parquet(path):
             with whole_file(path) as stream:
                 self.write_geoparquet(scene, stream)
         else:
@@ -875,6 +902,39 @@ class Database:
     def load_demo(self) -> Loaded:
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _centred(settings: Scene, parts: Parts) -> Scene:
+    """Return settings with the middle of all objects of a file for a centre, as `centred` does."""
+    sums = np.zeros(4)
+    first: tuple[list[Area], list[Track]] = ([], [])
+    for part in parts.each:
+        sums += summed_directions(places_of(*part))
+        first = first if any(first) else part
+    parts.refusals.raise_found()
+    middle = middle_deg(sums) if any(first) else None
+    return centred(settings, *first) if middle is None else replace(settings, centre=middle)
+
+
+def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield the parts of a file until there is a mistake; all mistakes are raised in the end.
+
+    Objects that the scene's plane cannot hold are told of where nothing else is wrong.
+    """
+    plane = plane_of(settings)
+    misfit: InvalidInput | None = None
+    for areas, tracks in parts.each:
+        if misfit is not None or parts.refusals.found:
+            continue
+        try:
+            check_plane(plane, areas, tracks)
+        except InvalidInput as refused:
+            misfit = refused
+        else:
+            yield areas, tracks
+    parts.refusals.raise_found()
+    if misfit is not None:
+        raise misfit
 
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:

@@ -121,7 +121,11 @@ class _InMemory:
     """Pieces in memory as a source of pairs; areas are numbered as their footprints (n,) are."""
 
     def __init__(self, pieces: Pieces, footprint: NDArray[np.object_]) -> None:
-        self._pieces, self._footprint = pieces, footprint
+        # Copies at the seam beside what they are copies of, as in every source: of contacts that begin together the
+        # first is told.
+        order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
+        self._pieces = pieces.take(order) if pieces.turn.any() else pieces
+        self._footprint = footprint
 
     def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
         a, b = candidates(self._pieces)

@@ -21,6 +21,8 @@ BEGIN
                OR p.pronargs = 2 AND p.proname = '_begin_pieces'
                OR NOT 'p_numbers' = ANY (p.proargnames) AND p.proname = '_known_conflicts'
                OR 'p_first' = ANY (p.proargnames) AND p.proname = '_candidates'
+               OR NOT 'head' = ANY (p.proargnames) AND p.proname = '_map_conflicts'
+               OR NOT 'inside_lon_deg' = ANY (p.proargnames) AND p.proname = '_map_areas'
                OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes', '_dirty_objects'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,

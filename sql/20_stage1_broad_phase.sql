@@ -5,7 +5,8 @@
 -- pairs of their pieces, by comparing boxes in memory.
 --
 -- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&. The
--- stages that follow run at the client, which reads what it can hold: some of the pairs, then their pieces.
+-- stages that follow run at the client, which reads what it can hold: some of the pairs, then their pieces. Of a whole
+-- scene whose boxes it can hold it reads these and joins them itself: in a tenth of the time, by the same comparisons.
 --
 -- An object goes by one number: its kind above its id, so that numbers are in the order of (object_kind, object_id).
 
@@ -146,6 +147,38 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 'meet, so many pairs to a row, those of the same two objects in one: ids of the rows, how many pieces each holds, and '
 'how many pairs of other objects come before, as arrays without nulls (array_send). Refuses (ZC013) outside of a '
 'snapshot.';
+
+CREATE OR REPLACE FUNCTION _row_boxes(
+    p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
+    OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
+    OUT span_starts bytea, OUT span_ends bytea
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
+DECLARE
+    -- Of a scene that is detected in parts, and of one too large, there is nothing to be read.
+    v_is_asked boolean := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n)
+                          <= p_most AND _is_all_dirty(p_scene_id);
+BEGIN
+    PERFORM _require_snapshot();
+    SELECT array_send(coalesce(array_agg(r.piece_id), '{}')), array_send(coalesce(array_agg(r.pieces), '{}')),
+           array_send(coalesce(array_agg(r.object), '{}')), array_send(coalesce(array_agg(r.turn), '{}')),
+           array_send(coalesce(array_agg(ST_XMin(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMin(r.box)), '{}')),
+           array_send(coalesce(array_agg(ST_XMax(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMax(r.box)), '{}')),
+           array_send(coalesce(array_agg(r.floor_m), '{}')), array_send(coalesce(array_agg(r.ceiling_m), '{}')),
+           array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}'))
+        INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
+             span_ends
+        -- OFFSET 0: each box is made once.
+        FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
+                     p.hull::box3d AS box, p.floor_m, p.ceiling_m, coalesce(lower(p.span), '-infinity') AS span_start,
+                     coalesce(upper(p.span), 'infinity') AS span_end
+              FROM piece p WHERE v_is_asked AND p.scene_id = p_scene_id AND NOT isempty(p.span) OFFSET 0) r;
+END
+$$;
+COMMENT ON FUNCTION _row_boxes(bigint, bigint) IS
+'What the rows of pieces of a scene take up, each column as an array without nulls (array_send), for who joins them in '
+'memory: what _candidates answers, from the same comparisons. None where only some objects are dirty, or there are '
+'more rows than p_most. Refuses (ZC013) outside of a snapshot.';
 
 CREATE OR REPLACE FUNCTION _pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,

@@ -14,6 +14,18 @@ COMMENT ON FUNCTION _next_owner(smallint, bigint, bigint) IS
 'First version of the object that has a number now, if the one that a version is of had it before; else the largest '
 'number.';
 
+CREATE OR REPLACE FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
+RETURNS TABLE (turn smallint, part integer, hull geometry, span tstzrange, shape geometry)
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT o.turn, p.part, p.hull, p.span, p.shape
+    FROM piece o
+    CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
+    WHERE o.object_kind = p_kind AND o.object_id = p_id AND o.scene_id + 0 = p_scene_id AND o.version < p_until;
+END;
+COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
+'The pieces of an object of a scene that are of versions before one. For queries, which it becomes a part of.';
+
 CREATE OR REPLACE FUNCTION _conflict_region(
     p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
     p_b_version bigint, p_periods tstzmultirange, p_plane text
@@ -37,16 +49,8 @@ BEGIN
                   FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
                                                ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
                                (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM (SELECT o.turn, m.* FROM piece o
-                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                            o.cuts) m
-                              WHERE o.object_kind = p_a_kind AND o.object_id = p_a_id
-                                AND o.scene_id + 0 = p_scene_id AND o.version < v_a_until) a
-                        JOIN (SELECT o.turn, m.* FROM piece o
-                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                            o.cuts) m
-                              WHERE o.object_kind = p_b_kind AND o.object_id = p_b_id
-                                AND o.scene_id + 0 = p_scene_id AND o.version < v_b_until) b
+                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) a
+                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) b
                             ON b.hull && a.hull AND (a.turn = 0 OR b.turn = 0)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
@@ -57,16 +61,8 @@ BEGIN
             INTO v_region
             FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM (SELECT o.turn, m.* FROM piece o
-                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                            o.cuts) m
-                              WHERE o.object_kind = p_a_kind AND o.object_id = p_a_id
-                                AND o.scene_id + 0 = p_scene_id AND o.version < v_a_until) a
-                        JOIN (SELECT o.turn, m.* FROM piece o
-                              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                            o.cuts) m
-                              WHERE o.object_kind = p_b_kind AND o.object_id = p_b_id
-                                AND o.scene_id + 0 = p_scene_id AND o.version < v_b_until) b
+                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) a
+                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) b
                             ON b.hull && a.hull AND b.span && a.span AND (a.turn = 0 OR b.turn = 0)
                         WHERE p_periods && (a.span * b.span)
                         OFFSET 0) m
@@ -436,6 +432,18 @@ BEGIN
         WHERE c.scene_id = p_scene_id AND c.is_covered
           AND NOT EXISTS (SELECT FROM unnest(p_kinds, p_ids) d (kind, id)
                           WHERE d.kind = c.object_kind AND d.id = c.object_id);
+    -- Where one of these has a mark, its pairs with all others are not known either: what was compared with no others,
+    -- as of a part of the scene, would hide them once that mark is gone.
+    IF EXISTS (SELECT FROM change c JOIN unnest(p_kinds, p_ids) d (kind, id)
+                   ON d.kind = c.object_kind AND d.id = c.object_id
+               WHERE c.scene_id = p_scene_id) THEN
+        INSERT INTO change (scene_id, object_kind, object_id, version)
+            SELECT p_scene_id, o.object_kind, o.object_id, nextval('version_seq') FROM _object_states(p_scene_id) o
+            WHERE NOT EXISTS (SELECT FROM unnest(p_kinds, p_ids) d (kind, id)
+                              WHERE d.kind = o.object_kind AND d.id = o.object_id)
+              AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id
+                              AND c.object_kind = o.object_kind AND c.object_id = o.object_id);
+    END IF;
     INSERT INTO change (scene_id, object_kind, object_id, version, is_covered)
         SELECT p_scene_id, d.kind, d.id, nextval('version_seq'), true FROM unnest(p_kinds, p_ids) d (kind, id)
         WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered
@@ -444,7 +452,8 @@ END
 $$;
 COMMENT ON FUNCTION _cover(bigint, smallint[], bigint[]) IS
 'Covers the marks of exactly these objects of a scene, and marks those that have none: theirs are the conflicts that '
-'the transaction replaces.';
+'the transaction replaces. If one of them had a mark all other objects get one, which stays: of their pairs with it '
+'nothing is known.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE

@@ -264,19 +264,28 @@ BEGIN ATOMIC
            coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
-                 range_agg(m.span * n.span) AS spans,
-                 ST_Union(_part_from_plane(ST_Intersection(m.hull, n.hull), s.plane)) AS region
+                 range_agg(m.span) AS spans, ST_Union(_part_from_plane(m.part, s.plane)) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
-          CROSS JOIN LATERAL _pieces_of(a.part, a.hull, a.span, a.shape, a.parts, a.hulls, a.shapes, a.cuts) m
-          CROSS JOIN LATERAL _pieces_of(b.part, b.hull, b.span, b.shape, b.parts, b.hulls, b.shapes, b.cuts) n
+          -- OFFSET 0: each row is taken apart once for a pair of rows, not once for each piece of the other.
+          -- Each row is taken apart once for a pair of rows, not once for each piece of the other.
+          CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
+                                  SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
+                                                                        a.hulls, a.shapes, a.cuts) o
+                                  WHERE o.hull && b.hull AND o.span && b.span
+                              ), n AS MATERIALIZED (
+                                  SELECT o.hull, o.span FROM _pieces_of(b.part, b.hull, b.span, b.shape, b.parts,
+                                                                        b.hulls, b.shapes, b.cuts) o
+                                  WHERE o.hull && a.hull AND o.span && a.span
+                              )
+                              SELECT m.span * n.span AS span, ST_Intersection(m.hull, n.hull) AS part
+                              FROM m JOIN n ON n.span && m.span AND ST_Intersects(m.hull, n.hull)
+                              OFFSET 0) m
           WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
-            AND m.hull && b.hull AND n.hull && a.hull AND n.span && m.span
-            AND ST_Intersects(m.hull, n.hull)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
     LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version

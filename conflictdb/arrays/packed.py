@@ -101,11 +101,27 @@ def unpacked(words: Words, begin: NDArray[np.int64]) -> Pieces:
     )
 
 
-def packed_hulls(words: Words, begin: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the hulls alone of pieces whose words begin at `begin` (n,): hull_xy (h, 2), hull_offset (n + 1,)."""
+def begins_in(words: Words, begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[Words, NDArray[np.int64]]:
+    """Return where each piece begins of some runs of words, which hold pieces one after the other: (m,), in order.
+
+    And of which pieces each run is, as offsets (n + 1,).
+
+    begin, end : (n,) of the runs
+    """
     words = _little_endian(words)
-    offset, xy = _ring(words.view(np.float64), begin + _HEAD, words[begin + _HULL])
-    return xy, offset
+    found, of = [], []
+    run, at = np.arange(len(begin)), begin
+    while run.size:
+        found.append(at)
+        of.append(run)
+        shape = words[at + _SHAPE]
+        at = at + _HEAD + 2 * words[at + _HULL] + 2 * shape * (1 + (words[at + _CHANGES] != 0))
+        more = at < end[run]
+        run, at = run[more], at[more]
+    runs = np.concatenate([np.empty(0, np.int64), *of])
+    order = np.argsort(runs, kind="stable")
+    begins = np.concatenate([np.empty(0, np.int64), *found])[order]
+    return begins, offsets(np.bincount(runs, minlength=len(begin)))
 
 
 def _changed(pieces: Pieces) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -28,6 +28,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import attached, store
 from conflictdb.db.sources import FewSource, SceneSource
+from conflictdb.db.store.aside import begun_aside
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import Method
 from conflictdb.model import Scene
@@ -297,9 +298,7 @@ class _Aside:
     def start(self) -> None:
         """Begin, unless that was done."""
         if self._begun is None:
-            thread = ThreadPoolExecutor(1)
-            self._begun = thread.submit(self._work)
-            thread.shutdown(wait=False)
+            self._begun = begun_aside(self._work)
 
     def result(self) -> store.Staged:
         """Return it; raises what the work did."""

@@ -1,4 +1,7 @@
-"""Where the pairs of a scene of the database come from: stage 1, rows of pieces in the database, their pieces here."""
+"""Where the pairs of a scene of the database come from: stage 1, rows of pieces in the database, their pieces here.
+
+Of a whole scene rows are joined here, too, by their boxes, as long as these fit the memory.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Final
@@ -9,6 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
+from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
@@ -39,9 +43,20 @@ class SceneSource:
         self._conn, self._scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
 
     def candidates(self) -> Iterator[Chunk]:
-        """As `PairSource` has it."""
-        for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
-            yield from pairs_of_rows(found, self._read, self._memory)
+        """As `PairSource` has it: where all changed, of boxes that are joined here, if they fit the memory."""
+        ids, pieces, boxes = store.boxes(self._conn, self._scene_id, self._memory.boxes)
+        if not len(ids):
+            for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
+                yield from pairs_of_rows(found, self._read, self._memory)
+            return
+        memory = self._memory.beside(len(ids))
+        if pieces.sum() > memory.pieces:
+            for found in joined(ids, pieces, boxes, memory.pairs):
+                yield from pairs_of_rows(found, self._read, memory)
+            return
+        bundles, place = self._read(ids)
+        for found in joined(ids, pieces, boxes, memory.pairs):
+            yield from _pairs_of(bundles, place, found.a, found.b, memory.pairs)
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         found = store.bundles(self._conn, self._scene_id, ids)
@@ -77,6 +92,23 @@ class FewSource(SceneSource):
             yield from super().candidates()
 
 
+def joined(
+    ids: NDArray[np.int64], pieces: NDArray[np.int64], boxes: RowBoxes, at_once: int
+) -> Iterator[store.Candidates]:
+    """Yield what `store.candidates` does, of rows of pieces that are joined here."""
+    order = near_order(boxes)
+    ids, pieces, boxes = ids[order], pieces[order], boxes.take(order)
+    # By where the first of two objects is: pairs of a chunk share pieces.
+    _, first, number = np.unique(boxes.object, return_index=True, return_inverse=True)
+    place = np.empty(len(first), np.int64)
+    place[np.argsort(first)] = np.arange(len(first))
+    for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once):
+        objects = place[number[a]] * len(place) + number[b]
+        together = np.argsort(objects, kind="stable")
+        a, b = a[together], b[together]
+        yield store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together])
+
+
 def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory) -> Iterator[Chunk]:
     """Yield the pairs of pieces of pairs of rows, so many at once that they fit the memory."""
     for some in _readable(found, memory.pieces):
@@ -104,7 +136,9 @@ def _pairs_of(
     ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
     by_id = np.argsort(ids)
     a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (a, b))
-    order = np.lexsort((number[b], number[a]))
+    # One number is sorted in a third of the time of two.
+    _, object_rank = np.unique(number, return_inverse=True)
+    order = np.argsort(object_rank[a] * len(ids) + object_rank[b], kind="stable")
     a, b = a[order], b[order]
     looked_at = np.cumsum(size[a] * size[b])
     ends = np.append(np.flatnonzero((number[a][1:] != number[a][:-1]) | (number[b][1:] != number[b][:-1])) + 1, len(a))
@@ -125,10 +159,13 @@ def _pairs_of(
 
 def _in_order(pieces: Pieces, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> Chunk:
     """Return those pieces that are in pairs, by their places, and the pairs in an order that follows from these."""
-    used = np.unique(np.concatenate([a, b]))
+    is_used = np.zeros(len(pieces), np.bool_)
+    is_used[a] = is_used[b] = True
+    used = np.flatnonzero(is_used)
     used = used[np.argsort(place[used])]
     row = np.empty(len(pieces), np.int64)
     row[used] = np.arange(len(used))
     a, b = np.minimum(row[a], row[b]), np.maximum(row[a], row[b])
-    order = np.lexsort((b, a))
+    # No pair comes twice.
+    order = np.argsort(a * len(pieces) + b)
     return pieces.take(used), PieceRows(a[order]), PieceRows(b[order])

@@ -2,7 +2,8 @@
 
 All in one transaction that holds the scene's lock. What is written is true of the objects in the states that it was
 computed from: of these alone pairs are replaced and marks cleared. An object that has changed since, or is new, or
-gone, keeps its mark and its rows; the next detection finds out about it.
+gone, keeps its mark and its rows; the next detection finds out about it. So does one that was not among them, if one of
+them had a mark: that was not compared with it.
 """
 
 import time
@@ -16,10 +17,10 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import refresh_pieces
-from conflictdb.db.store.known_pairs import numbers_of
 from conflictdb.errors import InvalidInput
 from conflictdb.model import Scene
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
@@ -35,7 +36,8 @@ class WrittenBack:
 
     run_id : its row in the table `run`
     objects : of the scene that are as they were when the conflicts were computed
-    behind : objects that have changed since, are new or gone: they wait for a detection
+    behind : objects that have changed since, are new, gone or were left out: what is not known of them waits for a
+        detection
     conflicts, unresolved : of the scene now
     opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     """
@@ -163,7 +165,9 @@ def _each(
                 raise InvalidInput("conflicts", "objects", "are not all of those that they say they were computed from")
             members.append(number)
         pairs = list(zip(np.minimum(*members).tolist(), np.maximum(*members).tolist(), strict=True))
-        if len(seen) + len(pairs) > len(seen := seen.union(pairs)):
+        known = len(seen)
+        seen.update(pairs)
+        if len(seen) < known + len(pairs):
             raise InvalidInput("conflicts", "objects", "are twice in them: two answers for one pair")
         kept = np.flatnonzero(np.isin(members[0], same) & np.isin(members[1], same))
         yield found.take(kept), region.take(kept)

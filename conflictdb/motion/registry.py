@@ -1,5 +1,6 @@
 """Which plane a scene lives in: one row for each motion."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -7,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import direction_of, earth_of
 from conflictdb.model import Area, Motion, Scene, Track
@@ -31,17 +33,43 @@ def plane_of(scene: Scene) -> Plane:
 def centred(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Scene:
     """Return the scene with a centre, if its motion needs one: the middle of the objects, to a millionth of a degree.
 
-    The mean of all corners and waypoints in space; of places all around the earth that has no direction, and the first
-    of them will do.
+    Of places all around the earth, which have none, it is the first: objects as far apart as these are within reach of
+    no centre, and the check of that names them.
     """
     if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None or not (areas or tracks):
         return scene
-    corners = [shapely.get_coordinates(area.footprint) for area in areas]
-    places = np.concatenate([*corners, *(track.positions_deg for track in tracks)])
-    (sine, cosine), (sine_lat, cosine_lat) = direction_of(places[:, 0]), direction_of(places[:, 1])
-    x, y, z = (cosine_lat * cosine).mean(), (cosine_lat * sine).mean(), sine_lat.mean()
-    if np.hypot(np.hypot(x, y), z) < 1e-6:
+    places = places_of(areas, tracks)
+    middle = middle_deg(summed_directions(places))
+    if middle is None:
         lon, lat = np.remainder(places[0, 0] + 180.0, 360.0) - 180.0, places[0, 1]
-    else:
-        lon, lat = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
-    return replace(scene, centre=(round(float(lon), 6), round(float(lat), 6)))
+        middle = round(float(lon), 6), round(float(lat), 6)
+    return replace(scene, centre=middle)
+
+
+def places_of(areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.float64]:
+    """Return the corners and waypoints of objects (n, 2), longitude and latitude."""
+    corners = [shapely.get_coordinates(area.footprint) for area in areas]
+    return np.concatenate([np.empty((0, 2)), *corners, *(track.positions_deg for track in tracks)])
+
+
+def summed_directions(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (4,) how many places (n, 2), in degrees, there are, and the sums of their directions in space.
+
+    These of several parts are added to those of all.
+    """
+    (sine, cosine), (sine_lat, cosine_lat) = direction_of(places_deg[:, 0]), direction_of(places_deg[:, 1])
+    sums = map(math.fsum, (cosine_lat * cosine, cosine_lat * sine, sine_lat))
+    return np.array([len(places_deg), *sums])
+
+
+def middle_deg(sums: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the middle of places, the mean of their directions, by their sums (4,): to a millionth of a degree.
+
+    None if the mean has no direction. Then the places are within 60 degrees of no centre: towards it the mean of such
+    is half as long as a direction, or more.
+    """
+    count, x, y, z = sums.tolist()
+    if math.hypot(x, y, z) < 1e-6 * count:
+        return None
+    lon, lat = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+    return round(lon, 6), round(lat, 6)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 
@@ -38,7 +39,7 @@ def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
 
 def object_numbers(pieces: Pieces) -> NDArray[np.int64]:
     """Return (n,) one number for the object of each piece, in the order of kinds, then ids."""
-    return (pieces.kind.astype(np.int64) << 62) | pieces.object_id
+    return numbers_of(pieces.kind, pieces.object_id)
 
 
 def company_of(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:

@@ -22,7 +22,7 @@ class Approaches:
         where none is within what was asked, and where that is not known
     at_us : (n,) int64, the same in microseconds since 1970; SINCE_EVER_US for areas that are always there
     distance_m : (n,) metres on the earth, 0 where they touch; infinite where they are not within what was asked, NaN
-        where that cannot be told, as a piece is of no numbers
+        where that cannot be told, as a piece is of no numbers or the work of distances is used up
     error_m : (n,) bound on how far distance_m is from the least distance, either way, metres
     a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points, or where they touch; NaN where
         there are none

@@ -4,6 +4,7 @@ The kernel decides. With method `nlp` it searches every pair, and asks the publi
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from typing import Final
 
@@ -56,21 +57,23 @@ def contacts(
         raise ValueError(f"method {scene.method} stops before stage 4")
     questions = _questions(prepared.pieces, pairs, first_s, last_s)
     effort = Effort()
-    guesses = None
-    if solver is Solver.PROGRAMS:
-        # scipy takes half a second to import.
-        from conflictdb.stage4.published.guesses import Guesses
-
-        guesses = Guesses(plane, scene.separation_m, prepared, pairs, questions.zero_us, effort.programs)
     found = [Contacts.none()]
     possible = np.flatnonzero(first_s <= last_s)
-    for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
-        asked = questions.take(rows)
-        ask = None if guesses is None else partial(guesses.extreme_contact, rows)
-        done = kernel.contacts(prepared, asked, scene.separation_m, scene.tolerance_m, effort.exact, threads, ask)
-        found.append(done.of_pairs(rows))
-        if progress:
-            progress(len(rows))
+    with ExitStack() as held:
+        guesses = None
+        if solver is Solver.PROGRAMS:
+            # scipy takes half a second to import.
+            from conflictdb.stage4.published.guesses import Guesses, reproducible
+
+            held.enter_context(reproducible())
+            guesses = Guesses(plane, scene.separation_m, prepared, pairs, questions.zero_us, effort.programs)
+        for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
+            asked = questions.take(rows)
+            ask = None if guesses is None else partial(guesses.extreme_contact, rows)
+            done = kernel.contacts(prepared, asked, scene.separation_m, scene.tolerance_m, effort.exact, threads, ask)
+            found.append(done.of_pairs(rows))
+            if progress:
+                progress(len(rows))
     return Contacts.concatenate(found), effort
 
 

@@ -996,10 +996,10 @@ FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _map_areas(p_scene text)
-    RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _map_conflicts(p_scene text)
-    RETURNS TABLE(conflict_id bigint, a_key text, b_key text, verdict text, starts_s double precision[], ends_s double precision[], time_error_s double precision, lon_deg double precision, lat_deg double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, is_current boolean, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(head text, numbers bytea) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _map_expression(p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid, OUT expression text, OUT columns smallint[])
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -1094,6 +1094,9 @@ FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
+    RETURNS TABLE(turn smallint, part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _pieces_meeting(p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
@@ -1168,6 +1171,9 @@ FUNCTION _require_snapshot()
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET jit=off;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;

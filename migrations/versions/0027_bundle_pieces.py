@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9d742c94bf596247c8c8f71ce63df32530e39cdd4df62408c9c5ddd9aec5c79a"
+routines_sha256 = "79f718ed268020ea28c56c093f5d5999fa4267a2a9281c8e8f3123e695b97152"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """

@@ -6,7 +6,8 @@ its objects.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Self
 
 import piecework
@@ -20,6 +21,7 @@ from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.contract import Plane
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
 from conflictdb.pipeline.source import PairSource
 from conflictdb.results import Kind
 
@@ -64,7 +66,9 @@ def in_memory(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Tr
 
 
 @contextmanager
-def in_the_database(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Opened]:
+def in_the_database(
+    dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], memory: Memory = DEFAULT_MEMORY
+) -> Iterator[Opened]:
     with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
         scene_id = piecework.load(conn, scene, list(areas), list(tracks))
         conn.commit()
@@ -72,8 +76,14 @@ def in_the_database(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Seque
         store.begin_snapshot(conn)
         key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
         key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
-        yield Opened(SceneSource(conn, scene_id), store.read_settings(conn, scene_id), key)
+        yield Opened(SceneSource(conn, scene_id, memory), store.read_settings(conn, scene_id), key)
         conn.rollback()
 
 
-SOURCES: Final[dict[str, Open]] = {"in memory": in_memory, "in the database": in_the_database}
+SOURCES: Final[dict[str, Open]] = {
+    "in memory": in_memory,
+    "in the database": in_the_database,
+    "joined by the database": partial(in_the_database, memory=replace(DEFAULT_MEMORY, boxes=0)),
+    "joined by the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=0)),
+    "in the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=10_000)),
+}

@@ -62,7 +62,7 @@ class Database:
 
     def mark_all(self) -> None:
         with self._connect() as conn:
-            store.mark_all(conn, store.scene_id(conn, self.scene.name))
+            piecework.mark_all(conn, store.scene_id(conn, self.scene.name))
 
     def write(self, answer: Answer) -> tuple[int, int, int]:
         with self._connect() as conn:

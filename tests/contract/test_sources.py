@@ -31,9 +31,21 @@ def known(scene: scenes.Known) -> Objects:
     return scene.scene, scene.areas, scene.tracks
 
 
+def jagged(middle: tuple[float, float], corners: int) -> shapely.Polygon:
+    """A star about a place, within 1 degree of it."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 2 * corners, endpoint=False)
+    reach = np.tile([1.0, 0.6], corners)
+    return shapely.Polygon(np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=1) + middle)
+
+
 THROWN: Final[dict[str, Objects]] = {
     "nothing": (Scene("nothing"), [], []),
     "seam": known(scenes.seam(EarthModel.WGS84)),
+    "many parts on the seam": (
+        Scene("jagged"),
+        [Area(f"A{i}", shapely.MultiPolygon([jagged((180.0, 10.0 + 0.2 * i), 40 + i)])) for i in range(3)],
+        [],
+    ),
     "touching": known(scenes.touching(EarthModel.SPHERE)),
     "heights": known(scenes.heights(EarthModel.WGS84)),
     "spans": known(scenes.spans(EarthModel.WGS84)),
@@ -121,7 +133,10 @@ def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tup
         members = ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         a, b = (opened.key[int(kind[k]), int(number[k])] for kind, number in members)
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
-        row = (int(found.verdict[k]), periods, float(found.time_error_s[k]), found.closest_m[k], found.closest_us[k])
+        row = (
+            *(int(found.verdict[k]), periods, float(found.time_error_s[k]), found.first_contact_deg[k]),
+            *(found.closest_m[k], found.closest_us[k]),
+        )
         assert all(SINCE_EVER_US <= start <= end <= FOR_EVER_US for start, end in periods)
         assert frozenset((a, b)) not in map(frozenset, answer)
         answer[min(a, b), max(a, b)] = row
@@ -139,6 +154,17 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
     assert found.keys() == expected.keys()
     for pair, row in found.items():
         np.testing.assert_equal(row, expected[pair], err_msg=str(pair))
+
+
+@every_source
+@every_scene
+def test_pieces_come_in_the_order_of_their_objects(dsn: str, open_source: Open, objects: Objects) -> None:
+    """Of kinds, keys, parts and turns: of contacts that begin together every source tells the same one as the first."""
+    with open_source(dsn, *objects) as opened:
+        for pieces, *_ in opened.source.candidates():
+            names = [member(opened, pieces, row) for row in range(len(pieces))]
+            order = [(kind, key.encode(), part, -turn) for kind, key, part, turn in names]
+            assert order == sorted(order)
 
 
 @every_source

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from commands import STRAIT, Run, runner
@@ -65,7 +66,9 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
         pieces_of(scene, plane, areas, tracks), dict(zip(areas.area_id.tolist(), areas.footprint, strict=True))
     )
     directory.mkdir()
+    pairs = 0
     for k, (found, _) in enumerate(run_scene(scene, plane, source)):
+        pairs += len(found)
         a, b = (
             [keys[bool(kind), number] for kind, number in zip(kinds.tolist(), ids.tolist(), strict=True)]
             for kinds, ids in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
@@ -74,6 +77,7 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
         pq.write_table(pa.Table.from_batches([batch]), directory / f"part-{k}.parquet")
     states = table.select(["kind", "id", "object_id", "version"])
     states = states.append_column("settings", pa.array([settings_text(scene)] * len(states)))
+    states = states.append_column("pairs", pa.array([pairs] * len(states)))
     (directory / STATES).mkdir()
     states = states.select(COMPUTED.schema.names).replace_schema_metadata(None)
     pq.write_table(states, directory / STATES / "part-0.parquet")
@@ -154,10 +158,38 @@ def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connec
 def test_conflicts_that_are_gone_are_closed(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
     run("detect", "--scene", "strait")
     before = known(run, "strait")
-    (part,) = strait.glob("*.parquet")
-    pq.write_table(pq.read_table(part).slice(1), part)
+    (part,), (states,) = strait.glob("*.parquet"), (strait / STATES).iterdir()
+    found, computed_of = pq.read_table(part).slice(1), pq.read_table(states)
+    pq.write_table(found, part)
+    fewer = pa.array([len(found)] * len(computed_of))
+    pq.write_table(computed_of.set_column(computed_of.schema.get_field_index("pairs"), "pairs", fewer), states)
     assert "0 opened, 0 changed, 1 closed" in run("spark", "write-back", "--scene", "strait", strait).out
     assert len(known(run, "strait")) == len(before) - 1
+
+
+def test_what_was_computed_of_a_part_of_a_scene_hides_nothing(
+    run: Run, conn: psycopg.Connection[Any], strait: Path, tmp_path: Path
+) -> None:
+    """An object that moved was compared with those of the file alone: the others are detected again."""
+    run("detect", "--scene", "strait")
+    with conn.transaction():
+        conn.execute("UPDATE conflictdb.track SET path = ST_Translate(path, 0.0, 0.02) WHERE key = 'FERRY'")
+    whole = tmp_path / "strait.parquet"
+    assert run("export", "--scene", "strait", whole).code == 0
+    scene, objects = read(whole).scene, pq.read_table(whole)
+    assert scene is not None
+    pq.write_table(objects.filter(pc.field("id") != "DIVING"), whole)
+    done = run("spark", "write-back", "--scene", "strait", computed(whole, tmp_path / "part", scene))
+    assert done.code == 0
+    assert "1 objects changed since it was exported, or were not in it" in done.err
+    assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(1, False)]
+    run("detect", "--scene", "strait")
+    found = known(run, "strait")
+    run("detect", "--scene", "strait", "--full")
+    assert found == known(run, "strait")
+    # Where no object of the file waits, all of its pairs are known: nobody has to wait.
+    assert run("spark", "write-back", "--scene", "strait", tmp_path / "part").code == 0
+    assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(0, True)]
 
 
 def refuse(run: Run, path: Path, scene: str = "strait") -> str:
@@ -198,6 +230,9 @@ def test_what_would_be_untrue_is_refused(run: Run, conn: psycopg.Connection[Any]
     (strait / "part-9.parquet").write_bytes(part.read_bytes()[:-10])
     assert "cannot be read as Parquet" in refuse(run, strait)
     (strait / "part-9.parquet").unlink()
+    pq.write_table(found.slice(1), part)
+    assert f"holds {len(found) - 1} pairs of the {len(found)} that were found" in refuse(run, strait)
+    pq.write_table(found, part)
     assert told(conn, "SELECT count(*) FROM conflictdb.run") == [(0,)]
     assert told(conn, "SELECT count(*) FROM conflictdb.conflict") == [(0,)]
     assert told(conn, "SELECT count(*) FROM conflictdb.change WHERE is_covered") == [(0,)]

@@ -11,13 +11,13 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from piecework import load, refresh, write_run
+from piecework import load, mark_all, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.model import SINCE_EVER_US, Area, Scene
+from conflictdb.model import SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -102,6 +102,29 @@ def plans(conn: Conn) -> list[dict[str, Any]]:
 
     conn.add_notice_handler(keep)
     return found
+
+
+def times_taken_apart(plan: dict[str, Any]) -> int:
+    """Return how often functions in FROM, which take rows of pieces apart, were called anew."""
+    own = plan["Actual Loops"] if plan["Node Type"] == "Function Scan" else 0
+    return own + sum(times_taken_apart(child) for child in plan.get("Plans", []))
+
+
+def test_rows_of_pieces_are_taken_apart_once_for_each_row_that_they_meet(conn: Conn) -> None:
+    """And not for each piece of that: ships at anchor are rows of sixty-four."""
+    swings = np.array([[0.0, 4e-4 * (i % 2)] for i in range(51)])
+    minutes_us = 60_000_000 * np.arange(51)
+    ships = [
+        Track(key, np.add(swings, (2e-5 * i, 0.0)), minutes_us, rectangle_outline_m(50.0, 50.0, 10.0, 10.0))
+        for i, key in enumerate(("A", "B", "C"))
+    ]
+    refresh(conn, load(conn, Scene("harbour"), [], ships))
+    assert conn.execute("SELECT count(*), sum(pieces) FROM conflictdb.piece").fetchone() == (3, 150)
+    asked = "EXPLAIN (ANALYZE, TIMING off, FORMAT JSON) SELECT * FROM conflictdb.candidates('harbour')"
+    (((explained,),),) = conn.execute(asked).fetchall()
+    assert explained["Plan"]["Actual Rows"] == 3
+    # Both rows of three pairs.
+    assert times_taken_apart(explained["Plan"]) == 6
 
 
 def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with_all(
@@ -218,7 +241,7 @@ def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans
             pass
         write_run(conn, scene_id, store.RunRecord("exact", {}, datetime.now(UTC)), found)
         conn.commit()
-        store.mark_all(conn, scene_id)
+        mark_all(conn, scene_id)
         conn.commit()
     wasteful = [plan for plan in plans if max(plan["waste"], plan["read"]) > 100 * COUNT]
     assert wasteful == []

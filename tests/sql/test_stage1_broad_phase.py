@@ -6,9 +6,10 @@ from typing import Any
 import psycopg
 import pytest
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
-from workloads import PAPER, SEAM, throw
+from workloads import HARBOUR, PAPER, SEAM, throw
 
 from conflictdb.db import store
+from conflictdb.db.sources import joined
 from conflictdb.errors import StoreError
 from conflictdb.model import Area, EarthModel
 
@@ -44,6 +45,57 @@ def test_every_pair_of_meeting_boxes_is_found_once(conn: Conn, workload: Any, ea
     refresh(conn, scene_id)
     found = candidates(conn, scene_id)
     assert_exactly(found, stored_pieces(conn, scene_id))
+
+
+def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[list[tuple[int, int]]]:
+    """Stage 1 joined by the client, in a transaction that stays open; its pairs of pieces, chunk by chunk."""
+    store.begin_snapshot(conn)
+    found = joined(*store.boxes(conn, scene_id, 1_000_000), at_once)
+    return [list(zip(some.a.tolist(), some.b.tolist(), strict=True)) for some in found]
+
+
+@pytest.mark.parametrize("workload", [PAPER, SEAM, HARBOUR], ids=lambda w: w.name)
+@pytest.mark.parametrize("is_layered", [False, True])
+def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
+    conn: Conn, workload: Any, is_layered: bool
+) -> None:
+    """But for boxes that meet only because the index rounds them outward; all of two objects in one chunk."""
+    scene, areas, tracks = throw(workload, 3, 25, 25)
+    if is_layered:
+        areas = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
+    other = load(conn, *throw(replace(PAPER, name="other"), 16, 10, 10))
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, other)
+    refresh(conn, scene_id)
+    pieces = stored_pieces(conn, scene_id)
+    conn.rollback()
+    known = set(candidates(conn, scene_id))
+    conn.rollback()
+    (whole,) = joined_pairs(conn, scene_id)
+    assert set(whole) <= known
+    assert_exactly(whole, pieces)
+    conn.rollback()
+    key = {p.piece_id: p.key for p in pieces}
+    chunks = joined_pairs(conn, scene_id, 10)
+    assert len(chunks) > 1
+    assert sorted(pair for chunk in chunks for pair in chunk) == sorted(whole)
+    of_objects = [{frozenset((key[a], key[b])) for a, b in chunk} for chunk in chunks]
+    assert sum(map(len, of_objects)) == len(set[frozenset[str]]().union(*of_objects))
+
+
+def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> None:
+    scene_id = load(conn, *throw(PAPER, 15, 5, 5))
+    refresh(conn, scene_id)
+    count = len(stored_pieces(conn, scene_id))
+    conn.rollback()
+    store.begin_snapshot(conn)
+    assert len(store.boxes(conn, scene_id, count)[0]) == count
+    assert len(store.boxes(conn, scene_id, count - 1)[0]) == 0
+    conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
+    assert len(store.boxes(conn, scene_id, count)[0]) == 0
+    conn.rollback()
+    with pytest.raises(StoreError, match="REPEATABLE READ"):
+        store.boxes(conn, scene_id, count)
 
 
 def test_heights_and_other_scenes_keep_pairs_apart(conn: Conn) -> None:

@@ -11,7 +11,7 @@ import psycopg
 import pytest
 import shapely
 from numpy.typing import NDArray
-from piecework import load, refresh, write_run
+from piecework import load, mark_all, refresh, write_run
 from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.answers import Conflicts
@@ -193,7 +193,7 @@ def test_detection_without_changes_changes_nothing(conn: Conn, scene_id: int) ->
 
 def test_marking_all_computes_every_pair_again(conn: Conn, scene_id: int) -> None:
     detect(conn, scene_id, ALL)
-    assert store.mark_all(conn, scene_id) == 4
+    assert mark_all(conn, scene_id) == 4
     conn.commit()
     assert not any(c.is_current for c in store.conflicts(conn, "s"))
     outcome = detect(conn, scene_id, {("A", "B"): ALL[("B", "A")]})
@@ -206,11 +206,11 @@ def test_rows_that_are_the_same_are_not_written_again(conn: Conn, scene_id: int)
     detect(conn, scene_id, ALL)
     before = conn.execute(versions.encode()).fetchall()
     conn.commit()
-    store.mark_all(conn, scene_id)
+    mark_all(conn, scene_id)
     conn.commit()
     detect(conn, scene_id, ALL)
     assert conn.execute(versions.encode()).fetchall() == before
-    store.mark_all(conn, scene_id)
+    mark_all(conn, scene_id)
     conn.commit()
     assert detect(conn, scene_id, ALL | {("U", "T"): ONE}).changed == 1
     after = conn.execute(versions.encode()).fetchall()
@@ -223,7 +223,7 @@ def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id:
 
     def written(record: store.RunRecord = RECORD) -> bool:
         before = conn.execute(versions.encode()).fetchall()
-        store.mark_all(conn, scene_id)
+        mark_all(conn, scene_id)
         conn.commit()
         refresh(conn, scene_id)
         begin(conn, scene_id)
@@ -274,7 +274,7 @@ def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: 
     monkeypatch.setattr(writing, "_ROWS_AT_ONCE", 1)
     first = detect(conn, scene_id, ALL, verdict=2)
     assert (first.opened, first.conflicts, first.unresolved) == (3, 3, 3)
-    store.mark_all(conn, scene_id)
+    mark_all(conn, scene_id)
     conn.commit()
     second = detect(conn, scene_id, {("T", "U"): ONE, ("A", "U"): ONE, ("B", "U"): ONE})
     assert (second.opened, second.changed, second.closed) == (2, 1, 2)
@@ -420,7 +420,7 @@ def test_the_database_knows_the_methods_and_verdicts_that_python_knows(conn: Con
 
 def test_failed_detection_is_recorded_and_nothing_else_changes(conn: Conn, scene_id: int) -> None:
     detect(conn, scene_id, ALL)
-    store.mark_all(conn, scene_id)
+    mark_all(conn, scene_id)
     conn.commit()
     number = store.record_failure(conn, scene_id, replace(RECORD, counted={"pieces_s": 0.1}), "ValueError: no")
     assert conn.info.transaction_status == TransactionStatus.IDLE

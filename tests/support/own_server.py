@@ -32,7 +32,7 @@ class OwnServer:
     def __init__(self, home: Path, **settings: str) -> None:
         self.data = home / "data"
         self.settings = {**SETTINGS, "unix_socket_directories": str(self.data), **settings}
-        self.dsn = f"host={self.data} port=5432 user=postgres dbname=conflictdb"
+        self.dsn = f"host={self.data} port={settings.get('port', '5432')} user=postgres dbname=conflictdb"
         if not self.data.exists():
             with server.embedded(home, durable=False) as embedded:
                 schema.upgrade(embedded.dsn)

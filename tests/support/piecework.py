@@ -39,6 +39,13 @@ def load(conn: Conn, scene: Scene, areas: list[Area], tracks: list[Track]) -> in
     return store.scene_id(conn, scene.name)
 
 
+def mark_all(conn: Conn, scene_id: int) -> int:
+    """Mark every object of a scene as changed, and return how many it has."""
+    row = conn.execute("SELECT conflictdb._mark_all(%s)", [scene_id]).fetchone()
+    assert row is not None
+    return int(row[0])
+
+
 def refresh(conn: Conn, scene_id: int) -> Pieces:
     """Make the pieces of what changed, as a detection does, and return them."""
     store.begin_snapshot(conn)

@@ -236,6 +236,8 @@ def test_another_form_or_a_later_edition_is_refused() -> None:
         (b'{"form": "pieces", "edition": 1}', "says that this is 'pieces'"),
         (b'{"form": "objects", "edition": 99}', "edition 99.*upgrade"),
         (b"{", "must be a JSON object"),
+        (b"[1]", "must be a JSON object"),
+        (b"[" * 100_000, "must be a JSON object"),
     ):
         with pytest.raises(InvalidInput, match=rule):
             to_objects(batch.replace_schema_metadata({b"conflictdb": told}))

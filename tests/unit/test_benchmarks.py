@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 import quick_sea
 import real_runs
 import scale_out
+import sparked
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
+from scenes import T0_US
 
 from conflictdb import Scene, solve
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
@@ -55,6 +58,24 @@ def test_quick_sea_is_as_dense_as_the_sea(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(solve(tracks, areas, Scene("sea"))) == pytest.approx(expected, rel=0.2)
 
 
+def test_more_than_a_day_of_the_quick_sea_is_as_dense(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each day has tracks of its own, and areas but for those that are there for ever: as many conflicts follow."""
+    found = []
+    for most in (1_200, 400):
+        monkeypatch.setattr("quick_sea.MOST", most)
+        quick_sea.write(tmp_path / "sea.parquet", Scene("sea"), 1_200, 1)
+        areas, tracks = to_objects(pq.read_table(tmp_path / "sea.parquet", columns=OBJECTS.schema.names))
+        assert len({one.key for one in (*areas, *tracks)}) == len(areas) + len(tracks)
+        days = Counter(int(track.times_us[0] - T0_US) // quick_sea._DAY_US for track in tracks)
+        meetings = sum(pair.b_kind == "track" for pair in solve(tracks, areas, Scene("sea")))
+        found.append((dict(days), sum(area.start_us is None for area in areas), len(areas), meetings))
+    (one, for_ever, closed, met), (three, lasting, closed_apart, met_apart) = found
+    assert (one, three) == ({0: 522}, {0: 174, 1: 174, 2: 174})
+    assert lasting < 0.4 * for_ever
+    assert closed_apart - lasting == pytest.approx(closed - for_ever, rel=0.1)
+    assert met_apart == pytest.approx(met, rel=0.2)
+
+
 def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
     """Stages that run at once count once; a stage of one task is apart from those whose tasks share processors."""
     stages = [
@@ -72,9 +93,9 @@ def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
         told = {"Stage ID": number, "Number of Tasks": count, "Submission Time": start, "Completion Time": end}
         told["RDD Info"] = [{"Name": "MapPartitionsRDD", "Scope": json.dumps({"name": name})} for name in names]
         events.append({"Event": "SparkListenerStageCompleted", "Stage Info": told})
-    log = tmp_path / "log"
-    log.write_text("\n".join(map(json.dumps, events)))
-    found = scale_out.told_by(log, 0.5, 14.5)
+    (tmp_path / "events").mkdir()
+    (tmp_path / "events" / "log").write_text("\n".join(map(json.dumps, events)))
+    found = scale_out.told_by(sparked.events(tmp_path), 0.5, 14.5)
     parts = {"pieces_s": 4.0, "join_s": 3.0, "solve_s": 4.0, "between_s": 3.0, "single_s": 1.0}
     expected = {**parts, "task_s": 18 * 0.6, "shuffled_mb": 9.5, "spilled_mb": 0.0}
     assert found == pytest.approx(expected)

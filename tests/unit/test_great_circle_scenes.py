@@ -17,7 +17,7 @@ from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.io.scene_file import read_scene, scene_text
 from conflictdb.kernel.movement import Movement
-from conflictdb.motion.registry import centred, plane_of
+from conflictdb.motion.registry import centred, middle_deg, plane_of, summed_directions
 from conflictdb.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
 T0_US = 1_772_323_200_000_000
@@ -116,10 +116,19 @@ def test_centre_is_the_middle_of_the_objects_where_none_is_given() -> None:
     assert centred(Scene("s"), [], [sail("T", (1, 1), (2, 2))]).centre is None
     assert centred(scene, [], [sail("T", (179, 10), (-179, 10))]).centre == pytest.approx((180.0, 10.0015), abs=1e-3)
     assert centred(scene, [], [sail("T", (0, 80), (180, 80))]).centre[1] == 90.0  # type: ignore[index]
-    opposite = centred(scene, [], [sail("T", (10, 20), (-170, -20))])
-    assert opposite.centre == (10.0, 20.0)
+    opposite = [sail("T", (10, 20), (-170, -20))]
+    assert centred(scene, [], opposite).centre == (10.0, 20.0)
+    with pytest.raises(InvalidInput, match="reaches beyond 60 degrees from the scene's centre"):
+        solve(opposite, [], scene)
     given = Scene("s", Motion.GREAT_CIRCLE, centre=(3.0, 4.0))
     assert centred(given, [], [sail("T", (1, 1), (2, 2))]) is given
+
+
+def test_the_middle_of_places_is_that_of_their_parts() -> None:
+    places = np.random.default_rng(1).uniform((-60, 40), (10, 80), (1000, 2))
+    parts = [summed_directions(part) for part in np.array_split(places, 7)]
+    middle = centred(Scene("s", Motion.GREAT_CIRCLE), [], [sail("T", *places)]).centre
+    assert middle_deg(np.sum(parts, axis=0)) == middle_deg(summed_directions(places)) == middle
 
 
 CENTRED = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 0.0))

@@ -31,8 +31,8 @@ class Form:
     @classmethod
     def of(cls, name: str, edition: int, fields: "list[pa.Field]") -> "Form":
         """Return a form whose schema says which it is."""
-        told = json.dumps({"form": name, "edition": edition}).encode()
-        return cls(name, edition, pa.schema(fields, metadata={METADATA_KEY: told}))
+        said = json.dumps({"form": name, "edition": edition}).encode()
+        return cls(name, edition, pa.schema(fields, metadata={METADATA_KEY: said}))
 
     def batch(self, columns: "dict[str, Array]") -> "pa.RecordBatch":
         """Return columns as one batch of this form."""
@@ -44,17 +44,11 @@ class Form:
         Raises InvalidInput for another form, a later edition, and for columns that are missing, of another type or null
         where they must not be. Metadata may be missing: engines lose it.
         """
-        self._check_edition(given.schema.metadata or {})
+        self._check_edition(told(f"Arrow form {self.name!r}", given.schema))
         return {field.name: self._column(given, field) for field in self.schema}
 
-    def _check_edition(self, metadata: "dict[bytes, bytes]") -> None:
-        try:
-            told = json.loads(metadata.get(METADATA_KEY, b"{}"))
-        except ValueError:
-            told = None
-        if not isinstance(told, dict):
-            raise InvalidInput(f"Arrow form {self.name!r}", "metadata", "of conflictdb must be a JSON object")
-        form, edition = told.get("form", self.name), told.get("edition", self.edition)
+    def _check_edition(self, said: dict[str, Any]) -> None:
+        form, edition = said.get("form", self.name), said.get("edition", self.edition)
         if form != self.name:
             raise InvalidInput(f"Arrow form {self.name!r}", "metadata", f"says that this is {form!r:.60}")
         if not isinstance(edition, int) or edition > self.edition:
@@ -81,6 +75,20 @@ class Form:
             row = column.is_null().index(True).as_py()
             raise InvalidInput(who, field.name, f"must not be null; it is in row {row}, and {column.null_count} in all")
         return column
+
+
+def told(who: str, schema: "pa.Schema") -> dict[str, Any]:
+    """Return what the metadata of a schema say of its form, empty if nothing, whether or not that is known.
+
+    Raises InvalidInput, of `who`, for what is no JSON object.
+    """
+    try:
+        said = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
+    except (ValueError, RecursionError):
+        said = None
+    if not isinstance(said, dict):
+        raise InvalidInput(who, "metadata conflictdb", "must be a JSON object")
+    return said
 
 
 def converted(who: str, name: str, column: Array, wanted: "pa.DataType") -> Array:

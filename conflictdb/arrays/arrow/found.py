@@ -79,12 +79,14 @@ FOUND: Final = Form.of(
         pa.field("b_version", pa.int64()),
     ],
 )
-# What conflicts were computed from: settings of the scene (JSON, the same in all rows), and each object as of a state.
+# What conflicts were computed from: settings of the scene (JSON) and how many pairs were found, the same in all rows,
+# and each object as of a state.
 COMPUTED: Final = Form.of(
     "computed",
     1,
     [
         pa.field("settings", pa.string(), nullable=False),
+        pa.field("pairs", pa.int64(), nullable=False),
         pa.field("kind", pa.string(), nullable=False),
         pa.field("id", pa.string(), nullable=False),
         pa.field("object_id", pa.int64(), nullable=False),

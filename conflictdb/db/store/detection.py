@@ -39,11 +39,6 @@ _PIECES_SENT: Final = 20_000
 _FIRST: Final = -(2**63)
 
 
-def mark_all(conn: psycopg.Connection[Any], scene_id: int) -> int:
-    """Mark every object of a scene as changed; returns how many."""
-    return int(call(conn, "_mark_all", scene_id)[0])
-
-
 def cover_all(conn: psycopg.Connection[Any], scene_id: int) -> None:
     """Mark every object of a scene as changed, and as one whose pieces follow in this transaction."""
     call(conn, "_cover_all", scene_id)

@@ -7,16 +7,16 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call
-from conflictdb.db.store.known_pairs import kinds_and_ids, numbers_of
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectStates:
     """n objects as of a state each.
 
-    number : (n,) int64, one for each object of any kind (`known_pairs.numbers_of`), increasing
+    number : (n,) int64, one for each object of any kind (`arrays.object_numbers`), increasing
     version : (n,) int64
     key : (n,) object, texts
     """

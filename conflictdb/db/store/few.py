@@ -10,6 +10,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db.store import copy_binary
@@ -38,7 +39,6 @@ from conflictdb.model import Scene
 from conflictdb.pieces.bundles import bundles_of
 from conflictdb.results import Kind
 
-_KIND_BIT: Final = 62  # above the numbers of all objects
 # What _put_pieces takes of a piece, in its order.
 _TYPES: Final = {
     "object_kind": "smallint",
@@ -80,7 +80,8 @@ class Few:
     @property
     def numbers(self) -> list[int]:
         """One number for each object of any kind (_object_number)."""
-        return [*self.area_ids, *(number | Kind.TRACK.code << _KIND_BIT for number in self.track_ids)]
+        kind = np.repeat([Kind.AREA.code, Kind.TRACK.code], [len(self.area_ids), len(self.track_ids)])
+        return numbers_of(kind, np.array([*self.area_ids, *self.track_ids], np.int64)).tolist()
 
 
 @dataclass(frozen=True, slots=True)

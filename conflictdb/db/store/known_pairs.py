@@ -11,6 +11,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.db.store import copy_binary
 from conflictdb.kernel import rows
 
@@ -25,7 +26,6 @@ _COLUMNS: Final = [
 ]
 _Objects = tuple[NDArray[np.int64], NDArray[np.int64]]
 DIGEST_KEY_BYTES: Final = 16
-_KIND_BIT: Final = 62  # above the numbers of all objects
 
 
 class KnownPairs:
@@ -109,13 +109,3 @@ def digests(columns: Sequence[copy_binary.Column], key: bytes) -> NDArray[np.int
     """Return digests (n,) of rows, of the bytes of their columns; none is 0, which stands for none."""
     parts = [column if isinstance(column, np.ndarray) else (column.data, column.offset) for column in columns]
     return np.maximum(rows.digests(parts, key), 1).astype(np.int64)
-
-
-def numbers_of(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return one number for each object, in the order of kinds, then ids."""
-    return (kind.astype(np.int64) << _KIND_BIT) | ids
-
-
-def kinds_and_ids(of: NDArray[np.int64]) -> _Objects:
-    """Return the kinds and ids of objects by the numbers that `numbers_of` gave them."""
-    return of >> _KIND_BIT, of & ((1 << _KIND_BIT) - 1)

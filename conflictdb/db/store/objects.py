@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -81,12 +81,23 @@ def replace_scene(
     Objects that do not change are not touched. Without `merge`, objects that are not given are removed. Raises
     InvalidInput, and changes nothing, if an object cannot be stored.
     """
+    return replace_scene_by_parts(conn, scene, [(areas, tracks)], merge=merge)
+
+
+def replace_scene_by_parts(
+    conn: psycopg.Connection[Any],
+    scene: Scene,
+    parts: Iterable[tuple[Sequence[Area], Sequence[Track]]],
+    *,
+    merge: bool,
+) -> LoadCounts:
+    """Do what `replace_scene` does, with areas and tracks that come some at a time; what `parts` raises ends it."""
     require_writable(conn)
-    staged = _staged_areas(areas), _staged_tracks(tracks)
     with transaction(conn):
         call(conn, "_begin_load")
-        for table, columns in zip(("staged_area", "staged_track"), staged, strict=True):
-            copy_binary.send(conn, f"pg_temp.{table}", columns)
+        for areas, tracks in parts:
+            copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
+            copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
         counts = call(conn, "_load", *_settings(scene), merge)
     return LoadCounts(*counts)
 
@@ -127,9 +138,9 @@ def read_scene(
     with transaction(conn):
         number = scene_id(conn, name)
         sent = copy_binary.receive(conn, "_read_areas", [number, wanted], _AREA_COLUMNS, _AREA_STRINGS)
-        areas = _areas(*sent)
+        areas = areas_of(*sent)
         sent = copy_binary.receive(conn, "_read_tracks", [number, wanted], _TRACK_COLUMNS, _TRACK_STRINGS)
-        return read_settings(conn, number), areas, _tracks(*sent)
+        return read_settings(conn, number), areas, tracks_of(*sent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,11 +158,11 @@ def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Number
     for columns, strings in copy_binary.receive_each(
         conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS
     ):
-        yield Numbered(_areas(columns, strings), [], columns["area_id"], columns["version"])
+        yield Numbered(areas_of(columns, strings), [], columns["area_id"], columns["version"])
     for columns, strings in copy_binary.receive_each(
         conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS
     ):
-        yield Numbered([], _tracks(columns, strings), columns["track_id"], columns["version"])
+        yield Numbered([], tracks_of(columns, strings), columns["track_id"], columns["version"])
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
@@ -171,7 +182,8 @@ def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     return scene_of(*call(conn, "_scene", scene_id))
 
 
-def _areas(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> list[Area]:
+def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
+    """Return the areas of rows of `_read_areas`, as they are sent."""
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
     return [
@@ -191,7 +203,8 @@ def _areas(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) ->
     ]
 
 
-def _tracks(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> list[Track]:
+def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Track]:
+    """Return the tracks of rows of `_read_tracks`, as they are sent."""
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)

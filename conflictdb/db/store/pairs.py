@@ -1,11 +1,11 @@
 """What stage 1 leaves of a scene: the pairs of rows of pieces whose boxes meet, some at a time, and the pieces.
 
-In the second transaction of a detection: `candidates`, and `bundles` of some of them.
+In the second transaction of a detection: `boxes`, or where it gives none `candidates`; and `bundles` of some of them.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import psycopg
@@ -15,6 +15,13 @@ from conflictdb.arrays.pieces import Bundles
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.db.store.connection import call_each
+from conflictdb.kernel.boxes import RowBoxes
+
+# What _row_boxes gives arrays of.
+_BOX_COLUMNS: Final = [
+    ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
+    ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +57,26 @@ def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> It
         *found, ranks = (copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True))
         order = np.argsort(ranks, kind="stable")
         yield Candidates(*(column.astype(np.int64)[order] for column in (*found, ranks)))
+
+
+def boxes(
+    conn: psycopg.Connection[Any], scene_id: int, most: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
+    """Return the rows of pieces of a scene all of whose objects changed: ids, how many pieces each holds, and boxes.
+
+    None where only some changed, or there are more rows than `most`. Raises StoreError outside of a snapshot.
+    """
+    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, most], _BOX_COLUMNS)
+    found = RowBoxes(
+        boxes=np.stack([rows.pop(name) for name in ("low_x", "low_y", "high_x", "high_y")], axis=1),
+        floor_m=rows["floor_m"],
+        ceiling_m=rows["ceiling_m"],
+        start_us=copy_binary.microseconds(rows["start"]),
+        end_us=copy_binary.microseconds(rows["end"]),
+        object=rows["object"],
+        is_copy=rows["turn"] != 0,
+    )
+    return rows["piece_id"], rows["pieces"].astype(np.int64), found
 
 
 def bundles(

@@ -7,6 +7,7 @@ import psycopg
 from psycopg.types.json import Json
 
 from conflictdb.db.store.connection import call, call_many, transaction, translated
+from conflictdb.errors import ConflictDBError
 
 # One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql,
 # 69_acknowledge.sql).
@@ -15,10 +16,11 @@ _CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_acknowledgemen
 TILES: Final = ("areas", "tracks", "conflicts")
 
 
-def map_conflicts(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
-    """Return the conflicts of a scene as routine _map_conflicts has them; InvalidInput if it is not known."""
+def map_conflicts(conn: psycopg.Connection[Any], scene: str) -> tuple[bytes, bytes]:
+    """Return the conflicts of a scene as _map_conflicts has them, head and numbers; InvalidInput as map_areas."""
     with transaction(conn):
-        return call_many(conn, "_map_conflicts", scene)
+        head, numbers = call(conn, "_map_conflicts", scene)
+    return head.encode(), bytes(numbers)
 
 
 def map_areas(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
@@ -59,6 +61,11 @@ def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene
         raise ValueError(kind)
     with transaction(conn):
         return bytes(call(conn, f"tile_{kind}", z, x, y, Json({"scene": scene}))[0] or b"")
+
+
+def is_forbidden(error: ConflictDBError) -> bool:
+    """Return whether the database refused something to a user who has no right to it."""
+    return isinstance(error.__cause__, psycopg.errors.InsufficientPrivilege)
 
 
 def never_write(conn: psycopg.Connection[Any]) -> None:

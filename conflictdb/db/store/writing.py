@@ -11,7 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
@@ -21,11 +21,13 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
+from conflictdb.db.store.aside import begun_aside
 from conflictdb.db.store.conflict_columns import Columns, columns_of
 from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests, numbers_of
+from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
@@ -233,9 +235,7 @@ def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: Columns) -> No
 def _send_aside(staged: Staged, work: Callable[[], int]) -> None:
     """Have another thread send something, which returns the run, once what it sends now is sent."""
     _await_sent(staged)
-    thread = ThreadPoolExecutor(1)
-    staged.sending = thread.submit(work)
-    thread.shutdown(wait=False)
+    staged.sending = begun_aside(work)
 
 
 def _await_sent(staged: Staged) -> None:

@@ -4,10 +4,14 @@ A pair that moves evenly is given to the linear program, any other to the nonlin
 """
 
 import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
@@ -17,6 +21,17 @@ from conflictdb.stage4.encounters import Encounters
 from conflictdb.stage4.published import linear_program, nonlinear_program
 
 _log = logging.getLogger(__name__)
+
+# Threads of linear algebra are those of the whole process: of two that limit them one waits, so that each gives back
+# what it found.
+_LIMITED = threading.Lock()
+
+
+@contextmanager
+def reproducible() -> Iterator[None]:
+    """Have programs do their linear algebra by one thread: their last digits follow the number of threads."""
+    with _LIMITED, threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,106 @@
+"""A scene's objects for many readers at once, each with a connection of its own, all in one state of the database.
+
+A reader begins with the statements of `Shared.begin`, and asks one `query` for the objects of some numbers. Every row
+says which state it was read in: `numbered` refuses what another state would be mixed with.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+from psycopg.rows import tuple_row
+
+from conflictdb.db.store.connection import require_idle, snapshot, translated
+from conflictdb.db.store.objects import Numbered, areas_of, tracks_of
+from conflictdb.errors import StoreError
+from conflictdb.results import Kind
+
+# What a reader asks for; texts and instants as bytes, which no setting of a connection changes. Names and properties
+# stay where they are.
+_ROWS: Final = {
+    Kind.AREA: (
+        "SELECT area_id AS object_id, version, timestamptz_send(span_start) AS start,"
+        " timestamptz_send(span_end) AS \"end\", floor_m, ceiling_m, footprint, convert_to(key, 'UTF8') AS key,"
+        " pg_current_snapshot()::text AS state FROM conflictdb._read_areas({scene_id}, NULL)"
+    ),
+    Kind.TRACK: (
+        "SELECT track_id AS object_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, floors,"
+        " ceilings, convert_to(key, 'UTF8') AS key, pg_current_snapshot()::text AS state"
+        " FROM conflictdb._read_tracks({scene_id}, NULL)"
+    ),
+}
+# The first of every so many numbers.
+_FIRSTS: Final = {
+    kind: (
+        f"SELECT {kind.value}_id FROM (SELECT {kind.value}_id, row_number() OVER (ORDER BY {kind.value}_id) AS place"  # noqa: S608
+        f" FROM conflictdb._read_{kind.value}s(%s, NULL)) one WHERE (place - 1) %% %s = 0 ORDER BY 1"
+    )
+    for kind in Kind
+}
+# It waits for readers as long as they take. Servers know these, or do not.
+_WAITS: Final = (
+    "SELECT set_config(name, '0', true) FROM pg_catalog.pg_settings"
+    " WHERE name IN ('idle_in_transaction_session_timeout', 'transaction_timeout')"
+)
+_STATE: Final = "SELECT pg_export_snapshot(), pg_current_snapshot()::text"
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """A state of the database that other connections can read in, while the transaction that shares it is open.
+
+    begin : SQL with which each of them begins its transaction
+    state : what rows read in it say
+    """
+
+    begin: str
+    state: str
+
+
+@contextmanager
+def shared_snapshot(conn: psycopg.Connection[Any]) -> Iterator[Shared]:
+    """Read inside from one state of the database, and let other connections read in it, until the block ends."""
+    require_idle(conn, "a snapshot for others")
+    with snapshot(conn), translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+        cursor.execute(_WAITS.encode(), prepare=False)
+        name, state = cursor.execute(_STATE.encode(), prepare=False).fetchone() or ("", "")
+        # The name is the server's own, of digits and signs.
+        begin = f"SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY; SET TRANSACTION SNAPSHOT '{name}'"
+        yield Shared(begin, state)
+
+
+def firsts(conn: psycopg.Connection[Any], scene_id: int, kind: Kind, every: int) -> list[int]:
+    """Return the number of the first of every so many objects of a kind, in the order of numbers."""
+    with translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+        return [row[0] for row in cursor.execute(_FIRSTS[kind].encode(), [scene_id, every], prepare=False)]
+
+
+def query(scene_id: int, kind: Kind) -> str:
+    """Return the query of the objects of a kind; its column `object_id` tells readers whose are whose."""
+    return _ROWS[kind].format(scene_id=int(scene_id))
+
+
+def numbered(kind: Kind, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> Numbered:
+    """Return the objects of rows of `query`, without names and properties.
+
+    columns : numbers (n,)
+    strings : bytes, of all other columns but `state`
+    """
+    n = len(columns["object_id"])
+    none = {"name": [b""] * n, "properties": [b"{}"] * n}
+    columns = {**columns, "has_name": np.zeros(n, np.bool_)}
+    of = columns["object_id"], columns["version"]
+    if kind == Kind.TRACK:
+        return Numbered([], tracks_of(columns, {**strings, **none}), *of)
+    spans = {name: np.frombuffer(b"".join(strings[name]), ">i8").astype(np.int64) for name in ("start", "end")}
+    return Numbered(areas_of({**columns, **spans}, {**strings, **none}), [], *of)
+
+
+def require_state(states: Sequence[str], shared: Shared) -> None:
+    """Raise StoreError unless rows were read in the state that is shared."""
+    if any(state != shared.state for state in states):
+        raise StoreError("readers did not read the state of the database that they were to read: nothing can be said")
