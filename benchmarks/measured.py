@@ -212,15 +212,11 @@ def _children(pid: int) -> list[int]:
     return found
 
 
-class ServerMemory:
-    """Watches what a server's processes hold together; what they share is counted once (PSS).
+class Sampler:
+    """Looks at something by a thread of its own, again and again while its block lasts."""
 
-    peak_mb : the most that was seen, None where nothing could be
-    """
-
-    def __init__(self, pid: int | None) -> None:
-        self.peak_mb: float | None = None
-        self._pid, self._done = pid, threading.Event()
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._done = every_s, threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
     def __enter__(self) -> Self:
@@ -234,16 +230,34 @@ class ServerMemory:
         self._thread.join()
 
     def _watch(self) -> None:
-        while self._pid is not None:
-            held_kb = 0
-            for child in _children(self._pid):
-                with suppress(OSError):
-                    lines = Path(f"/proc/{child}/smaps_rollup").read_text().splitlines()
-                    held_kb += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-            if held_kb:
-                self.peak_mb = max(self.peak_mb or 0.0, held_kb / 1e3)
-            if self._done.wait(_SAMPLE_S):
+        while True:
+            self._look()
+            if self._done.wait(self._every_s):
                 return
+
+    def _look(self) -> None:
+        raise NotImplementedError
+
+
+class ServerMemory(Sampler):
+    """Watches what a server's processes hold together; what they share is counted once (PSS).
+
+    peak_mb : the most that was seen, None where nothing could be
+    """
+
+    def __init__(self, pid: int | None) -> None:
+        super().__init__(_SAMPLE_S)
+        self.peak_mb: float | None = None
+        self._pid = pid
+
+    def _look(self) -> None:
+        held_kb = 0
+        for child in _children(self._pid) if self._pid is not None else ():
+            with suppress(OSError):
+                lines = Path(f"/proc/{child}/smaps_rollup").read_text().splitlines()
+                held_kb += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+        if held_kb:
+            self.peak_mb = max(self.peak_mb or 0.0, held_kb / 1e3)
 
 
 def medians(found: Sequence[Detection]) -> Detection:

@@ -1,15 +1,18 @@
 """The sea of made_scenes.py by arrays: as dense, and of the same kinds of objects, but a million legs in seconds.
 
 Objects are made straight in the Arrow form OBJECTS, none of them one by one. They are not those of `made_scenes.sea`:
-random numbers come in another order.
+random numbers come in another order. More than a million legs are several days of one sea, as dense at any time: each
+has tracks and areas of its own, areas that are there for ever are those of the first.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import shapely
 from made_scenes import DEGREES_PER_ROOT, SEA
 from numpy.typing import NDArray
@@ -28,31 +31,34 @@ from conflictdb.results import Kind
 RESTS: Final = 0.15
 MOST_LEGS: Final = 3
 LEGS_PER_TRACK: Final = (1 + MOST_LEGS) / 2 * (1 + RESTS)
-# Beyond these the sea would reach further than 60 degrees south and north.
+# Legs of a day: of more the sea would reach further than 60 degrees south and north.
 MOST: Final = 1_000_000
 AT_ONCE: Final = 20_000
 # Two corners of a convex polygon are less than half a turn apart, seen from its middle.
 _WIDEST_TURN: Final = 0.95 * np.pi
 _HOUR_US: Final = 3.6e9
+_DAY_US: Final = 24 * 3_600_000_000
 
 
 def write(path: Path, scene: Scene, legs: int, seed: int) -> int:
-    """Write a scene of about so many legs to GeoParquet, and return how many objects it has, half of them areas."""
-    if legs > MOST:
-        raise SystemExit(f"a sea of this density holds {MOST:,} legs between 60 degrees south and north, not {legs:,}")
-    tracks = max(1, round(legs / LEGS_PER_TRACK))
+    """Write a scene of about so many legs to GeoParquet, and return how many objects it has."""
     with path.open("wb") as stream:
-        write_objects(stream, scene, _batches(tracks, seed))
-    return 2 * tracks
+        write_objects(stream, scene, batches(legs, seed))
+    return int(pq.read_metadata(path).num_rows)
 
 
-def _batches(tracks: int, seed: int) -> Iterator[pa.RecordBatch]:
-    window = DEGREES_PER_ROOT * (2 * tracks) ** 0.5
-    for first in range(0, tracks, AT_ONCE):
-        rng, n = np.random.default_rng([seed, first]), min(AT_ONCE, tracks - first)
-        keys = [f"{first + i}" for i in range(n)]
-        yield _areas(rng, window, keys)
-        yield _tracks(rng, window, keys)
+def batches(legs: int, seed: int) -> Iterator[pa.RecordBatch]:
+    """Yield a scene of about so many legs, areas and tracks in turn, as many of both in the first day."""
+    tracks, days = max(1, round(legs / LEGS_PER_TRACK)), max(1, math.ceil(legs / MOST))
+    of_day = math.ceil(tracks / days)
+    window = DEGREES_PER_ROOT * (2 * of_day) ** 0.5
+    for day in range(days):
+        end = min(tracks, (day + 1) * of_day)
+        for first in range(day * of_day, end, AT_ONCE):
+            rng, n = np.random.default_rng([seed, first]), min(AT_ONCE, end - first)
+            keys = [f"{first + i}" for i in range(n)]
+            yield _areas(rng, window, keys, day)
+            yield _tracks(rng, window, keys, day)
 
 
 def _somewhere(rng: np.random.Generator, window: float, n: int) -> NDArray[np.float64]:
@@ -76,7 +82,7 @@ def _rings(rng: np.random.Generator, n: int, corners: int, around_m: NDArray[np.
     return np.asarray(xy * (around_m / length)[:, None, None])
 
 
-def _areas(rng: np.random.Generator, window: float, keys: list[str]) -> pa.RecordBatch:
+def _areas(rng: np.random.Generator, window: float, keys: list[str], day: int) -> pa.RecordBatch:
     n = len(keys)
     place, corners = _somewhere(rng, window, n), rng.integers(3, 11, n)
     around_m = rng.uniform(*SEA.around_area, n) * NMI
@@ -95,10 +101,11 @@ def _areas(rng: np.random.Generator, window: float, keys: list[str]) -> pa.Recor
             shapes[rows] = shapely.polygons(shapely.linearrings(_ground(place[rows], xy)), holes=holes)
     shapes = shapely.multipolygons(shapes, indices=np.arange(n))
     is_for_ever = rng.random(n) < 0.5
-    start = T0_US + (rng.uniform(*SEA.start_h, n) * _HOUR_US).astype(np.int64)
+    start = T0_US + day * _DAY_US + (rng.uniform(*SEA.start_h, n) * _HOUR_US).astype(np.int64)
     end = start + (rng.uniform(0.5, 12.0, n) * _HOUR_US).astype(np.int64)
     active = {name: pa.array(at, mask=is_for_ever).view(INSTANT) for name, at in (("start", start), ("end", end))}
-    return _batch(Kind.AREA, [f"A{key}" for key in keys], shapes, active)
+    batch = _batch(Kind.AREA, [f"A{key}" for key in keys], shapes, active)
+    return batch.filter(pa.array(~is_for_ever)) if day else batch
 
 
 def _ground(place: NDArray[np.float64], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -107,7 +114,7 @@ def _ground(place: NDArray[np.float64], xy_m: NDArray[np.float64]) -> NDArray[np
     return place[:, None] + xy_m / metres[:, None]
 
 
-def _tracks(rng: np.random.Generator, window: float, keys: list[str]) -> pa.RecordBatch:
+def _tracks(rng: np.random.Generator, window: float, keys: list[str], day: int) -> pa.RecordBatch:
     n, legs = len(keys), 2 * MOST_LEGS
     place = _somewhere(rng, window, n)
     # Legs with way and rests in turn, (n, legs), of which a track has some.
@@ -134,7 +141,7 @@ def _tracks(rng: np.random.Generator, window: float, keys: list[str]) -> pa.Reco
     is_there = np.concatenate([np.ones((n, 1), np.bool_), has_leg], axis=1)
     row, _ = np.nonzero(is_there)
     shapes = shapely.linestrings(np.concatenate([place[:, None], points], axis=1)[is_there], indices=row)
-    times = of_numbers(T0_US + (at_h[is_there] * _HOUR_US).astype(np.int64)).view(INSTANT)
+    times = of_numbers(T0_US + day * _DAY_US + (at_h[is_there] * _HOUR_US).astype(np.int64)).view(INSTANT)
     vertices, corners = _havens(rng, n)
     outline = of_lists(of_lists(vertices.reshape(-1), 2 * np.arange(len(vertices) + 1)), offsets(corners))
     moving = {"times": of_lists(times, offsets(is_there.sum(axis=1))), "outline_m": outline}
