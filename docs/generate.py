@@ -23,7 +23,7 @@ from typing import Any, Final
 import psycopg
 
 import conflictdb
-from conflictdb.cli import codes, parser
+from conflictdb.cli import codes, commands
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
 NOTE: Final = "<!-- Made by docs/generate.py: do not edit. -->"
@@ -58,11 +58,11 @@ what, where, which rule, what to do. Progress shows on a terminal and is silent 
 
 def cli() -> str:
     """Return the page of the command line."""
-    whole = parser.build()
+    whole = commands.build()
     sections = [
         CLI,
         table(["option", "means"], _options(whole)),
-        table(["environment", "means"], ((f"`{name}`", text) for name, text in parser.ENVIRONMENT.items())),
+        table(["environment", "means"], ((f"`{name}`", text) for name, text in commands.ENVIRONMENT.items())),
         table(["exit code", "means"], ((str(code), text) for code, text in codes.MEANING.items())),
     ]
     for name, command in _sections(whole):

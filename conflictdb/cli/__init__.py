@@ -13,8 +13,8 @@ from io import TextIOWrapper
 from typing import Final
 
 from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED, USAGE
+from conflictdb.cli.commands import build
 from conflictdb.cli.output import Formatter, remark
-from conflictdb.cli.parser import build
 from conflictdb.cli.termination import Terminated, termination_as_interrupt
 from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, SchemaError, ServerError
 

@@ -15,7 +15,7 @@ from own_server import own_server
 
 import conflictdb
 from conflictdb import connect
-from conflictdb.cli.parser import build
+from conflictdb.cli.commands import build
 from conflictdb.db import store
 
 FILES = Path(conflictdb.__file__).parent / "services"

@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 import pytest
 
 from conflictdb.cli import codes
-from conflictdb.cli.parser import build, count, duration_s, instant, mapping, metres, speed_kn
+from conflictdb.cli.commands import build
+from conflictdb.cli.values import count, duration_s, instant, mapping, metres, speed_kn
 from conflictdb.methods import Method
 
 

@@ -1,0 +1,184 @@
+"""Commands that bring plans in, find conflicts, and tell of them as text."""
+
+from typing import Any
+
+from conflictdb.cli.parser import (
+    FORMATS,
+    METHOD_NAMES,
+    METHODS_SAID,
+    add_lock_timeout,
+    add_memory,
+    add_merge,
+    add_output,
+    add_wait,
+    command,
+)
+from conflictdb.cli.values import count, duration_s, height, instant, instants, metres, name, whole
+
+
+def add(commands: Any) -> None:
+    """Add them, in the order in which help lists them."""
+    for add_one in (_detect, _load, _export, _conflicts, _approaches, _explain, _advise, _probe):
+        add_one(commands)
+
+
+def _detect(commands: Any) -> None:
+    parser = command(
+        commands,
+        "detect",
+        "detection:detect",
+        "load files, detect, and print the conflicts",
+        "Only pairs with a changed member are computed again. The settings given here become the scene's and stay. "
+        "Files of one scene are taken together, as if they were one.",
+    )
+    parser.add_argument("files", nargs="*", metavar="FILE", help="scene files, moving features, positions, or areas")
+    parser.add_argument(
+        "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
+    )
+    parser.add_argument("--method", choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
+    parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
+    parser.add_argument(
+        "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"
+    )
+    parser.add_argument(
+        "--nearest-m",
+        type=metres,
+        metavar="D",
+        help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
+    )
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    add_memory(parser)
+    parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
+    add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
+    parser.add_argument(
+        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
+    )
+    add_merge(parser)
+    add_output(parser)
+
+
+def _load(commands: Any) -> None:
+    parser = command(
+        commands,
+        "load",
+        "objects:load",
+        "load files, without detecting",
+        "Files of one scene are taken together, as if they were one. All mistakes of all files are told in one go; "
+        "if one object of one file is refused, nothing is changed.",
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")
+    parser.add_argument(
+        "--scene", type=name, metavar="NAME", help="scene to load into (default: the one that the file names)"
+    )
+    add_merge(parser)
+
+
+def _export(commands: Any) -> None:
+    parser = command(
+        commands, "export", "objects:export", "write a scene file", "Loading it again gives exactly the same objects."
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write")
+    parser.add_argument(
+        "--format",
+        choices=("geojson", "geoparquet"),
+        help="default: geoparquet if the name ends in .parquet, else geojson",
+    )
+    parser.add_argument("file", metavar="FILE", help="file to write (.gz: compressed); - is the standard output")
+
+
+def _conflicts(commands: Any) -> None:
+    parser = command(
+        commands, "conflicts", "detection:conflicts", "print the conflicts that are known", "Does not detect."
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
+    parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
+    parser.add_argument(
+        "--known-at", type=instant, metavar="T", help="as they were known at this instant, as far as history is kept"
+    )
+    add_wait(parser)
+    add_output(parser)
+
+
+def _approaches(commands: Any) -> None:
+    parser = command(
+        commands,
+        "approaches",
+        "detection:approaches",
+        "print how close pairs come: when, where and how far apart",
+        "Every conflict, and with the scene's nearest_m every pair that comes within that distance. Does not detect.",
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
+    add_wait(parser)
+    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
+
+
+def _explain(commands: Any) -> None:
+    parser = command(
+        commands,
+        "explain",
+        "detection:explain",
+        "say why two objects are in conflict, or are not",
+        "Which stage decided, what each of them left, and whether that is current. Does not detect.",
+    )
+    parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of the two objects")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
+    add_wait(parser)
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="default: text")
+
+
+def _advise(commands: Any) -> None:
+    parser = command(
+        commands,
+        "advise",
+        "advice:advise",
+        "estimate what each setting would cost for a scene, and how wrong it would be",
+        "Tries methods, tolerances and earths on a sample of the scene's own pairs, in memory. It takes seconds, needs "
+        "no detection before it, and changes nothing.",
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to advise on")
+    parser.add_argument(
+        "--sample", type=count, metavar="N", help="pairs of objects to try the settings on (default: 500)"
+    )
+    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draw another sample (default: 0)")
+    parser.add_argument("--format", choices=("table", "json"), default="table", help="default: table")
+
+
+def _probe(commands: Any) -> None:
+    parser = command(
+        commands,
+        "probe",
+        "probing:probe",
+        "say what a plan would be in conflict with, and when",
+        "The plans of files, each by itself, or one that is given here. By the scene's settings, on the objects that "
+        "the last detection saw; writes nothing. An object that has the key of the plan is left out: the plan would "
+        "replace it.",
+    )
+    parser.add_argument("files", nargs="*", metavar="FILE", help="plans: scene files, positions, or areas")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to ask")
+    parser.add_argument("--footprint", metavar="WKT", help="an area: POLYGON or MULTIPOLYGON, longitude and latitude")
+    parser.add_argument(
+        "--from", dest="start", type=instant, metavar="T", help="since when it is there (ISO 8601 with offset)"
+    )
+    parser.add_argument("--to", dest="end", type=instant, metavar="T", help="until when")
+    parser.add_argument("--path", metavar="WKT", help="a track: LINESTRING, longitude and latitude")
+    parser.add_argument(
+        "--times", type=instants, metavar="T,T,…", help="when it is at each waypoint (ISO 8601 with offset)"
+    )
+    for side, where in (("fore", "ahead of"), ("aft", "behind"), ("port", "left of"), ("starboard", "right of")):
+        parser.add_argument(
+            f"--{side}-m", type=metres, default=0.0, metavar="M", help=f"how far its haven reaches {where} it, metres"
+        )
+    parser.add_argument("--floor-m", type=height, metavar="M", help="lowest height, metres (default: no bound)")
+    parser.add_argument("--ceiling-m", type=height, metavar="M", help="height it stays below (default: no bound)")
+    parser.add_argument("--key", type=name, help="what the plan is called (default: plan)")
+    parser.add_argument(
+        "--worker",
+        type=duration_s,
+        metavar="DURATION",
+        help="ask a worker, and wait so long at most (30s, 5m); exits with 1 if none has answered",
+    )
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    parser.add_argument(
+        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
+    )
+    parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")

@@ -1,0 +1,154 @@
+"""What texts of the command line mean: numbers with units, instants, places. Each says the rule it is refused by."""
+
+import argparse
+import re
+from datetime import datetime
+from sys import float_info
+from typing import Final
+
+from conflictdb.pipeline.memory import LEAST_MEMORY_MB
+
+_MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
+_MOST_S: Final = 1e9  # 31 years: more is a mistake in the unit, and nothing could wait for it
+_UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def name(text: str) -> str:
+    """Return the name of a scene, as a database can hold it."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise argparse.ArgumentTypeError(f"must be UTF-8; got {text!a}") from None
+    return text
+
+
+def mapping(text: str) -> dict[str, str]:
+    """Return the fields of ``key=id,floor_m=-depth_ft*0.3048``; commas in parentheses and quotes part nothing."""
+    parts, depth, quote, start = [], 0, "", 0
+    for i, sign in enumerate(text):
+        if quote:
+            quote = "" if sign == quote else quote
+        elif sign in "'\"":
+            quote = sign
+        elif sign in "([":
+            depth += 1
+        elif sign in ")]":
+            depth -= 1
+        elif sign == "," and depth == 0:
+            parts.append(text[start:i])
+            start = i + 1
+    fields = {}
+    for part in [*parts, text[start:]]:
+        match = re.fullmatch(r"\s*(\w+)\s*=(.*)", part, re.DOTALL)
+        if not match or not match[2].strip() or match[1] in fields:
+            raise argparse.ArgumentTypeError(f"must be FIELD=COLUMN, each field once, parted by commas; got {part!r}")
+        fields[match[1]] = match[2].strip()
+    return fields
+
+
+def place(text: str) -> tuple[float, float]:
+    """Return longitude and latitude in degrees of ``9.5,54``."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"must be LONGITUDE,LATITUDE in degrees; got {text!r}")
+    lon, lat = (_number(part, "LONGITUDE,LATITUDE in degrees", least=-360.0) for part in parts)
+    return lon, lat
+
+
+def metres(text: str) -> float:
+    """Return a length in metres, 0 or more."""
+    return _number(text, "a number of metres, 0 or more", least=0.0)
+
+
+def speed_kn(text: str) -> float:
+    """Return a speed in knots, more than 0."""
+    value = _number(text, "a speed in knots, more than 0", least=0.0)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError("must be a speed in knots, more than 0")
+    return value
+
+
+def megabytes(text: str) -> float:
+    """Return a size in millions of bytes, more than 0."""
+    value = _number(text, "a number of megabytes, more than 0", least=0.0)
+    if not 0.0 < value <= _MOST_MB:
+        raise argparse.ArgumentTypeError(f"must be a number of megabytes, more than 0 and at most {_MOST_MB:g}")
+    return value
+
+
+def memory_mb(text: str) -> int:
+    """Return a whole number of megabytes that a detection can do with."""
+    if not re.fullmatch(r"\d{1,9}", text) or int(text) < LEAST_MEMORY_MB:
+        raise argparse.ArgumentTypeError(f"must be a whole number, {LEAST_MEMORY_MB} or more; got {text!r}")
+    return int(text)
+
+
+def count(text: str) -> int:
+    """Return a whole number, 1 or more."""
+    if not re.fullmatch(r"\d{1,6}", text) or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more; got {text!r}")
+    return int(text)
+
+
+def whole(text: str) -> int:
+    """Return a whole number, 0 or more."""
+    if not re.fullmatch(r"\d{1,18}", text):
+        raise argparse.ArgumentTypeError(f"must be a whole number, 0 or more; got {text!r}")
+    return int(text)
+
+
+def address(text: str) -> tuple[str, int]:
+    """Return host and port of ``9187``, ``0.0.0.0:9187`` or ``[::1]:9187``; without a host it is this machine alone."""
+    match = re.fullmatch(r"(?:(?P<host>[^:\[\]]+|\[[^\[\]]+\]):)?(?P<port>[0-9]{1,5})", text)
+    if not match or int(match["port"]) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port, or HOST:PORT; got {text!r}")
+    return (match["host"] or "127.0.0.1").strip("[]"), int(match["port"])
+
+
+def port(text: str) -> int:
+    """Return the number of a port, or 0."""
+    if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 65535; got {text!r}")
+    return int(text)
+
+
+def duration_s(text: str) -> float:
+    """Return a duration such as 90, 30s, 5m, 1.5h or 1d in seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-z]*)", text.strip())
+    if not match or match[2] not in _UNITS_S or float(match[1]) == 0.0:
+        raise argparse.ArgumentTypeError(f"must be a duration such as 30s, 5m or 1h; got {text!r}")
+    value_s = float(match[1]) * _UNITS_S[match[2]]
+    if value_s > _MOST_S:
+        raise argparse.ArgumentTypeError(f"must be at most 11574d, 31 years; got {text!r}")
+    return value_s
+
+
+def instant(text: str) -> datetime:
+    """Return an ISO 8601 instant with offset."""
+    from conflictdb.inputs import EPOCH, MICROSECOND
+    from conflictdb.io.instants import parse_instant
+
+    try:
+        return EPOCH + parse_instant(text) * MICROSECOND
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def instants(text: str) -> list[datetime]:
+    """Return ISO 8601 instants with offset, parted by commas."""
+    return [instant(part.strip()) for part in text.split(",")]
+
+
+def height(text: str) -> float:
+    """Return a height in metres, negative below the sea."""
+    return _number(text, "a number of metres", least=-float_info.max)
+
+
+def _number(text: str, rule: str, least: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not least <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be {rule}; got {text!r}")
+    return value
