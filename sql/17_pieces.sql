@@ -3,7 +3,7 @@
 
 CREATE OR REPLACE FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET enable_seqscan = off SET jit = off -- see _is_current
+SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off -- see _is_current
 AS $$
 BEGIN
     areas := (SELECT count(*) FROM (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0

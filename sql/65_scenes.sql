@@ -3,8 +3,9 @@
 CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
 -- After many marks were deleted the table is long and empty, and the planner believes what it was told before that.
--- Where it has no other plan, it believes that this one is worth a second of compiling.
-SET enable_seqscan = off SET jit = off AS $$
+-- Only a plain scan of the index notes which of its entries are dead, so that the next does not read them again.
+-- Where the planner has no other plan, it believes that this one is worth a second of compiling.
+SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off AS $$
 BEGIN
     -- Whatever changes, settings too, leaves marks until a detection has succeeded.
     RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)

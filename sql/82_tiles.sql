@@ -155,6 +155,17 @@ $$;
 COMMENT ON FUNCTION _tile_windows(integer, integer, integer, text) IS
 'Boxes in the plane of a scene (metres) that hold what a tile shows; all of the plane where the tile is not in it.';
 
+CREATE OR REPLACE FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint) RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off -- see _is_current
+AS $$
+BEGIN
+    RETURN QUERY SELECT m.object_id FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = p_kind;
+END
+$$;
+COMMENT ON FUNCTION _marked_objects(bigint, smallint) IS
+'Objects of a kind that wait for detection, as often as they are marked.';
+
 CREATE OR REPLACE FUNCTION _tile_objects(
     p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange
 ) RETURNS SETOF bigint
@@ -166,7 +177,7 @@ BEGIN ATOMIC
                         WHERE p.scene_id = p_scene_id AND p.hull && w.box AND p.span && p_span
                           AND p.object_kind = p_kind OFFSET 0) n
     UNION
-    SELECT m.object_id FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = p_kind;
+    SELECT m FROM _marked_objects(p_scene_id, p_kind) m;
 END;
 COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, integer, tstzrange) IS
 'Objects of a kind that a tile may show: all that are there during a span, and some more.';
