@@ -33,11 +33,12 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
-    from conflictdb.database import Database, Loaded, connect
+    from conflictdb.database import Database, connect
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.in_memory import solve
     from conflictdb.io import Contents, Remark, Skipped, read, write
+    from conflictdb.loading import Loaded
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.results import (
@@ -103,7 +104,8 @@ __all__ = [
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
     **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
-    **dict.fromkeys(("Database", "Loaded", "connect"), "conflictdb.database"),
+    **dict.fromkeys(("Database", "connect"), "conflictdb.database"),
+    "Loaded": "conflictdb.loading",
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.methods"),

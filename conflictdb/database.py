@@ -9,27 +9,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Final, Self, cast
+from typing import IO, TYPE_CHECKING, Any, Final, Self
 
-import numpy as np
 import psycopg
 
-from conflictdb import inputs
+from conflictdb import inputs, loading
 from conflictdb.db import attached, schema, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
-from conflictdb.io import Remark, Skipped, scene_text, write_lines
-from conflictdb.io.contents import Parts
-from conflictdb.io.gather import Plan, gather, scene_name
-from conflictdb.io.reading import is_parquet, read_parts
+from conflictdb.io import scene_text, write_lines
+from conflictdb.io.reading import is_parquet
 from conflictdb.io.whole_files import whole_file
+from conflictdb.lending import Lent, lend
+from conflictdb.loading import Loaded
 from conflictdb.methods import Method
-from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.motion.registry import centred, middle_deg, places_of, plane_of, summed_directions
-from conflictdb.pieces.cutting import check_plane
+from conflictdb.model import Area, Scene, Track
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
 
@@ -45,26 +41,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 DEMO_SCENE: Final = "strait"
-
-
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """What loading did to one scene.
-
-    counts : objects added, updated, removed, unchanged
-    skipped : rows and objects that were left out
-    remarks : what breaks no rule, but may not be meant
-    """
-
-    scene: str
-    counts: store.LoadCounts
-    skipped: tuple[Skipped, ...]
-    remarks: tuple[Remark, ...]
-
-    @property
-    def invalid(self) -> tuple[Skipped, ...]:
-        """The objects of plans that were left out because they are refused, an entry for each mistake."""
-        return tuple(one for one in self.skipped if one.is_refused)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,24 +128,7 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session")
     if isinstance(target, psycopg.Connection):
         _check(target)
         return Database(target)
-    from sqlalchemy import Connection, Engine
-    from sqlalchemy.orm import Session
-
-    bind = target.get_bind() if isinstance(target, Session) else target
-    driver = bind.dialect.driver if isinstance(bind, Connection | Engine) else None
-    if driver != "psycopg":
-        what = f"one with driver {driver!r}" if driver else f"a {type(target).__name__}"
-        rule = "must be a DSN, a psycopg 3 connection, or an SQLAlchemy engine, connection or session"
-        raise InvalidInput("connect", "target", f"{rule} of postgresql+psycopg; got {what}")
-    release: list[Callable[[], None]] = []
-    if isinstance(target, Engine):
-        pooled = target.raw_connection()
-        lent = _Lent(lambda: cast("psycopg.Connection[Any]", pooled.driver_connection))
-        release = [pooled.close]
-    elif isinstance(target, Session):
-        lent = _Lent(lambda: _of_session(target))
-    else:
-        lent = _Lent(lambda: _of_connection(target))
+    lent, release = lend(target)
     database = Database(lent, release)
     try:
         _check(database.connection)
@@ -177,31 +136,6 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session")
         database.close()
         raise
     return database
-
-
-@dataclass(frozen=True, slots=True)
-class _Lent:
-    """A connection that is asked for whenever it is needed: what lends it may have another, or begin a transaction."""
-
-    connection: "Callable[[], psycopg.Connection[Any]]"
-
-
-def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":
-    """Return the connection behind one of SQLAlchemy, in a transaction if that says that it is in one.
-
-    SQLAlchemy leaves it to the first statement to begin it; then this one would be a transaction of its own.
-    """
-    connection = cast("psycopg.Connection[Any]", lender.connection.driver_connection)
-    if lender.in_transaction():
-        store.join(connection)
-    return connection
-
-
-def _of_session(lender: "Session") -> "psycopg.Connection[Any]":
-    """Return the connection of a session in its transaction, what is pending written, as before any query of it."""
-    if lender.autoflush:
-        lender.flush()
-    return _of_connection(lender.connection())
 
 
 def _check(connection: "psycopg.Connection[Any]") -> None:
@@ -220,7 +154,7 @@ class Database:
     """
 
     def __init__(
-        self, connection: "psycopg.Connection[Any] | _Lent", release: Sequence[Callable[[], None]] = ()
+        self, connection: "psycopg.Connection[Any] | Lent", release: Sequence[Callable[[], None]] = ()
     ) -> None:
         self._connection = connection
         self._release = list(release)
@@ -228,7 +162,7 @@ class Database:
     @property
     def connection(self) -> "psycopg.Connection[Any]":
         """The psycopg connection that all is done on."""
-        return self._connection.connection() if isinstance(self._connection, _Lent) else self._connection
+        return self._connection.connection() if isinstance(self._connection, Lent) else self._connection
 
     def close(self) -> None:
         """Close the connection, and stop the embedded database if nobody else uses it. May be called again."""
@@ -304,65 +238,16 @@ class Database:
         One file of GeoParquet is read and sent some objects at a time, in that transaction, unless some may be left
         out: it may be of any size.
         """
-        if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
-            return [self._loaded_by_parts(paths[0], scene, merge, max_speed_kn, max_file_mb)]
-        gathered = gather(
-            paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+        return loading.load_files(
+            self.connection,
+            paths,
+            scene,
+            merge=merge,
+            max_speed_kn=max_speed_kn,
+            layers=layers,
+            skip_invalid=skip_invalid,
+            max_file_mb=max_file_mb,
         )
-        plans = [self._with_settings(plan, skip_invalid) for plan in gathered]
-        if skip_invalid and not merge:
-            for plan, _ in plans:
-                _require_objects(plan)
-        return [self._loaded(plan, settings, merge) for plan, settings in plans]
-
-    def _with_settings(self, plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
-        """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects.
-
-        With `skip_invalid`, objects that the scene's plane cannot hold are left out of the plan.
-        """
-        settings = centred(self._own_settings(plan.name, plan.settings), plan.areas, plan.tracks)
-        for source in plan.sources:
-            while (refused := _refused(settings, plan, source)) is not None:
-                if not skip_invalid:
-                    raise refused
-                plan.leave_out(source, refused)
-        return plan, settings
-
-    def _own_settings(self, name: str, settings: Scene | None) -> Scene:
-        """Return the settings of a scene: a file's, else those it has already."""
-        if settings is not None and (settings.motion != Motion.GREAT_CIRCLE or settings.centre is not None):
-            return settings
-        with self._transaction():
-            known = store.scene_settings(self.connection, name)
-        if settings is None:
-            return known or Scene(name)
-        return settings if known is None else replace(settings, centre=known.centre)  # once there, a centre stays
-
-    def _loaded_by_parts(
-        self, path: str | Path, scene: str | None, merge: bool, max_speed_kn: float | None, max_file_mb: float | None
-    ) -> Loaded:
-        """Load a file whose objects are read some at a time, and held by nobody."""
-        read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
-        with read() as parts:
-            name = scene_name(path, parts.settings, scene)
-            settings = self._own_settings(name, None if parts.settings is None else replace(parts.settings, name=name))
-            if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
-                settings = _centred(settings, parts)
-                with read() as again:
-                    return self._replaced(settings, again, merge)
-            return self._replaced(settings, parts, merge)
-
-    def _replaced(self, settings: Scene, parts: Parts, merge: bool) -> Loaded:
-        counts = store.replace_scene_by_parts(self.connection, settings, _fitting(settings, parts), merge=merge)
-        return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
-
-    def _loaded(self, plan: Plan, settings: Scene, merge: bool) -> Loaded:
-        try:
-            counts = store.replace_scene(self.connection, settings, plan.areas, plan.tracks, merge=merge)
-        except InvalidInput as refused:
-            named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
-            raise refused.at(next(named, plan.sources[0])) from refused.__cause__
-        return Loaded(plan.name, counts, tuple(plan.skipped), tuple(plan.remarks))
 
     def _settings(self, scene: str) -> Scene:
         """Return the settings of a scene; raises InvalidInput, naming the known ones, if there is none."""
@@ -904,39 +789,6 @@ class Database:
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
 
 
-def _centred(settings: Scene, parts: Parts) -> Scene:
-    """Return settings with the middle of all objects of a file for a centre, as `centred` does."""
-    sums = np.zeros(4)
-    first: tuple[list[Area], list[Track]] = ([], [])
-    for part in parts.each:
-        sums += summed_directions(places_of(*part))
-        first = first if any(first) else part
-    parts.refusals.raise_found()
-    middle = middle_deg(sums) if any(first) else None
-    return centred(settings, *first) if middle is None else replace(settings, centre=middle)
-
-
-def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Yield the parts of a file until there is a mistake; all mistakes are raised in the end.
-
-    Objects that the scene's plane cannot hold are told of where nothing else is wrong.
-    """
-    plane = plane_of(settings)
-    misfit: InvalidInput | None = None
-    for areas, tracks in parts.each:
-        if misfit is not None or parts.refusals.found:
-            continue
-        try:
-            check_plane(plane, areas, tracks)
-        except InvalidInput as refused:
-            misfit = refused
-        else:
-            yield areas, tracks
-    parts.refusals.raise_found()
-    if misfit is not None:
-        raise misfit
-
-
 def _interval(who: str, every_s: float | None) -> timedelta | None:
     return None if every_s is None else timedelta(seconds=inputs.seconds(who, "every_s", every_s))
 
@@ -955,25 +807,6 @@ def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Ar
     if len(set(keys)) < len(keys):
         raise InvalidInput("plot", "keys", f"must be of two objects; got {keys[0]!r} twice")
     return [by_key[key] for key in keys]
-
-
-def _require_objects(plan: Plan) -> None:
-    """Raise InvalidInput, with all mistakes, if every object of a plan was left out: the scene would be emptied."""
-    refused = [InvalidInput(one.key, "", one.reason, one.source) for one in plan.skipped if one.is_refused]
-    if refused and not (plan.areas or plan.tracks):
-        rule = "are all refused, and what the scene holds is not replaced with nothing"
-        raise InvalidInput(f"scene {plan.name!r}", "objects", rule, plan.sources[0], refused)
-
-
-def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
-    """Return why the scene's plane cannot hold an object of a file, None if it holds them all."""
-    areas = [area for area in plan.areas if plan.source_of[area.key] == source]
-    tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
-    try:
-        check_plane(plane_of(settings), areas, tracks)
-    except InvalidInput as refused:
-        return refused.at(source)
-    return None
 
 
 def _warn_if_incomplete(state: SceneState, stacklevel: int = 3) -> None:

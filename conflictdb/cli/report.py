@@ -7,9 +7,9 @@ from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 from conflictdb.cli.output import binary, data, out, remark, table
-from conflictdb.database import Loaded
 from conflictdb.errors import MOST_TOLD
 from conflictdb.io import Skipped, conflict_text
+from conflictdb.loading import Loaded
 from conflictdb.results import Approach, Conflict, SceneState
 
 if TYPE_CHECKING:

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.output import note, progress
-from conflictdb.database import Database, Loaded, connect
+from conflictdb.database import Database, connect
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning
+from conflictdb.loading import Loaded
 from conflictdb.server import EmbeddedServer, embedded
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from conflictdb.cli import output
 from conflictdb.cli.report import conflict_table, loaded_text, skipped_text
-from conflictdb.database import Loaded
 from conflictdb.db.store import LoadCounts
 from conflictdb.errors import InvalidInput
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.io.json_text import dumped
+from conflictdb.loading import Loaded
 from conflictdb.methods import Method
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, Kind, Verdict

@@ -1,0 +1,179 @@
+"""Files into scenes of a database, all or nothing: what `Database.load_files` does."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from conflictdb.db import store
+from conflictdb.errors import InvalidInput
+from conflictdb.io import Remark, Skipped
+from conflictdb.io.contents import Parts
+from conflictdb.io.gather import Plan, gather, scene_name
+from conflictdb.io.reading import is_parquet, read_parts
+from conflictdb.model import Area, Motion, Scene, Track
+from conflictdb.motion.registry import centred, middle_deg, places_of, plane_of, summed_directions
+from conflictdb.pieces.cutting import check_plane
+
+if TYPE_CHECKING:
+    import psycopg
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """What loading did to one scene.
+
+    counts : objects added, updated, removed, unchanged
+    skipped : rows and objects that were left out
+    remarks : what breaks no rule, but may not be meant
+    """
+
+    scene: str
+    counts: store.LoadCounts
+    skipped: tuple[Skipped, ...]
+    remarks: tuple[Remark, ...]
+
+    @property
+    def invalid(self) -> tuple[Skipped, ...]:
+        """The objects of plans that were left out because they are refused, an entry for each mistake."""
+        return tuple(one for one in self.skipped if one.is_refused)
+
+
+def load_files(
+    connection: "psycopg.Connection[Any]",
+    paths: Sequence[str | Path],
+    scene: str | None,
+    *,
+    merge: bool,
+    max_speed_kn: float | None,
+    layers: Sequence[str],
+    skip_invalid: bool,
+    max_file_mb: float | None,
+) -> list[Loaded]:
+    """Load some files, those of one scene as if they were one; return what it did to each scene."""
+    if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
+        return [_loaded_by_parts(connection, paths[0], scene, merge, max_speed_kn, max_file_mb)]
+    gathered = gather(
+        paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+    )
+    plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
+    if skip_invalid and not merge:
+        for plan, _ in plans:
+            _require_objects(plan)
+    return [_loaded(connection, plan, settings, merge) for plan, settings in plans]
+
+
+def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
+    """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects.
+
+    With `skip_invalid`, objects that the scene's plane cannot hold are left out of the plan.
+    """
+    settings = centred(_own_settings(connection, plan.name, plan.settings), plan.areas, plan.tracks)
+    for source in plan.sources:
+        while (refused := _refused(settings, plan, source)) is not None:
+            if not skip_invalid:
+                raise refused
+            plan.leave_out(source, refused)
+    return plan, settings
+
+
+def _own_settings(connection: "psycopg.Connection[Any]", name: str, settings: Scene | None) -> Scene:
+    """Return the settings of a scene: a file's, else those it has already."""
+    if settings is not None and (settings.motion != Motion.GREAT_CIRCLE or settings.centre is not None):
+        return settings
+    with store.transaction(connection):
+        known = store.scene_settings(connection, name)
+    if settings is None:
+        return known or Scene(name)
+    return settings if known is None else replace(settings, centre=known.centre)  # once there, a centre stays
+
+
+def _loaded_by_parts(
+    connection: "psycopg.Connection[Any]",
+    path: str | Path,
+    scene: str | None,
+    merge: bool,
+    max_speed_kn: float | None,
+    max_file_mb: float | None,
+) -> Loaded:
+    """Load a file whose objects are read some at a time, and held by nobody."""
+    read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
+    with read() as parts:
+        name = scene_name(path, parts.settings, scene)
+        settings = _own_settings(
+            connection, name, None if parts.settings is None else replace(parts.settings, name=name)
+        )
+        if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
+            settings = _centred(settings, parts)
+            with read() as again:
+                return _replaced(connection, settings, again, merge)
+        return _replaced(connection, settings, parts, merge)
+
+
+def _replaced(connection: "psycopg.Connection[Any]", settings: Scene, parts: Parts, merge: bool) -> Loaded:
+    counts = store.replace_scene_by_parts(connection, settings, _fitting(settings, parts), merge=merge)
+    return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
+
+
+def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, merge: bool) -> Loaded:
+    try:
+        counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=merge)
+    except InvalidInput as refused:
+        named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
+        raise refused.at(next(named, plan.sources[0])) from refused.__cause__
+    return Loaded(plan.name, counts, tuple(plan.skipped), tuple(plan.remarks))
+
+
+def _centred(settings: Scene, parts: Parts) -> Scene:
+    """Return settings with the middle of all objects of a file for a centre, as `centred` does."""
+    sums = np.zeros(4)
+    first: tuple[list[Area], list[Track]] = ([], [])
+    for part in parts.each:
+        sums += summed_directions(places_of(*part))
+        first = first if any(first) else part
+    parts.refusals.raise_found()
+    middle = middle_deg(sums) if any(first) else None
+    return centred(settings, *first) if middle is None else replace(settings, centre=middle)
+
+
+def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield the parts of a file until there is a mistake; all mistakes are raised in the end.
+
+    Objects that the scene's plane cannot hold are told of where nothing else is wrong.
+    """
+    plane = plane_of(settings)
+    misfit: InvalidInput | None = None
+    for areas, tracks in parts.each:
+        if misfit is not None or parts.refusals.found:
+            continue
+        try:
+            check_plane(plane, areas, tracks)
+        except InvalidInput as refused:
+            misfit = refused
+        else:
+            yield areas, tracks
+    parts.refusals.raise_found()
+    if misfit is not None:
+        raise misfit
+
+
+def _require_objects(plan: Plan) -> None:
+    """Raise InvalidInput, with all mistakes, if every object of a plan was left out: the scene would be emptied."""
+    refused = [InvalidInput(one.key, "", one.reason, one.source) for one in plan.skipped if one.is_refused]
+    if refused and not (plan.areas or plan.tracks):
+        rule = "are all refused, and what the scene holds is not replaced with nothing"
+        raise InvalidInput(f"scene {plan.name!r}", "objects", rule, plan.sources[0], refused)
+
+
+def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
+    """Return why the scene's plane cannot hold an object of a file, None if it holds them all."""
+    areas = [area for area in plan.areas if plan.source_of[area.key] == source]
+    tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
+    try:
+        check_plane(plane_of(settings), areas, tracks)
+    except InvalidInput as refused:
+        return refused.at(source)
+    return None
