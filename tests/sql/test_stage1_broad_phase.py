@@ -10,6 +10,7 @@ from workloads import HARBOUR, PAPER, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.sources import joined
+from conflictdb.db.store import pairs
 from conflictdb.errors import StoreError
 from conflictdb.model import Area, EarthModel
 
@@ -83,7 +84,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     assert sum(map(len, of_objects)) == len(set[frozenset[str]]().union(*of_objects))
 
 
-def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> None:
+def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
     scene_id = load(conn, *throw(PAPER, 15, 5, 5))
     refresh(conn, scene_id)
     count = len(stored_pieces(conn, scene_id))
@@ -91,6 +92,10 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> No
     store.begin_snapshot(conn)
     assert len(store.boxes(conn, scene_id, count)[0]) == count
     assert len(store.boxes(conn, scene_id, count - 1)[0]) == 0
+    # Whatever memory there is: more than a gigabyte is no answer of a server.
+    monkeypatch.setattr(pairs, "_MOST_ROWS", count - 1)
+    assert len(store.boxes(conn, scene_id, count)[0]) == 0
+    monkeypatch.setattr(pairs, "_MOST_ROWS", count)
     conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     conn.rollback()

@@ -17,6 +17,8 @@ from conflictdb.db.store.bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.db.store.connection import call_each
 from conflictdb.kernel.boxes import RowBoxes
 
+# Rows whose boxes fit into one answer, which holds a gigabyte at most: each takes 134 bytes of it.
+_MOST_ROWS: Final = 7_000_000
 # What _row_boxes gives arrays of.
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
@@ -64,9 +66,10 @@ def boxes(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
     """Return the rows of pieces of a scene all of whose objects changed: ids, how many pieces each holds, and boxes.
 
-    None where only some changed, or there are more rows than `most`. Raises StoreError outside of a snapshot.
+    None where only some changed, or there are more rows than `most`, or than one answer holds. Raises StoreError outside
+    of a snapshot.
     """
-    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, most], _BOX_COLUMNS)
+    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, _MOST_ROWS)], _BOX_COLUMNS)
     found = RowBoxes(
         boxes=np.stack([rows.pop(name) for name in ("low_x", "low_y", "high_x", "high_y")], axis=1),
         floor_m=rows["floor_m"],
