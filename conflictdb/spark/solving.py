@@ -27,7 +27,7 @@ from conflictdb.pipeline.run import run_scene
 from conflictdb.spark.pieces import NO_NUMBER
 from conflictdb.spark.pieces import SCHEMA as PIECES
 
-# Bytes of rows that are solved at once, beside their number: pieces of many vertices are few.
+# Bytes of rows that are made, and solved, at once, beside their number: pieces of many vertices are few.
 _MOST_BYTES: Final = 128_000_000
 _WORD_TYPE: Final = np.dtype("<i8")
 
@@ -48,29 +48,35 @@ Outlines = Callable[[], Mapping[str, bytes]]
 
 
 def meeting(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the pairs of pieces whose boxes and hulls meet, of pairs of rows (stage 2)."""
+    """Yield the pairs of pieces whose boxes and hulls meet, of pairs of rows (stage 2); about so many bytes at once."""
     for batch in batches:
         if batch.num_rows:
-            yield _meeting(batch)
+            yield from _meeting(batch)
 
 
-def _meeting(batch: pa.RecordBatch) -> pa.RecordBatch:
+def _meeting(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     words, bounds = _words(batch, "pieces")
     begin, offset = begins_in(words, bounds[:-1], bounds[1:])
     pieces, rows = unpacked(words, begin), np.arange(batch.num_rows)
     a, b = bundled_pairs(Bundles(pieces, offset), rows, rows + batch.num_rows)
     meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
-    a, b = PieceRows(a[meet]), PieceRows(b[meet])
+    a, b = a[meet], b[meet]
     row = np.searchsorted(offset, a, side="right") - 1
-    is_first = pa.array(np.diff(row, prepend=-1) != 0)
-    ends, columns = np.append(begin, bounds[-1]), []
-    for side, some in (("a", a), ("b", b)):
-        kind, key, outline = (batch.column(f"{side}_{name}").take(pa.array(row)) for name in ("kind", "key", "outline"))
-        to, index = ragged_rows(ends, some)
-        buffers = [None, pa.py_buffer((to * WORD).astype(np.int32)), pa.py_buffer(words[index])]
-        piece = pa.Array.from_buffers(pa.binary(), len(some), buffers)
-        columns += [kind, key, piece, pc.if_else(is_first, outline, None)]
-    return pa.RecordBatch.from_arrays(columns, schema=PAIRS)
+    is_first = np.diff(row, prepend=-1) != 0
+    ends = np.append(begin, bounds[-1])
+    # A piece comes with each that it meets: of crowded rows they are many times as large as these.
+    taken = WORD * np.cumsum(np.diff(ends)[a] + np.diff(ends)[b])
+    cuts = np.flatnonzero(np.diff(taken // _MOST_BYTES)) + 1
+    for some in np.split(np.arange(len(a)), cuts):
+        of, of_first = pa.array(row[some]), pa.array(row[some], mask=~is_first[some])
+        columns: list[pa.Array] = []
+        for side, of_side in (("a", a), ("b", b)):
+            kind, key = (batch.column(f"{side}_{name}").take(of) for name in ("kind", "key"))
+            to, index = ragged_rows(ends, of_side[some])
+            buffers = [None, pa.py_buffer((to * WORD).astype(np.int32)), pa.py_buffer(words[index])]
+            piece = pa.Array.from_buffers(pa.binary(), len(some), buffers)
+            columns += [kind, key, piece, batch.column(f"{side}_outline").take(of_first)]
+        yield pa.RecordBatch.from_arrays(columns, schema=PAIRS)
 
 
 def solved(

@@ -10,6 +10,7 @@ import pyarrow.compute as pc
 import pytest
 import scenes
 import shapely
+import shapely.affinity
 from spark_answers import answer_of_one_machine, in_order
 from workloads import GROWING, OCEAN, SEAM, throw
 
@@ -147,6 +148,22 @@ def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) 
     for most in (0, 10_000):
         monkeypatch.setattr(pieces, "_MOST_CARRIED", most)
         assert answer_of_workers((scene, areas, []), 1).to_pylist() == expected
+
+
+def test_pairs_of_pieces_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of crowded rows they would be more than a column holds; however many at once, they are the same."""
+    comb = shapely.MultiPolygon([shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20)])
+    areas = [Area("DOWN", comb), Area("ACROSS", shapely.affinity.rotate(comb, 90.0))]
+    (rows,) = pieces.cut([of_objects(areas, [])], Scene("s"))
+    (joined,) = pairs_of(pa.Table.from_batches([rows])).combine_chunks().to_batches()
+    (whole,) = solving.meeting([joined])
+    assert len(whole) > 200
+    assert (len(whole) - whole["a_outline"].null_count, len(whole) - whole["b_outline"].null_count) == (len(joined),) * 2
+    for most in (1, 10_000):
+        monkeypatch.setattr(solving, "_MOST_BYTES", most)
+        parts = list(solving.meeting([joined]))
+        assert len(parts) == len(whole) if most == 1 else 3 < len(parts) < len(whole) / 5
+        assert pa.Table.from_batches(parts).equals(pa.Table.from_batches([whole]))
 
 
 def test_parts_that_are_solved_hold_whole_pairs_of_objects() -> None:
