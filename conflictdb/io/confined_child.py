@@ -9,13 +9,18 @@ of the package, which takes longer than reading a file.
 
 The program is a file with a function ``main(stream, most_bytes, arguments)``. It writes what it read to the stream,
 which is stdout, and raises MemoryError where that is more than so many bytes. What is wrong is told in the last line of
-stderr as JSON: ``too_large`` or ``refused``.
+stderr as JSON: ``too_large`` or ``refused``. Nothing else is there: whoever reads stdout as it comes reads stderr after
+it, and a pipe that is full would let both wait for ever.
 """
 
 import json
+import os
 import resource
 import runpy
 import sys
+
+# Characters of what is wrong: a pipe holds as many.
+_MOST_SAID = 2_000
 
 
 def main(program: str, most_bytes: int, most_memory_bytes: int, most_seconds: int, arguments: list[str]) -> str:
@@ -32,12 +37,15 @@ def main(program: str, most_bytes: int, most_memory_bytes: int, most_seconds: in
     except MemoryError:
         return json.dumps({"too_large": True})
     except Exception as error:  # whatever it is, this file cannot be read
-        return json.dumps({"refused": str(error)})
+        return json.dumps({"refused": str(error)[:_MOST_SAID]})
     return ""
 
 
 if __name__ == "__main__":
     program, most_bytes, most_memory_bytes, most_seconds, *arguments = sys.argv[1:]
+    said = os.dup(2)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what libraries say
     wrong = main(program, int(most_bytes), int(most_memory_bytes), int(most_seconds), arguments)
     if wrong:
-        sys.exit(f"\n{wrong}")
+        os.write(said, f"\n{wrong}".encode())
+        sys.exit(1)

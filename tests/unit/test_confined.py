@@ -40,6 +40,9 @@ stream.write(json.dumps([most_bytes, limits, arguments, dict(os.environ)]).encod
     [
         ("raise ValueError('no\\nlayers')", "cannot be read: no layers"),
         ("os.write(2, b'warning: {}'); raise ValueError('x' * 1000)", f"cannot be read: {'x' * 500}"),
+        # More than a pipe holds, which nobody reads meanwhile.
+        ("raise ValueError('x' * 1_000_000)", f"cannot be read: {'x' * 500}"),
+        ("os.write(2, b'x' * 1_000_000); raise ValueError('no')", "cannot be read: no"),
         ("raise MemoryError", "holds more than 3 MB"),
         ("bytes(3 << 30)", "holds more than 3 MB"),
         ("os.write(2, b'terminate called'); os.abort()", "holds more than 3 MB"),
