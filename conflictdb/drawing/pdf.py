@@ -13,8 +13,11 @@ from conflictdb.errors import ConflictDBError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of a page of PDF: room for a heading with its text, for the number of the page, and beside what a cell says.
+# Of a page of PDF: room for a heading with its text; for a heading above a figure, or with the first rows of a table; for
+# the number of the page; and beside what a cell says.
 _HEADING_MM: Final = 24.0
+_FIGURE_HEADING_MM: Final = 20.0
+_TABLE_HEADING_MM: Final = 45.0
 _NUMBER_MM: Final = 20.0
 _PADDING_MM: Final = 2.5
 
@@ -56,35 +59,42 @@ def document(title: str, made: str, warning: str, sections: Sequence[Section]) -
         _paragraph(pdf, warning, 10, bold=True)
         pdf.set_text_color(0, 0, 0)
     for section in sections:
-        pdf.ln(3)
-        # No heading without what it is of.
-        if pdf.will_page_break(
-            45 if section.rows or not section.figures else _size(pdf, section.figures[0][1])[1] + 20
-        ):
-            pdf.add_page()
-        _paragraph(pdf, section.heading, 11, bold=True)
-        if section.text:
-            _paragraph(pdf, section.text, 8.5)
-        if section.rows:
-            pdf.set_font(style="", size=7)
-            cells = [section.header, *section.rows] if section.header else section.rows
-            rows = [[_in_font(pdf, cell) for cell in row] for row in cells]
-            with pdf.table(
-                borders_layout="HORIZONTAL_LINES",
-                first_row_as_headings=bool(section.header),
-                line_height=4.2,
-                text_align="LEFT",
-                col_widths=_widths(pdf, rows),
-                padding=0.6,
-            ) as table:
-                for row in rows:
-                    table.row(row)
-        for _, figure in section.figures:
-            width, height = _size(pdf, figure)
-            if pdf.will_page_break(height):
-                pdf.add_page()
-            pdf.image(io.BytesIO(drawn(figure, "png")), w=width)
+        _add(pdf, section)
     return bytes(pdf.output())
+
+
+def _add(pdf: Any, section: Section) -> None:
+    pdf.ln(3)
+    is_figure_first = bool(section.figures) and not section.rows
+    below_mm = _size(pdf, section.figures[0][1])[1] + _FIGURE_HEADING_MM if is_figure_first else _TABLE_HEADING_MM
+    if pdf.will_page_break(below_mm):  # no heading without what it is of
+        pdf.add_page()
+    _paragraph(pdf, section.heading, 11, bold=True)
+    if section.text:
+        _paragraph(pdf, section.text, 8.5)
+    if section.rows:
+        _table(pdf, section)
+    for _, figure in section.figures:
+        width, height = _size(pdf, figure)
+        if pdf.will_page_break(height):
+            pdf.add_page()
+        pdf.image(io.BytesIO(drawn(figure, "png")), w=width)
+
+
+def _table(pdf: Any, section: Section) -> None:
+    pdf.set_font(style="", size=7)
+    cells = [section.header, *section.rows] if section.header else section.rows
+    rows = [[_in_font(pdf, cell) for cell in row] for row in cells]
+    with pdf.table(
+        borders_layout="HORIZONTAL_LINES",
+        first_row_as_headings=bool(section.header),
+        line_height=4.2,
+        text_align="LEFT",
+        col_widths=_widths(pdf, rows),
+        padding=0.6,
+    ) as table:
+        for row in rows:
+            table.row(row)
 
 
 def _paragraph(pdf: Any, text: str, size: float, *, bold: bool = False) -> None:
