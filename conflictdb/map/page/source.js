@@ -1,10 +1,13 @@
 // Where the page has its scene from: the server of `conflictdb map`.
 
+// Of an answer that says that there is nothing here for who asks: no scene, or no right to it.
+const REFUSALS = [400, 401, 403, 404, 410];
+
 class Unanswered extends Error {
   // status: of the answer, 0 if there was none.
   constructor(said, status) {
     super(said);
-    this.isRefusal = status >= 400 && status < 500; // rather than that it does not work
+    this.isRefusal = REFUSALS.includes(status); // rather than that it does not work, or not now
   }
 }
 
