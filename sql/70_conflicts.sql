@@ -269,7 +269,6 @@ BEGIN ATOMIC
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
-          -- OFFSET 0: each row is taken apart once for a pair of rows, not once for each piece of the other.
           -- Each row is taken apart once for a pair of rows, not once for each piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
