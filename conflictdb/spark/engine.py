@@ -15,9 +15,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from conflictdb.errors import EngineMissing
+from conflictdb.errors import ConflictDBError, EngineMissing
 
 if TYPE_CHECKING:
+    from py4j.protocol import Py4JError
+    from pyspark.errors import PySparkException
     from pyspark.sql import SparkSession
 
 # What the versions of Sedona's Python package and of Spark go with; its transforms need the tools' wrapper.
@@ -84,7 +86,7 @@ def session(
     is_quiet: bool,
     reads_database: bool = False,
 ) -> "Iterator[SparkSession]":
-    """Give a session with Sedona; it ends with the block.
+    """Give a session with Sedona; it ends with the block. What Spark cannot do there is a ConflictDBError.
 
     Raises EngineMissing, with the remedy, where Java, packages or jars are missing.
 
@@ -120,9 +122,31 @@ def session(
                 f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
             ) from error
         try:
-            yield with_sedona(spark)
+            with _told():
+                yield with_sedona(spark)
         finally:
             spark.stop()
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Say in one line what Spark could not do: no disk or memory, an executor or a connection that is gone."""
+    from py4j.protocol import Py4JError
+    from pyspark.errors import PySparkException
+
+    try:
+        yield
+    except (Py4JError, PySparkException) as error:
+        raise ConflictDBError(f"Spark did not finish: {cause_of(error)}") from error
+
+
+def cause_of(error: "Py4JError | PySparkException") -> str:
+    """Return what was wrong first, in one line; where a worker ended, what ended it."""
+    cause, message = getattr(error, "java_exception", None), str(error)
+    while cause is not None:
+        message, cause = str(cause.getMessage()), cause.getCause()
+    lines = [line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__]
+    return lines[-1] if any("Traceback" in line for line in lines) else lines[0]
 
 
 def with_sedona(spark: "SparkSession") -> "SparkSession":

@@ -37,9 +37,9 @@ def settings_in(paths: Sequence[str]) -> Scene | None:
 
 
 def _files(path: Path) -> list[str]:
-    """Return a file, or those in a directory that Spark reads; none of what is elsewhere."""
+    """Return a file, or those in a directory that Spark reads, whatever they end in; none of what is elsewhere."""
     if path.is_dir():
-        return sorted(str(one) for one in path.rglob("*.parquet") if one.is_file() and not _is_hidden(one, path))
+        return sorted(str(one) for one in path.rglob("*") if one.is_file() and not _is_hidden(one, path))
     return [str(path)] if path.is_file() else []
 
 

@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import psycopg
 import pyarrow as pa
-from py4j.protocol import Py4JJavaError
+from py4j.protocol import Py4JError
 from pyspark.errors import PySparkException
 from pyspark.sql import DataFrame, SparkSession
 from pyspark.sql.pandas.types import from_arrow_schema
@@ -27,9 +27,9 @@ from conflictdb.errors import StoreError
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.spark.detection import mapped
-from conflictdb.spark.engine import DRIVER, with_driver
+from conflictdb.spark.engine import DRIVER, cause_of, with_driver
 
-# Connections at a time, and objects that are worth one.
+# Connections at a time for areas, and as many for tracks, and objects that are worth one.
 _MOST_PARTS: Final = 16
 _LEAST_OBJECTS: Final = 20_000
 # Rows that a connection asks for at a time.
@@ -144,19 +144,6 @@ def _told(conn: psycopg.Connection[Any], scene: str) -> Iterator[None]:
     """Say in one line why Spark could not read."""
     try:
         yield
-    except (Py4JJavaError, PySparkException) as error:
+    except (Py4JError, PySparkException) as error:
         where = f"{conn.info.dbname!r} on {conn.info.host}"
-        raise StoreError(f"Spark cannot read scene {scene} of database {where}: {_cause(error)}") from error
-
-
-def _cause(error: Py4JJavaError | PySparkException) -> str:
-    """Return what was wrong first, in one line; where a worker ended, what ended it."""
-    if isinstance(error, PySparkException):
-        message = str(error)
-    else:
-        cause = error.java_exception
-        while cause.getCause() is not None:
-            cause = cause.getCause()
-        message = str(cause.getMessage())
-    lines = [line.strip() for line in message.splitlines() if line.strip()]
-    return lines[-1] if any("Traceback" in line for line in lines) else lines[0]
+        raise StoreError(f"Spark cannot read scene {scene} of database {where}: {cause_of(error)}") from error

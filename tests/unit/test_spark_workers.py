@@ -1,7 +1,7 @@
 """What workers of Spark do with batches of rows, without Spark: the same rows however batches are cut."""
 
 import re
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from workloads import GROWING, OCEAN, SEAM, throw
 from conflictdb.arrays.arrow.objects import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.in_memory import solve
 from conflictdb.io.parquet_writing import write_objects
 from conflictdb.methods import Method
@@ -38,7 +38,7 @@ def test_files_of_one_scene_say_the_same_settings(tmp_path: Path) -> None:
     from conflictdb.spark.files import settings_in
 
     (tmp_path / "parts" / "day=1").mkdir(parents=True)
-    first, second = tmp_path / "first.parquet", tmp_path / "parts" / "day=1" / "second.parquet"
+    first, second = tmp_path / "first.parquet", tmp_path / "parts" / "day=1" / "second.geoparquet"
     for path, scene in ((first, Scene("s", separation_m=500.0)), (second, Scene("other", separation_m=500.0))):
         with path.open("wb") as stream:
             write_objects(stream, scene, [])
@@ -48,8 +48,41 @@ def test_files_of_one_scene_say_the_same_settings(tmp_path: Path) -> None:
     assert settings_in(["s3a://nowhere/objects"]) is None
     with second.open("wb") as stream:
         write_objects(stream, Scene("s", separation_m=100.0), [])
-    with pytest.raises(InvalidInput, match=r"second\.parquet: scene 's': separation_m: differs from that in .*first"):
+    with pytest.raises(InvalidInput, match=r"second\.geoparquet: scene 's': separation_m: differs from that in .*first"):
         settings_in([str(first), str(tmp_path / "parts")])
+
+
+def test_what_spark_cannot_do_is_one_line() -> None:
+    """Not pages of Java, and not a mistake of this program: a full disk, a worker that ended, Java that is gone."""
+    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    from py4j.protocol import Py4JError, Py4JNetworkError
+    from pyspark.errors import PySparkException
+
+    from conflictdb.spark import engine
+
+    @dataclass
+    class Thrown:
+        message: str
+        cause: "Thrown | None" = None
+
+        def getMessage(self) -> str:  # noqa: N802 Java's name
+            return self.message
+
+        def getCause(self) -> "Thrown | None":  # noqa: N802
+            return self.cause
+
+    full = Py4JError("An error occurred while calling o1.count.")
+    full.java_exception = Thrown("Job aborted\n\tat org.apache", Thrown("No space left on device\n\tat java.io"))
+    worker = PySparkException("An exception was thrown from the Python worker.\nTraceback (...):\n  File\nMemoryError")
+    for error, said in (
+        (full, "No space left on device"),
+        (worker, "MemoryError"),
+        (Py4JNetworkError("Answer from Java side is empty\n"), "Answer from Java side is empty"),
+        (Py4JNetworkError(""), "Py4JNetworkError"),
+    ):
+        with pytest.raises(ConflictDBError) as told, engine._told():
+            raise error
+        assert str(told.value) == f"Spark did not finish: {said}"
 
 
 def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Generator) -> list[pa.RecordBatch]:
