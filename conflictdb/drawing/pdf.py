@@ -13,8 +13,8 @@ from conflictdb.errors import ConflictDBError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of a page of PDF: room for a heading with its text; for a heading above a figure, or with the first rows of a table; for
-# the number of the page; and beside what a cell says.
+# Of a page of PDF: room for a heading with its text; for a heading above a figure, or with the first rows of a table;
+# for the number of the page; and beside what a cell says.
 _HEADING_MM: Final = 24.0
 _FIGURE_HEADING_MM: Final = 20.0
 _TABLE_HEADING_MM: Final = 45.0

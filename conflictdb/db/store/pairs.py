@@ -66,8 +66,8 @@ def boxes(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
     """Return the rows of pieces of a scene all of whose objects changed: ids, how many pieces each holds, and boxes.
 
-    None where only some changed, or there are more rows than `most`, or than one answer holds. Raises StoreError outside
-    of a snapshot.
+    None where only some changed, or there are more rows than `most`, or than one answer holds. Raises StoreError
+    outside of a snapshot.
     """
     rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, _MOST_ROWS)], _BOX_COLUMNS)
     found = RowBoxes(
