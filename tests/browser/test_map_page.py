@@ -3,6 +3,7 @@
 import gzip
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from browsing import Open, rows, time_of, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 import conflictdb
 from conflictdb.db.detect import detect
@@ -200,6 +201,23 @@ def test_changes_and_acknowledgements_show_without_reload(
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
     assert page.evaluate("isSame") is True
     assert page.locator("img[src=x]").count() == 0
+
+
+def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
+    """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
+    page = browser.new_page()
+    try:
+        page.goto(strait)
+        page.wait_for_selector("html[data-ready=true]", state="attached")
+        for status, key, left in [(429, "CABLE", 7), (503, "DIVING", 7), (400, "FIRING", 0)]:
+            body = f'{{"error": "answer {status}"}}'
+            page.route("**/api/conflicts", partial(Route.fulfill, status=status, body=body))
+            conn.execute("SELECT conflictdb.remove_object('strait', %s)", [key])
+            conn.commit()
+            expect(page.locator("#state")).to_have_text(f"answer {status}")
+            expect(page.locator(".row")).to_have_count(left)
+    finally:
+        page.close()
 
 
 def test_times_are_written_with_24_hours_wherever_one_is(strait: str, open_page: Open) -> None:
