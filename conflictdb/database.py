@@ -236,7 +236,7 @@ class Database:
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction.
         One file of GeoParquet is read and sent some objects at a time, in that transaction, unless some may be left
-        out: it may be of any size.
+        out: memory does not grow with it.
         """
         return loading.load_files(
             self.connection,
