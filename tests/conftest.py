@@ -1,9 +1,11 @@
 """Fixtures shared by all tests; where the test database comes from is in databases.py."""
 
+import logging
 import os
 import uuid
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import psycopg
@@ -61,6 +63,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "server_dsn" in getattr(item, "fixturenames", ()):
             item.add_marker("db")
+
+
+def _seen_by_all() -> dict[str, object]:
+    """What a test may change for those after it: where this process is, and what it logs to whom."""
+    root = logging.getLogger()
+    own = [handler for handler in root.handlers if not type(handler).__module__.startswith("_pytest")]
+    levels = [logging.getLogger(name).level for name in (None, "conflictdb")]
+    return {"directory": Path.cwd(), "levels": levels, "disabled": root.manager.disable, "handlers": own}
+
+
+@pytest.fixture(autouse=True)
+def _leaves_all_as_it_was() -> Iterator[None]:
+    """Fail the test that leaves something changed, rather than one that comes after it in some order."""
+    before = _seen_by_all()
+    yield
+    assert _seen_by_all() == before
 
 
 @pytest.fixture(scope="session")

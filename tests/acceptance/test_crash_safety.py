@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -18,6 +17,7 @@ import numpy as np
 import psycopg
 import pytest
 from own_server import OwnServer, own_server
+from patience import killed_after
 from verdicts import Pair, Reported, by_pair, solved
 from workloads import PAPER, throw
 
@@ -97,14 +97,10 @@ def start_victim(
 
 def wait_until_at(victim: "subprocess.Popen[str]", place: str) -> None:
     assert victim.stdout is not None
-    too_late = threading.Timer(WAIT_S, victim.kill)  # ends the reading of its lines, too
-    too_late.start()
-    try:
+    with killed_after(victim, WAIT_S):
         for line in victim.stdout:
             if line.strip() == place:
                 return
-    finally:
-        too_late.cancel()
     pytest.fail(f"the detection ended ({victim.wait()}) before it came to {place}, or did not within {WAIT_S:g} s")
 
 

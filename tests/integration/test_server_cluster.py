@@ -20,6 +20,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import killed_after
 
 from conflictdb import server
 from conflictdb.errors import ServerError
@@ -49,7 +50,8 @@ class User:
     def server_pid(self) -> int:
         """Wait until it has joined; return the process of the server it got."""
         assert self.process.stdout is not None
-        return int(self.process.stdout.readline())
+        with killed_after(self.process, PATIENCE_S):
+            return int(self.process.stdout.readline())
 
     def leave(self) -> None:
         """End it the ordinary way."""

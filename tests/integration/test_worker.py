@@ -16,6 +16,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
+from patience import killed_after
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect
@@ -173,7 +174,8 @@ sys.exit(main(["status"]))
 def test_sigterm_ends_what_does_not_hear_it_within_5_s() -> None:
     with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
         assert deaf.stdout is not None
-        assert deaf.stdout.readline() == "deaf\n"
+        with killed_after(deaf, WAIT_S):
+            assert deaf.stdout.readline() == "deaf\n"
         began = time.monotonic()
         deaf.send_signal(signal.SIGTERM)
         assert deaf.wait(WAIT_S) == 143

@@ -216,7 +216,7 @@ def test_several_programs_at_once_all_succeed(empty_dsn: str, other_dsn: str) ->
         subprocess.Popen([sys.executable, "-c", program, dsn], stdout=subprocess.PIPE, cwd=ROOT, text=True)
         for dsn in (empty_dsn, other_dsn, empty_dsn, other_dsn)
     ]
-    assert [process.communicate()[0].strip() for process in running] == [schema.head()] * 4
+    assert [process.communicate(timeout=300.0)[0].strip() for process in running] == [schema.head()] * 4
     assert catalog(empty_dsn) == catalog(other_dsn)
 
 
