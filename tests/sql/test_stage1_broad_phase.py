@@ -96,6 +96,9 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monke
     monkeypatch.setattr(pairs, "_MOST_ROWS", count - 1)
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     monkeypatch.setattr(pairs, "_MOST_ROWS", count)
+    assert len(list(store.candidates(conn, scene_id, 10**9))) == 1
+    monkeypatch.setattr(pairs, "_MOST_PAIRS", 2)
+    assert len(list(store.candidates(conn, scene_id, 10**9))) > 1
     conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     conn.rollback()

@@ -17,8 +17,10 @@ from conflictdb.db.store.bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.db.store.connection import call_each
 from conflictdb.kernel.boxes import RowBoxes
 
-# Rows whose boxes fit into one answer, which holds a gigabyte at most: each takes 134 bytes of it.
+# Rows whose boxes fit into one answer, which holds a gigabyte at most: each takes 134 bytes of it. And pairs of rows,
+# of 52 bytes, with room for all of the last two objects.
 _MOST_ROWS: Final = 7_000_000
+_MOST_PAIRS: Final = 10_000_000
 # What _row_boxes gives arrays of.
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
@@ -52,9 +54,10 @@ class Candidates:
 def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> Iterator[Candidates]:
     """Yield the candidates of changed objects, each pair with the first of these: so many at once, or a few more.
 
-    All pairs of the same two objects come together. Raises StoreError outside of a snapshot.
+    All pairs of the same two objects come together; there are no more than one answer holds. Raises StoreError outside
+    of a snapshot.
     """
-    for sent in call_each(conn, "_candidates", scene_id, at_once, rows_at_once=2):
+    for sent in call_each(conn, "_candidates", scene_id, min(at_once, _MOST_PAIRS), rows_at_once=2):
         kinds = ("i8", "i8", "i4", "i4", "i8")
         *found, ranks = (copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True))
         order = np.argsort(ranks, kind="stable")
