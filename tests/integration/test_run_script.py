@@ -22,7 +22,8 @@ def run(path: Path, venv: Path, *arguments: str) -> "subprocess.CompletedProcess
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return a PATH with the system's programs that ./run needs, and without any Python."""
-    for name in ("dirname", "cat", "cmp", "head", "rm", "rmdir", "echo", "sh", "uname", "sha256sum", "cut", "grep"):
+    system = "dirname cat cmp head rm rmdir mkdir echo sh uname sha256sum cut grep"
+    for name in system.split():
         (tmp_path / "bin").mkdir(exist_ok=True)
         (tmp_path / "bin" / name).symlink_to(str(shutil.which(name)))
     return tmp_path / "bin"
@@ -119,7 +120,7 @@ def test_environment_whose_making_was_killed_is_made_anew(tmp_path: Path, path: 
     program(shared, f'echo "$@" >>{tmp_path}/shared-calls')
     program(whole / "bin/python", f'echo "$@" >>{calls}')
     (whole / "pyvenv.cfg").touch()
-    for name in ("mkdir", "ln", "cp"):
+    for name in ("ln", "cp"):
         (path / name).symlink_to(str(shutil.which(name)))
     program(path / "python3", "exit 0")
     for makes, code in ((f"{left}; kill -9 $PPID", -9), (f'cp -r {whole} "$venv"', 0)):
@@ -164,6 +165,15 @@ def test_environment_whose_removal_was_killed_is_made_anew(tmp_path: Path, path:
     (path / "rm").symlink_to(rm)
     assert run(path, venv, "python").returncode != 0, "the stand-in makes no programs"
     assert (venv / "new").exists()
+
+
+def test_environment_is_made_in_a_directory_that_is_not_there_yet(tmp_path: Path, path: Path) -> None:
+    venv = tmp_path / "new" / "folder" / "venv"
+    (path / "chmod").symlink_to(str(shutil.which("chmod")))
+    made = 'mkdir -p "$4/bin"; echo "exit 0" >"$4/bin/python"; chmod +x "$4/bin/python"'
+    program(path / "python3", f'case "$*" in "-m venv"*) {made} ;; esac')
+    assert run(path, venv, "python").returncode == 0
+    assert (venv / "made-from").read_text().startswith(f"{venv}\n")
 
 
 @pytest.mark.parametrize("file", ["letter", "bin/python"])
