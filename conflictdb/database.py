@@ -357,7 +357,7 @@ class Database:
         from conflictdb.io.computed import read_computed, read_conflicts  # needs pyarrow
 
         of = read_computed(Path(path))
-        states = store.ObjectStates.of(of.kind, of.object_id, of.version, of.key)
+        states = store.ObjectStates.of(of.kind, of.object_id, of.version, of.digest, of.key)
         found = read_conflicts(Path(path), of.pairs)
         return write_back(self.connection, scene, of.settings, states, found, lock_timeout_s=lock_timeout_s, say=say)
 

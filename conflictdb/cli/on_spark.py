@@ -37,15 +37,15 @@ def detect(args: argparse.Namespace) -> int:
     """Find the conflicts of the objects in GeoParquet files, or of a scene of the database, and write them to files."""
     check(args, [(not args.input and not args.scene, "say --scene, of the database, or --input, of files")])
     with _given(args) as (spark, scene, objects):
-        from conflictdb.spark.detection import detect_on_spark
+        from conflictdb.spark.detection import detected
         from conflictdb.spark.files import write_conflicts, write_states
 
         given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
         scene = replace(scene, **{name: value for name, value in given.items() if value is not None})
-        found = detect_on_spark(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
-        write_conflicts(found, args.output)
+        found = detected(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
+        write_conflicts(found.conflicts, args.output)
         pairs = spark.read.parquet(args.output).count()
-        write_states(objects, scene, args.output, pairs)
+        write_states(found.objects, scene, args.output, pairs)
         note(f"{scene.name}: {pairs:,} pairs in {args.output}")
     return DONE
 
@@ -97,8 +97,9 @@ def write_back(args: argparse.Namespace) -> int:
     )
     if done.behind:
         remark(
-            f"{args.scene}: {done.behind:,} objects changed since it was exported, or were not in it, and wait for a "
-            f"detection (`conflictdb detect --scene {shlex.quote(args.scene)}` does it)"
+            f"{args.scene}: {done.behind:,} objects are not what was computed (they changed since it was exported, in "
+            "the database or in the file, or were not in it), and wait for a detection "
+            f"(`conflictdb detect --scene {shlex.quote(args.scene)}` does it)"
         )
     return DONE
 

@@ -1,9 +1,10 @@
 """Write-back of conflicts that were computed elsewhere, by the routine that a detection writes with.
 
 All in one transaction that holds the scene's lock. What is written is true of the objects in the states that it was
-computed from: of these alone pairs are replaced and marks cleared. An object that has changed since, or is new, or
-gone, keeps its mark and its rows; the next detection finds out about it. So does one that was not among them, if one of
-them had a mark: that was not compared with it.
+computed from: of these alone pairs are replaced and marks cleared. Which they are is told by a digest of what was read:
+not by a version alone, which stays in a file whose row is edited, and comes again in a copy of the database. An object
+that has changed since, or is new, or gone, keeps its mark and its rows; the next detection finds out about it. So does
+one that was not among them, if one of them had a mark: that was not compared with it.
 """
 
 import time
@@ -36,8 +37,8 @@ class WrittenBack:
 
     run_id : its row in the table `run`
     objects : of the scene that are as they were when the conflicts were computed
-    behind : objects that have changed since, are new, gone or were left out: what is not known of them waits for a
-        detection
+    behind : objects that have changed since, there or in a file, are new, gone or were left out: what is not known of
+        them waits for a detection
     conflicts, unresolved : of the scene now
     opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     """
@@ -137,7 +138,8 @@ def _same(scene: str, current: store.ObjectStates, computed: store.ObjectStates)
     if (np.diff(computed.number) == 0).any():
         raise InvalidInput(who, "objects", "are listed twice by what was computed")
     row = computed.rows(current.number)
-    same = np.flatnonzero((row >= 0) & (computed.version[row] == current.version))
+    is_same = (computed.version[row] == current.version) & (computed.digest[row] == current.digest)
+    same = np.flatnonzero((row >= 0) & is_same)
     other = np.flatnonzero(current.key[same] != computed.key[row[same]])
     if other.size:
         here, there = current.key[same[other[0]]], computed.key[row[same[other[0]]]]

@@ -33,7 +33,7 @@ class Computed:
 
     pairs : how many were found
     kind : (n,) int8
-    object_id, version : (n,) int64
+    object_id, version, digest : (n,) int64
     key : (n,) object, texts
     """
 
@@ -42,6 +42,7 @@ class Computed:
     kind: NDArray[np.int8]
     object_id: NDArray[np.int64]
     version: NDArray[np.int64]
+    digest: NDArray[np.int64]
     key: NDArray[np.object_]
 
 
@@ -72,14 +73,9 @@ def read_computed(path: Path) -> Computed:
                 columns = COMPUTED.columns(batch)
                 told |= set(columns["settings"].unique().to_pylist())
                 counts |= set(columns["pairs"].unique().to_pylist())
-                parts.append(
-                    {
-                        "kind": kinds(columns["kind"]),
-                        "object_id": numbers(columns["object_id"]),
-                        "version": numbers(columns["version"]),
-                        "key": np.array([*columns["id"].to_pylist(), None], dtype=object)[:-1],
-                    }
-                )
+                part = {name: numbers(columns[name]) for name in ("object_id", "version", "digest")}
+                key = np.array([*columns["id"].to_pylist(), None], dtype=object)[:-1]
+                parts.append({**part, "kind": kinds(columns["kind"]), "key": key})
         if len(told) != 1 or len(counts) != 1:
             raise InvalidInput("file", "settings", "must be those of one scene")
         return Computed(

@@ -7,7 +7,7 @@ workers. Between these Spark shuffles; whatever it does again gives the same row
 import math
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
@@ -34,6 +34,19 @@ _SPARK_MB: Final = 64
 # What no stage looks at.
 _UNUSED: Final = ("name", "properties")
 _SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """What `detect_on_spark` finds, and what it was found of.
+
+    conflicts : rows of the form FOUND
+    objects : of which they are: key, kind (code), object_id (NO_NUMBER where unknown), version, and a digest of what
+        was cut into pieces, whatever the file says of it
+    """
+
+    conflicts: DataFrame
+    objects: DataFrame
 
 
 def detect_on_spark(
@@ -64,6 +77,18 @@ def detect_on_spark(
     InvalidInput
         An object is refused, or two have the same key.
     """
+    return detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb).conflicts
+
+
+def detected(
+    spark: SparkSession,
+    objects: DataFrame,
+    scene: Scene,
+    *,
+    partitions: int | None = None,
+    memory_mb: int = MEMORY_MB,
+) -> Detected:
+    """Do what `detect_on_spark` does; the objects stay as long as the conflicts are referred to."""
     with_sedona(spark)
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
         objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
@@ -81,7 +106,8 @@ def detect_on_spark(
     )
     found = mapped(together, solve, solving.SCHEMA)
     weakref.finalize(found, _free, cut).atexit = False
-    return found
+    read = cut.where("digest IS NOT NULL").select("key", "kind", "object_id", "version", "digest")
+    return Detected(found, read)
 
 
 def _free(cached: DataFrame) -> None:
@@ -136,5 +162,9 @@ class _Outlines:
 
 
 def _outlines(spark: SparkSession, cut: DataFrame, extent: joining.Extent) -> solving.Outlines:
-    rows = cut.where("pieces IS NULL").select("key", "outline").collect() if extent.outlines else []
+    rows = (
+        cut.where("pieces IS NULL AND outline IS NOT NULL").select("key", "outline").collect()
+        if extent.outlines
+        else []
+    )
     return _Outlines(spark.sparkContext.broadcast({key: bytes(outline) for key, outline in rows}))

@@ -16,6 +16,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io.computed import STATES, settings_text
 from conflictdb.io.scene_file import scene_of
 from conflictdb.model import Scene
+from conflictdb.results import Kind
+from conflictdb.spark.pieces import NO_NUMBER
 
 
 def settings_in(paths: Sequence[str]) -> Scene | None:
@@ -84,9 +86,13 @@ def write_conflicts(found: DataFrame, path: str) -> None:
 
 
 def write_states(objects: DataFrame, scene: Scene, path: str, pairs: int) -> None:
-    """Write beside so many pairs which states of which objects they were computed from, if these have numbers."""
-    if {"object_id", "version"} <= set(objects.columns):
-        states = objects.select("kind", "id", "object_id", "version").where("object_id IS NOT NULL")
+    """Write beside so many pairs what they were computed from, if some of these objects have numbers.
+
+    objects : as `detection.Detected` has them
+    """
+    kind = f"CASE kind WHEN {Kind.TRACK.code} THEN '{Kind.TRACK.value}' ELSE '{Kind.AREA.value}' END AS kind"
+    states = objects.where(f"object_id <> {NO_NUMBER}").selectExpr(kind, "key AS id", "object_id", "version", "digest")
+    if not states.isEmpty():
         told = {"settings": functions.lit(settings_text(scene)), "pairs": functions.lit(pairs).cast("bigint")}
         states.withColumns(told).write.parquet(f"{path}/{STATES}")
 

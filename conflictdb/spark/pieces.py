@@ -23,6 +23,7 @@ from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.bundles import bundles_of
+from conflictdb.pieces.contents import area_digests, track_digests
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.results import Kind
@@ -35,9 +36,10 @@ NO_NUMBER: Final = -1
 _MOST_CARRIED: Final = 2_000
 
 # Pieces: whose they are, the box of their hulls (metres of the plane), span and heights, all of each, one after the
-# other (`arrays.packed`), and of an area its outline (WKB, degrees), for it may be asked for where they meet. A large
-# outline has a row of its own, with kind and key. An object that is refused is a row with nothing but that: JSON with
-# key, field and rule.
+# other (`arrays.packed`), and of an area its outline (WKB, degrees), for it may be asked for where they meet. Each
+# object has a row of its own, too, with kind and key: its number, version and digest (`conflictdb.pieces.contents`),
+# and its outline, if that is large. An object that is refused is a row with nothing but that: JSON with key, field and
+# rule.
 SCHEMA: Final = pa.schema(
     [
         pa.field("kind", pa.int8()),
@@ -54,6 +56,9 @@ SCHEMA: Final = pa.schema(
         pa.field("ceiling_m", pa.float64()),
         pa.field("pieces", pa.binary()),
         pa.field("outline", pa.binary()),
+        pa.field("object_id", pa.int64()),
+        pa.field("version", pa.int64()),
+        pa.field("digest", pa.int64()),
         pa.field("refused", pa.string()),
     ]
 )
@@ -84,7 +89,7 @@ def _refuse_twins(keys: list[str], seen: set[str]) -> None:
 
 
 def _pieces(batch: pa.RecordBatch, scene: Scene) -> Iterator[pa.RecordBatch]:
-    """Yield the pieces of some objects, and large outlines."""
+    """Yield the pieces of some objects, and these themselves."""
     areas, tracks = to_objects(batch)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
@@ -94,28 +99,32 @@ def _pieces(batch: pa.RecordBatch, scene: Scene) -> Iterator[pa.RecordBatch]:
         {kind: _column(batch, name, value).to_numpy(False)[rows] for kind, rows in of_kind.items()}
         for name, value in (("version", 1), ("object_id", NO_NUMBER))
     )
-    pieces = pieces_of(
-        scene,
-        plane,
-        replace(AreaBatch.of(areas), version=versions[Kind.AREA]),
-        replace(TrackBatch.of(tracks), version=versions[Kind.TRACK]),
-    )
+    of_areas = replace(AreaBatch.of(areas), version=versions[Kind.AREA])
+    of_tracks = replace(TrackBatch.of(tracks), version=versions[Kind.TRACK])
+    pieces = pieces_of(scene, plane, of_areas, of_tracks)
     is_slice = pieces.kind == Kind.TRACK.code
     parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
     bundles = Bundles.concatenate([bundles_of(parts), Bundles.of_each(slices)])
     pieces = bundles.pieces
     # Numbered within the batch while they are cut.
     row = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, len(areas), 0)
-    number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])[row]
+    number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])
     outline = pa.array(shapely.to_wkb([area.footprint for area in areas]), pa.binary())
     is_carried = pc.less_equal(pc.binary_length(outline), _MOST_CARRIED)
     carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
     key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
-    yield rows_of(replace(bundles, pieces=replace(pieces, object_id=number)), key.take(of), carried.take(of))
-    large = pa.array(np.flatnonzero(~np.asarray(is_carried, np.bool_)))
-    if len(large):
-        code = pa.array(np.full(len(large), Kind.AREA.code, np.int8))
-        yield _row_with(kind=code, key=key.take(large), outline=outline.take(large))
+    yield rows_of(replace(bundles, pieces=replace(pieces, object_id=number[row])), key.take(of), carried.take(of))
+    large = pc.if_else(is_carried, None, outline)
+    yield _rows_with(
+        kind=pa.array(
+            np.repeat([kind.code for kind in keys], [len(of_kind) for of_kind in keys.values()]).astype("i1")
+        ),
+        key=key,
+        outline=pa.concat_arrays([large, pa.nulls(len(tracks), pa.binary())]),
+        object_id=pa.array(number),
+        version=pa.array(np.concatenate([of_areas.version, of_tracks.version])),
+        digest=pa.array(np.concatenate([area_digests(of_areas), track_digests(of_tracks)])),
+    )
 
 
 def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatch:
@@ -140,9 +149,9 @@ def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatc
         pa.array(pieces.ceiling_m[first]),
         pa.Array.from_buffers(pa.binary(), len(bundles), buffers),
         outline,
-        pa.nulls(len(bundles), pa.string()),
     ]
-    return pa.RecordBatch.from_arrays(columns, schema=SCHEMA)
+    rest = [pa.nulls(len(bundles), field.type) for field in list(SCHEMA)[len(columns) :]]
+    return pa.RecordBatch.from_arrays([*columns, *rest], schema=SCHEMA)
 
 
 def _column(batch: pa.RecordBatch, name: str, missing: object) -> pa.Array:
@@ -153,10 +162,10 @@ def _column(batch: pa.RecordBatch, name: str, missing: object) -> pa.Array:
 
 
 def _refused(refusal: InvalidInput) -> pa.RecordBatch:
-    return _row_with(refused=pa.array([json.dumps([refusal.key, refusal.field, refusal.rule, refusal.source])]))
+    return _rows_with(refused=pa.array([json.dumps([refusal.key, refusal.field, refusal.rule, refusal.source])]))
 
 
-def _row_with(**known: pa.Array) -> pa.RecordBatch:
+def _rows_with(**known: pa.Array) -> pa.RecordBatch:
     """Return rows of which nothing but some columns is known."""
     n = len(next(iter(known.values())))
     columns = [known.get(field.name, pa.nulls(n, field.type)) for field in SCHEMA]

@@ -1,7 +1,7 @@
 """Conflicts that were computed elsewhere are written as `detect` writes them, or refused if they would be untrue."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,22 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+import shapely
 from commands import STRAIT, Run, runner
+from workloads import GROWING, throw
 
+from conflictdb import connect
 from conflictdb.arrays.arrow.found import COMPUTED, of_found
 from conflictdb.arrays.arrow.objects import to_batches
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.db import store
 from conflictdb.io import read
-from conflictdb.io.computed import STATES, settings_text
+from conflictdb.io.computed import STATES, read_computed, settings_text
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_scene
+from conflictdb.spark import pieces
 from conflictdb.stage1_broad_phase import candidates
 
 # What a detection, and who computed elsewhere, say alike.
@@ -75,7 +80,10 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
         )
         batch = of_found(scene, found, found.where(np.arange(len(found))), a, b)
         pq.write_table(pa.Table.from_batches([batch]), directory / f"part-{k}.parquet")
+    cut = pa.Table.from_batches(list(pieces.cut(table.to_batches(), scene))).select(["key", "digest"])
+    digests = dict(zip(*cut.filter(cut["digest"].is_valid()).to_pydict().values(), strict=True))
     states = table.select(["kind", "id", "object_id", "version"])
+    states = states.append_column("digest", pa.array([digests[key] for key in table["id"].to_pylist()]))
     states = states.append_column("settings", pa.array([settings_text(scene)] * len(states)))
     states = states.append_column("pairs", pa.array([pairs] * len(states)))
     (directory / STATES).mkdir()
@@ -139,7 +147,7 @@ def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connec
         )
     done = run("spark", "write-back", "--scene", "strait", strait)
     assert done.code == 0
-    assert "3 objects changed since it was exported" in done.err
+    assert "3 objects are not what was computed" in done.err
     keys = {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")}
     assert keys
     assert not keys & {moved, gone, "NEW"}
@@ -181,7 +189,7 @@ def test_what_was_computed_of_a_part_of_a_scene_hides_nothing(
     pq.write_table(objects.filter(pc.field("id") != "DIVING"), whole)
     done = run("spark", "write-back", "--scene", "strait", computed(whole, tmp_path / "part", scene))
     assert done.code == 0
-    assert "1 objects changed since it was exported, or were not in it" in done.err
+    assert "1 objects are not what was computed" in done.err
     assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(1, False)]
     run("detect", "--scene", "strait")
     found = known(run, "strait")
@@ -190,6 +198,144 @@ def test_what_was_computed_of_a_part_of_a_scene_hides_nothing(
     # Where no object of the file waits, all of its pairs are known: nobody has to wait.
     assert run("spark", "write-back", "--scene", "strait", tmp_path / "part").code == 0
     assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(0, True)]
+
+
+def moved(table: pa.Table, key: str) -> pa.Table:
+    """Objects of which one is a bit further north, as any tool has it that knows nothing of versions."""
+    shapes = shapely.from_wkb(table["geometry"].to_numpy())
+    further = shapely.to_wkb(shapely.transform(shapes, lambda xy: xy + np.array([0.0, 0.02])))
+    return given(table, key, geometry=dict(zip(table["id"].to_pylist(), further, strict=True))[key])
+
+
+def put(table: pa.Table, name: str, column: pa.Array) -> pa.Table:
+    return table.set_column(table.schema.get_field_index(name), name, column)
+
+
+def given(table: pa.Table, key: str, **values: Any) -> pa.Table:
+    """Objects of which one has other values."""
+    return pa.Table.from_pylist(
+        [row | values if row["id"] == key else row for row in table.to_pylist()], schema=table.schema
+    )
+
+
+EDITS: dict[str, tuple[set[str], Callable[[pa.Table], pa.Table]]] = {
+    "a track moved": ({"FERRY"}, lambda of: moved(of, "FERRY")),
+    "an area moved": ({"DIVING"}, lambda of: moved(of, "DIVING")),
+    "a track that reaches deeper": ({"TOW"}, lambda of: given(of, "TOW", floor_m=-150.0)),
+    "a haven that grows": ({"TOW"}, lambda of: given(of, "TOW", grow_mps=0.25)),
+    "an area for ever": ({"DIVING"}, lambda of: given(of, "DIVING", end=None)),
+    "two under other names": (
+        {"SUB-1", "SUB-2"},
+        lambda of: given(
+            given(of, "SUB-1", id="?", version=1, object_id=2**40), "SUB-2", id="SUB-1", version=1, object_id=2**41
+        ),
+    ),
+    "one that was removed": ({"FERRY"}, lambda of: of.filter(pc.field("id") != "FERRY")),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_objects_that_were_edited_in_the_file_wait_for_a_detection(
+    run: Run, conn: psycopg.Connection[Any], tmp_path: Path, edit: str
+) -> None:
+    """What was computed of something else says nothing of them, whatever the file says of their versions."""
+    run("load", STRAIT)
+    run("load", STRAIT, "--scene", "copy")
+    run("detect", "--scene", "copy")
+    file = tmp_path / "strait.parquet"
+    assert run("export", "--scene", "strait", file).code == 0
+    edited, change = EDITS[edit]
+    scene, objects = read(file).scene, pq.read_table(file)
+    assert scene is not None
+    pq.write_table(change(objects), file)
+    done = run("spark", "write-back", "--scene", "strait", computed(file, tmp_path / "found", scene))
+    assert done.code == 0
+    assert "objects are not what was computed" in done.err
+    waiting = told(
+        conn,
+        "SELECT key FROM (SELECT scene_id, 0 AS kind, area_id AS id, key FROM conflictdb.area UNION ALL"
+        " SELECT scene_id, 1, track_id, key FROM conflictdb.track) o JOIN conflictdb.change c"
+        " ON c.scene_id = o.scene_id AND c.object_kind = o.kind AND c.object_id = o.id",
+    )
+    assert {key for (key,) in waiting} == edited
+    assert not {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")} & edited
+    run("detect", "--scene", "strait")
+    assert known(run, "strait") == known(run, "copy")
+
+
+def test_objects_that_were_added_to_the_file_are_not_written(
+    run: Run, conn: psycopg.Connection[Any], tmp_path: Path
+) -> None:
+    """They have a number that somebody made up, and count as gone; or none, and their conflicts are refused."""
+    run("load", STRAIT)
+    file = tmp_path / "strait.parquet"
+    assert run("export", "--scene", "strait", file).code == 0
+    scene, objects = read(file).scene, pq.read_table(file)
+    assert scene is not None
+    added = given(objects.filter(pc.field("id") == "FERRY"), "FERRY", id="NEW", object_id=2**40)
+    pq.write_table(pa.concat_tables([objects, added]), file)
+    found = computed(file, tmp_path / "found", scene)
+    done = run("spark", "write-back", "--scene", "strait", found)
+    assert done.code == 0
+    assert "1 objects are not what was computed" in done.err
+    assert "NEW" not in {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")}
+    (part,) = found.glob("*.parquet")
+    rows = pq.read_table(part)
+    for name in ("a_id", "b_id"):
+        rows = put(rows, name, pc.if_else(pc.equal(rows[name], 2**40), None, rows[name]))
+    pq.write_table(rows, part)
+    assert "an object that was added to an exported file is in no database" in refuse(run, found)
+
+
+def test_versions_that_come_again_are_not_trusted(run: Run, conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    """In a copy of a database, or one restored from a backup, the same version may be of another state."""
+    run("load", STRAIT)
+    file = tmp_path / "strait.parquet"
+    assert run("export", "--scene", "strait", file).code == 0
+    scene, objects = read(file).scene, pq.read_table(file)
+    assert scene is not None
+    move = "UPDATE conflictdb.track SET path = ST_Translate(path, 0.0, 0.02) WHERE key = 'FERRY' RETURNING version"
+    ((version,),) = told(conn, move)
+    pq.write_table(given(objects, "FERRY", version=version), file)
+    done = run("spark", "write-back", "--scene", "strait", computed(file, tmp_path / "found", scene))
+    assert done.code == 0
+    assert "1 objects are not what was computed" in done.err
+    assert "FERRY" not in {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")}
+
+
+def test_digests_of_the_database_are_those_of_what_was_exported(dsn: str, tmp_path: Path) -> None:
+    """Also of havens that change, and of heights of legs."""
+    settings, areas, tracks = throw(GROWING, 5, 20, 40)
+    legs = [
+        replace(track, floor_m=None, floors_m=np.where(np.arange(len(track.times_us) - 1) % 2, -np.inf, -1.0))
+        for track in tracks
+    ]
+    scene, file = replace(settings, name="thrown"), tmp_path / "thrown.parquet"
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, [*tracks[::2], *legs[1::2]], merge=False)
+        db.export("thrown", file)
+        known = store.object_states(db.connection, store.scene_id(db.connection, "thrown"))
+    of = read_computed(computed(file, tmp_path / "found", scene))
+    exported = dict(zip(of.key.tolist(), of.digest.tolist(), strict=True))
+    assert dict(zip(known.key.tolist(), known.digest.tolist(), strict=True)) == exported
+    assert len(exported) == 60
+
+
+def test_files_that_were_rewritten_and_say_the_same_are_written_back(run: Run, tmp_path: Path) -> None:
+    """Rows in another order, in parts, of other types and otherwise compressed are what was exported."""
+    run("load", STRAIT)
+    file, parts = tmp_path / "strait.parquet", tmp_path / "parts.parquet"
+    assert run("export", "--scene", "strait", file).code == 0
+    scene, objects = read(file).scene, pq.read_table(file)
+    assert scene is not None
+    backwards = objects.take(list(range(len(objects)))[::-1])
+    for name, of in (("id", pa.large_string()), ("geometry", pa.large_binary())):
+        backwards = put(backwards, name, backwards[name].cast(of))
+    parts.mkdir()
+    for first in range(0, len(objects), 4):
+        pq.write_table(backwards.slice(first, 4), parts / f"part-{first}.parquet", compression="gzip", row_group_size=3)
+    done = run("spark", "write-back", "--scene", "strait", computed(parts, tmp_path / "found", scene))
+    assert (done.code, done.err) == (0, "")
 
 
 def refuse(run: Run, path: Path, scene: str = "strait") -> str:

@@ -80,7 +80,7 @@ FOUND: Final = Form.of(
     ],
 )
 # What conflicts were computed from: settings of the scene (JSON) and how many pairs were found, the same in all rows,
-# and each object as of a state.
+# and each object as of a state, with a digest of what was read of it (`conflictdb.pieces.contents`).
 COMPUTED: Final = Form.of(
     "computed",
     1,
@@ -91,6 +91,7 @@ COMPUTED: Final = Form.of(
         pa.field("id", pa.string(), nullable=False),
         pa.field("object_id", pa.int64(), nullable=False),
         pa.field("version", pa.int64(), nullable=False),
+        pa.field("digest", pa.int64(), nullable=False),
     ],
 )
 _WHO: Final = f"Arrow form {FOUND.name!r}"
@@ -148,7 +149,11 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
     columns = FOUND.columns(given)
     for name in ("a_id", "a_version", "b_id", "b_version"):
         if columns[name].null_count:
-            raise InvalidInput(_WHO, name, "must be known: it says which state of which object this was found of")
+            rule = (
+                "must be known: it says which state of which object this was found of; an object that was added to an "
+                "exported file is in no database: put it there, export the scene, and compute again"
+            )
+            raise InvalidInput(_WHO, name, rule)
     starts_and_ends, offset = lists(columns["periods"])
     if starts_and_ends.null_count:
         raise InvalidInput(_WHO, "periods", "must not hold nulls")

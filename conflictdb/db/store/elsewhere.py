@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call
+from conflictdb.db.store.detection import area_batch, track_batch
+from conflictdb.db.store.objects import each_area_row, each_track_row
+from conflictdb.pieces.contents import area_digests, track_digests
+from conflictdb.results import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +22,13 @@ class ObjectStates:
 
     number : (n,) int64, one for each object of any kind (`arrays.object_numbers`), increasing
     version : (n,) int64
+    digest : (n,) int64, of what conflicts depend on (`pieces.contents`)
     key : (n,) object, texts
     """
 
     number: NDArray[np.int64]
     version: NDArray[np.int64]
+    digest: NDArray[np.int64]
     key: NDArray[np.object_]
 
     def __len__(self) -> int:
@@ -30,12 +36,17 @@ class ObjectStates:
 
     @classmethod
     def of(
-        cls, kind: NDArray[Any], ids: NDArray[np.int64], version: NDArray[np.int64], key: NDArray[np.object_]
+        cls,
+        kind: NDArray[Any],
+        ids: NDArray[np.int64],
+        version: NDArray[np.int64],
+        digest: NDArray[np.int64],
+        key: NDArray[np.object_],
     ) -> "ObjectStates":
         """Return objects by kind and id, in order."""
         number = numbers_of(kind, ids)
         order = np.argsort(number, kind="stable")
-        return cls(number[order], version[order], key[order])
+        return cls(number[order], version[order], digest[order], key[order])
 
     def rows(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the rows (k,) of objects by their numbers, -1 for those that are not among these."""
@@ -46,13 +57,22 @@ class ObjectStates:
 
 
 def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
-    """Return the states of the objects of a scene, as the transaction sees them."""
-    columns, strings = copy_binary.receive(
-        conn, "_object_states", [scene_id], [("kind", "i2"), ("id", "i8"), ("version", "i8")], ["key"]
-    )
-    key = np.empty(len(columns["id"]), dtype=object)
-    key[:] = [one.decode() for one in strings["key"]]
-    return ObjectStates.of(columns["kind"], columns["id"], columns["version"], key)
+    """Return the states of the objects of a scene, as the transaction sees them, read some at a time."""
+    parts: list[tuple[NDArray[Any], ...]] = []
+    for columns, strings in each_area_row(conn, scene_id):
+        areas = area_batch(columns, strings)
+        parts.append(_states(Kind.AREA, areas.area_id, areas.version, area_digests(areas), strings["key"]))
+    for columns, strings in each_track_row(conn, scene_id):
+        tracks = track_batch(columns, strings)
+        parts.append(_states(Kind.TRACK, tracks.track_id, tracks.version, track_digests(tracks), strings["key"]))
+    return ObjectStates.of(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _states(kind: Kind, *columns: Any) -> tuple[NDArray[Any], ...]:
+    ids, version, digest, keys = columns
+    key = np.empty(len(ids), dtype=object)
+    key[:] = [one.decode() for one in keys]
+    return np.full(len(ids), kind.code, np.int8), ids, version, digest, key
 
 
 def cover(conn: psycopg.Connection[Any], scene_id: int, number: NDArray[np.int64]) -> None:

@@ -39,6 +39,7 @@ _TRACK_COLUMNS = [
     ("grow_mps", "f8"),
 ]
 _TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
+_Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,14 +156,20 @@ class Numbered:
 
 def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Numbered]:
     """Yield the objects of a scene, some at a time, areas first; until the last nothing else runs on the connection."""
-    for columns, strings in copy_binary.receive_each(
-        conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS
-    ):
+    for columns, strings in each_area_row(conn, scene_id):
         yield Numbered(areas_of(columns, strings), [], columns["area_id"], columns["version"])
-    for columns, strings in copy_binary.receive_each(
-        conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS
-    ):
+    for columns, strings in each_track_row(conn, scene_id):
         yield Numbered([], tracks_of(columns, strings), columns["track_id"], columns["version"])
+
+
+def each_area_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
+    """Yield the rows of `_read_areas` of a scene, as they are sent."""
+    return copy_binary.receive_each(conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS)
+
+
+def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
+    """Yield the rows of `_read_tracks` of a scene, as they are sent."""
+    return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS)
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:

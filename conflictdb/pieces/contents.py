@@ -1,0 +1,59 @@
+"""What objects are, as far as conflicts depend on it, in digests: of the same objects the same ones, wherever read.
+
+Neither keys, numbers, versions, names nor properties are part of it. Two different objects have the same digest once in
+2^64 times.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.kernel.rows import Bytes, Part, digests
+
+# Digests are kept with conflicts that were computed elsewhere: under another key these would be those of no object.
+_KEY: Final = b"what objects are"
+
+
+def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
+    """Return a digest (n,) of each area."""
+    outlines = shapely.to_wkb(areas.footprint, byte_order=1, include_srid=False).tolist()
+    offset = np.cumsum([0, *map(len, outlines)])
+    measures = np.column_stack([areas.floor_m, areas.ceiling_m])
+    spans = np.column_stack([areas.start_us, areas.end_us])
+    return _digests([_fixed(spans), _fixed(measures), (np.frombuffer(b"".join(outlines), np.uint8), offset)])
+
+
+def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
+    """Return a digest (n,) of each track."""
+    way, outline, outlines = tracks.waypoint_offset, tracks.outline_offset, tracks.outlines_offset
+    legs = way - np.arange(len(way))
+    # With how many there are of each nothing can be taken for the end of something else.
+    counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines)])
+    return _digests(
+        [
+            _fixed(counts),
+            _fixed(tracks.grow_mps[:, None]),
+            _ragged(tracks.positions_deg, way),
+            _ragged(tracks.times_us, way),
+            _ragged(tracks.outline_m, outline),
+            _ragged(tracks.outlines_m, outlines),
+            _ragged(tracks.floor_m, legs),
+            _ragged(tracks.ceiling_m, legs),
+        ]
+    )
+
+
+def _digests(parts: list[Part]) -> NDArray[np.int64]:
+    return digests(parts, _KEY).view(np.int64)
+
+
+def _fixed(values: NDArray[Any]) -> Bytes:
+    return np.ascontiguousarray(values).view(np.uint8)
+
+
+def _ragged(values: NDArray[Any], offset: NDArray[np.int64]) -> Part:
+    width = values.itemsize * (values.shape[1] if values.ndim > 1 else 1)
+    return np.ascontiguousarray(values).reshape(-1).view(np.uint8), offset * width

@@ -1,0 +1,61 @@
+"""Digests of objects: of the same contents the same one, in whatever company; of others another one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from workloads import GROWING, throw
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.model import Area, Track
+from conflictdb.pieces.contents import area_digests, track_digests
+
+AREA = Area("A", shapely.box(0, 0, 1, 1), start_us=0, end_us=10, floor_m=0.0, ceiling_m=10.0)
+TRACK = Track("T", [(0, 0), (1, 1), (2, 1)], [0, 10, 20], [(0, 1), (1, 0), (-1, 0)], floor_m=0.0, ceiling_m=10.0)
+
+
+def of(*objects: Area | Track) -> list[int]:
+    areas = [one for one in objects if isinstance(one, Area)]
+    tracks = [one for one in objects if isinstance(one, Track)]
+    return [*area_digests(AreaBatch.of(areas)).tolist(), *track_digests(TrackBatch.of(tracks)).tolist()]
+
+
+CHANGED = [
+    replace(AREA, footprint=shapely.MultiPolygon([shapely.box(0, 0, 1, 1 + 1e-15)])),
+    replace(AREA, footprint=shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)])),
+    replace(AREA, start_us=1),
+    replace(AREA, start_us=None),
+    replace(AREA, end_us=9),
+    replace(AREA, floor_m=None),
+    replace(AREA, ceiling_m=11.0),
+    replace(TRACK, positions_deg=TRACK.positions_deg + 1e-12),
+    replace(TRACK, positions_deg=TRACK.positions_deg[:2], times_us=TRACK.times_us[:2]),
+    replace(TRACK, times_us=TRACK.times_us + 1),
+    replace(TRACK, outline_m=TRACK.outline_m * 2.0),
+    replace(TRACK, grow_mps=0.5),
+    replace(TRACK, outlines_m=np.repeat(TRACK.outline_m[None], 3, axis=0)),
+    replace(TRACK, floor_m=1.0),
+    replace(TRACK, ceiling_m=None),
+    replace(TRACK, floor_m=None, floors_m=np.array([0.0, 1.0])),
+    replace(TRACK, ceiling_m=None, ceilings_m=np.array([10.0, np.inf])),
+]
+
+
+@pytest.mark.parametrize("changed", CHANGED)
+def test_digests_differ_where_conflicts_may(changed: Area | Track) -> None:
+    assert of(changed) != of(AREA if isinstance(changed, Area) else TRACK)
+
+
+def test_digests_are_of_contents_alone() -> None:
+    """Neither the company nor the order of objects changes theirs, nor do keys, names and properties."""
+    for one in (AREA, TRACK):
+        assert of(replace(one, key="B", name="b", properties={"a": 1})) == of(one)
+    _, areas, tracks = throw(GROWING, 5, 40, 40)
+    objects = [*areas, *tracks]
+    together = of(*objects)
+    assert together == [digest for one in objects for digest in of(one)]
+    assert len(set(together)) == len(objects)
+    backwards = of(*areas[::-1], *tracks[::-1])
+    assert backwards == together[: len(areas)][::-1] + together[len(areas) :][::-1]
+    assert of() == []
