@@ -10,6 +10,7 @@ ConflictDBError
 |__ KernelMissing              the compiled kernel is not there, or not that of these sources: `./run` builds it
 |__ EngineMissing              Spark does not run here: Java, its packages or jars are missing; says what to install
 |__ StoreError                 any other database error; psycopg.Error in __cause__
+    |__ NotPermitted           the user has no right to do this: names the GRANT to run, where that is known
     |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
     |__ LockTimeout            somebody else kept a lock for longer than was to be waited
     |__ NotCurrent             a scene did not become current, or a probe was not answered, in the time to wait
@@ -130,6 +131,20 @@ class EngineMissing(ConflictDBError):
 
 class StoreError(ConflictDBError):
     """Any other database error; the psycopg error is the cause."""
+
+
+class NotPermitted(StoreError):
+    """The database refuses something to a user who has no right to it; names the grant to run, where that is known.
+
+    Parameters
+    ----------
+    routine : str, optional
+        Of the schema conflictdb, that was called: by it the grant may be found. None if there is nothing to find.
+    """
+
+    def __init__(self, message: str, routine: str | None = None) -> None:
+        super().__init__(message)
+        self.routine = routine
 
 
 class ReadOnlyDatabase(StoreError):

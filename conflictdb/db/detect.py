@@ -189,7 +189,8 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
                     store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
         if is_removed:
             raise StoreError(f"scene {scene!r} was removed while it was detected") from error
-        raise
+        with store.naming_grants(conn):
+            raise
 
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> store.Begun:

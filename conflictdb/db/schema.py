@@ -117,7 +117,7 @@ def comment_sql() -> str:
 
 def revision(conn: psycopg.Connection[Any]) -> str | None:
     """Return the revision of the schema in the database, None if there is none."""
-    with store.translated(), conn.transaction(), conn.cursor(row_factory=tuple_row) as cursor:
+    with store.transaction(conn), conn.cursor(row_factory=tuple_row) as cursor:
         cursor.execute("SELECT to_regclass('conflictdb.alembic_version') IS NOT NULL", prepare=False)
         if cursor.fetchone() != (True,):
             return None
@@ -261,7 +261,15 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     version = str(_one(conn, "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"))
     if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
         raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
-    conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
+    try:
+        conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
+    except psycopg.errors.InsufficientPrivilege as error:
+        grant = sql.SQL("GRANT CREATE ON DATABASE {} TO {}")
+        wanted = grant.format(sql.Identifier(conn.info.dbname), sql.Identifier(conn.info.user)).as_string(conn)
+        raise ServerError(
+            f"{conn.info.user!r} may not create schemas in database {conn.info.dbname!r}; let an administrator run: "
+            f"{wanted}"
+        ) from error
     _set_search_path(conn)
 
 

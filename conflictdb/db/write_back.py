@@ -107,7 +107,8 @@ def write_back(
             conn.commit()
     except BaseException:
         conn.rollback()
-        raise
+        with store.naming_grants(conn):
+            raise
     return WrittenBack(
         run_id=outcome.run_id,
         objects=len(same),

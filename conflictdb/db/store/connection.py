@@ -10,7 +10,15 @@ from psycopg.pq import TransactionStatus
 from psycopg.rows import RowFactory, dict_row, tuple_row
 
 from conflictdb.db.store.parameters import Array, ArrayDumper
-from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout, NotCurrent, ReadOnlyDatabase, StoreError
+from conflictdb.errors import (
+    ConflictDBError,
+    InvalidInput,
+    LockTimeout,
+    NotCurrent,
+    NotPermitted,
+    ReadOnlyDatabase,
+    StoreError,
+)
 
 # SQLSTATE class of the refusals of sql/10_refusals.sql; some of them are not about input.
 REFUSAL_CLASS: Final = "ZC"
@@ -26,6 +34,20 @@ _ROWS_AT_ONCE: Final = 2_000
 _CURSORS: Final = count()  # names of cursors that no two have
 
 _Row = TypeVar("_Row")
+
+# Whether a user may use the schema, a routine of it, and temporary tables, and which role may call that routine: each
+# role can do what those before it can (sql/05_roles.sql). Nobody who has no role could ask a routine.
+_RIGHTS: Final = """
+SELECT quote_ident(current_user), quote_ident(current_database()), has_schema_privilege('conflictdb', 'USAGE'),
+       coalesce((SELECT bool_and(has_function_privilege(p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
+                 WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname = %(routine)s), true),
+       has_database_privilege(current_database(), 'TEMPORARY'),
+       (SELECT r.rolname FROM pg_catalog.pg_roles r
+        WHERE r.rolname IN ('conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker')
+              AND (SELECT bool_and(has_function_privilege(r.oid, p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
+                   WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname = %(routine)s)
+        ORDER BY array_position(ARRAY['conflictdb_reader', 'conflictdb_editor'], r.rolname::text) LIMIT 1)
+"""
 
 
 def connect(dsn: str) -> psycopg.Connection[Any]:
@@ -51,12 +73,55 @@ def connect(dsn: str) -> psycopg.Connection[Any]:
 
 
 @contextmanager
-def translated() -> Iterator[None]:
-    """Turn psycopg's errors into InvalidInput (the database refused a row) or StoreError (anything else)."""
+def translated(routine: str = "") -> Iterator[None]:
+    """Turn psycopg's errors into InvalidInput (the database refused a row) or StoreError (anything else).
+
+    routine : of the schema conflictdb that is called, for `naming_grants`
+    """
     try:
         yield
     except psycopg.Error as error:
-        raise _translation(error) from error
+        raise _translation(error, routine) from error
+
+
+@contextmanager
+def naming_grants(conn: psycopg.Connection[Any]) -> Iterator[None]:
+    """Have NotPermitted name the grant that is missing, where that is known; what fails within must be rolled back."""
+    try:
+        yield
+    except NotPermitted as refused:
+        missing, cause = None, refused.__cause__
+        if isinstance(cause, psycopg.Error) and refused.routine is not None:
+            with suppress(psycopg.Error):
+                missing = _missing_grant(conn, cause, refused.routine)
+        if missing is None:
+            raise
+        (user, grant), told = missing, str(cause).partition("\n")[0]
+        raise NotPermitted(
+            f"user {user} may not do this in database {conn.info.dbname!r} ({told}); let an administrator run: {grant}"
+        ) from cause
+
+
+def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routine: str) -> tuple[str, str] | None:
+    """Return a user, and the grant that he lacks for a routine that was refused; None if that is not known."""
+    if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
+        return None
+    with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+        rights = cursor.execute(_RIGHTS.encode(), {"routine": routine}, prepare=False).fetchone()
+    if rights is None:
+        return None
+    user, database, may_use, may_call, may_have_tables, role = rights
+    if not (may_use and may_call):
+        if role is not None:
+            return user, f"GRANT {role} TO {user}"
+        more = "conflictdb_editor for who changes plans, conflictdb_worker for who detects them, too"
+        return None if may_use else (user, f"GRANT conflictdb_reader TO {user} ({more})")
+    # The statement within the routine, which servers do not translate as they do messages.
+    statements = (refusal.diag.internal_query, refusal.diag.context)
+    is_of_table = any("CREATE TEMPORARY TABLE" in statement for statement in statements if statement)
+    if may_have_tables or not is_of_table:
+        return None
+    return user, f"GRANT TEMPORARY ON DATABASE {database} TO {user}"
 
 
 def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tuple[Any, ...]:
@@ -74,7 +139,8 @@ def call_each(
     conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int = _ROWS_AT_ONCE
 ) -> Generator[tuple[Any, ...], None, None]:
     """Yield the rows of a routine of the schema conflictdb, read as they are asked for; a transaction must be open."""
-    with translated(), psycopg.ServerCursor(conn, f"conflictdb_{next(_CURSORS)}", row_factory=tuple_row) as cursor:
+    name = f"conflictdb_{next(_CURSORS)}"
+    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=tuple_row) as cursor:
         cursor.itersize = rows_at_once
         cursor.execute(query_of(routine, arguments), arguments, binary=True)
         yield from cursor
@@ -94,7 +160,7 @@ def _rows(
     and not as a prepared statement, which a pooler may not find again.
     """
     # Not the cursors of a caller's connection: those that bind at the client know no binary results.
-    with translated(), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
+    with translated(routine), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
         if any(isinstance(argument, Array) for argument in arguments):
             cursor.adapters.register_dumper(Array, ArrayDumper)
         cursor.execute(query_of(routine, arguments), arguments, prepare=False, binary=True)
@@ -110,7 +176,7 @@ def query_of(routine: str, arguments: Sequence[object]) -> bytes:
 @contextmanager
 def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
     """Do everything inside or nothing; an open transaction of the caller's goes on, otherwise none stays open."""
-    with translated(), conn.transaction():
+    with naming_grants(conn), translated(), conn.transaction():
         former = _use_utf8(conn)
         yield
         if former is not None:
@@ -178,19 +244,20 @@ def join(conn: psycopg.Connection[Any]) -> None:
             conn.execute("SELECT", prepare=False)  # any statement begins it
 
 
-def begin_snapshot(conn: psycopg.Connection[Any], first: str = "") -> None:
+def begin_snapshot(conn: psycopg.Connection[Any], first: str = "", routine: str = "") -> None:
     """Begin a transaction that sees one state of the database throughout; commit or roll back ends it.
 
     first : a statement that goes along, whose answer is not asked for
+    routine : that it calls
     """
     require_idle(conn, "a snapshot")
     begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
-    with translated():
+    with translated(routine):
         conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ; {first}".encode(), prepare=False)
         _use_utf8(conn)
 
 
-def _translation(error: psycopg.Error) -> ConflictDBError:
+def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
     if error.sqlstate in (NOT_CURRENT, NOT_ANSWERED):
         return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
@@ -201,5 +268,9 @@ def _translation(error: psycopg.Error) -> ConflictDBError:
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
         return ReadOnlyDatabase(f"the database takes no changes in this transaction: {str(error).strip()}{where}")
+    told = f"database: {str(error).strip()}{where}"
+    if isinstance(error, psycopg.errors.InsufficientPrivilege):
+        # Refusals of sql/10_refusals.sql name what they are about, and say themselves what to do.
+        return NotPermitted(told, None if error.diag.table_name else routine)
     kind = LockTimeout if isinstance(error, psycopg.errors.LockNotAvailable) else StoreError
-    return kind(f"database: {str(error).strip()}{where}")
+    return kind(told)

@@ -386,7 +386,7 @@ def _copied(
     """Give the messages of the COPY of a routine's rows."""
     places = ", ".join(["%s"] * len(arguments))
     statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
-    with translated(), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
+    with translated(routine), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
         yield copy
 
 
@@ -415,7 +415,7 @@ def few(
 
     Arguments may be arrays (`array`).
     """
-    with translated(), psycopg.Cursor(conn) as cursor:
+    with translated(routine), psycopg.Cursor(conn) as cursor:
         cursor.adapters.register_dumper(Array, ArrayDumper)
         cursor.execute(query_of(routine, arguments), arguments, prepare=False, binary=True)
         sent = cast("PGresult", cursor.pgresult)

@@ -104,7 +104,7 @@ def _begin(
         # First, and by itself: a limit that is changed holds from the next statement on.
         limit = "NULL" if lock_timeout_s is None else f"'{float(lock_timeout_s)!r}'"
         try:
-            begin_snapshot(conn, f"SELECT conflictdb._lift_limits({limit})")
+            begin_snapshot(conn, f"SELECT conflictdb._lift_limits({limit})", "_lift_limits")
             taken = take(wait_s)
         except LockTimeout:
             conn.rollback()
