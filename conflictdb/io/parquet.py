@@ -227,7 +227,7 @@ def _of_form(found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str,
     known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
-        OBJECTS.columns(batch)  # what does not fit is wrong with no row
+        OBJECTS.columns(batch, row)  # what does not fit is wrong with all of them
         try:
             _add_checked(found, batch, row)
         except InvalidInput:

@@ -6,6 +6,7 @@ What is compressed or coded in them may unpack to any size.
 """
 
 import json
+from pathlib import Path
 from typing import IO, Any, Final
 
 # What is decoded at once, but for a row that is larger: enough to be quick, little in memory.
@@ -18,39 +19,76 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    size, schema, meaning = 0, None, None
+    size, first, writer = 0, None, None
     with pa.output_stream(sink) as stream:
-        writer = None
         for path in paths:
-            with pq.ParquetFile(path, pre_buffer=False) as file:
-                schema = schema or file.schema_arrow
-                if not file.schema_arrow.equals(schema):
-                    raise ValueError(f"its parts have different columns: {paths[0]} and {path}")
-                meaning = meaning or _meaning(schema)
-                if _meaning(file.schema_arrow) != meaning:
-                    raise ValueError(
-                        f"its parts say different things of themselves, such as another reference system or other "
-                        f"settings of the scene: {paths[0]} and {path}"
-                    )
-                groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-                row_bytes = max((of.total_byte_size // max(of.num_rows, 1) for of in groups), default=0)
-                rows = min(ROWS_AT_ONCE, max(1, BYTES_AT_ONCE // max(row_bytes, 1)))
-                for batch in file.iter_batches(rows, use_threads=False):
-                    # What stands for many equal values is as large as these.
-                    plain = pa.RecordBatch.from_arrays(
-                        [
-                            column.dictionary_decode() if pa.types.is_dictionary(column.type) else column
-                            for column in batch.columns
-                        ],
-                        names=batch.schema.names,
-                    ).replace_schema_metadata(schema.metadata)
-                    size += plain.nbytes
-                    if size > most_bytes:
-                        raise MemoryError
-                    writer = writer or pa.ipc.new_stream(stream, plain.schema)
-                    writer.write_batch(plain)
-        writer = writer or pa.ipc.new_stream(stream, schema)
+            try:
+                with pq.ParquetFile(path, pre_buffer=False) as file:
+                    first = first or file.schema_arrow
+                    _require_alike(first, file.schema_arrow)
+                    plain = pa.schema([field.with_type(_plain(field.type)) for field in first], first.metadata)
+                    writer = writer or pa.ipc.new_stream(stream, plain)
+                    for batch in file.iter_batches(_rows_at_once(file), use_threads=False):
+                        columns = [
+                            column if column.type == field.type else column.cast(field.type)
+                            for column, field in zip(batch.columns, plain, strict=True)
+                        ]
+                        held = pa.RecordBatch.from_arrays(columns, schema=plain)
+                        size += held.nbytes
+                        if size > most_bytes:
+                            raise MemoryError
+                        writer.write_batch(held)
+            except MemoryError:
+                raise
+            except Exception as error:  # whatever it is, it is this part's
+                raise ValueError(str(error) if len(paths) == 1 else f"{Path(path).name}: {error}") from error
         writer.close()
+
+
+def _plain(of: Any) -> Any:
+    """Return a type that holds the same values each by itself: what stands for many equal ones is as large as these."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(of):
+        return _plain(of.value_type)
+    if pa.types.is_string_view(of):
+        return pa.string()
+    if pa.types.is_binary_view(of):
+        return pa.binary()
+    if pa.types.is_list(of):
+        return pa.list_(of.value_field.with_type(_plain(of.value_type)))
+    if pa.types.is_large_list(of):
+        return pa.large_list(of.value_field.with_type(_plain(of.value_type)))
+    if pa.types.is_fixed_size_list(of):
+        return pa.list_(of.value_field.with_type(_plain(of.value_type)), of.list_size)
+    if pa.types.is_map(of):
+        return pa.map_(_plain(of.key_type), of.item_field.with_type(_plain(of.item_type)))
+    if pa.types.is_struct(of):
+        return pa.struct([field.with_type(_plain(field.type)) for field in of])
+    return of
+
+
+def _rows_at_once(file: Any) -> int:
+    groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+    row_bytes = max((of.total_byte_size // max(of.num_rows, 1) for of in groups), default=0)
+    return min(ROWS_AT_ONCE, max(1, BYTES_AT_ONCE // max(row_bytes, 1)))
+
+
+def _require_alike(first: Any, other: Any) -> None:
+    """Raise ValueError for a part that has other columns than the first, or says other things of itself."""
+    if not other.equals(first):
+        names = dict.fromkeys([*first.names, *other.names])
+        differing = ", ".join(name for name in names if _fields(first, name) != _fields(other, name))
+        raise ValueError(f"has different columns than the parts before: {differing or 'in another order'}")
+    if _meaning(other) != _meaning(first):
+        raise ValueError(
+            "says other things of itself than the parts before, such as another reference system or other settings of "
+            "the scene"
+        )
+
+
+def _fields(schema: Any, name: str) -> list[Any]:
+    return [schema.field(i) for i in schema.get_all_field_indices(name)]
 
 
 def _meaning(schema: Any) -> tuple[Any, Any]:

@@ -38,14 +38,16 @@ class Form:
         """Return columns as one batch of this form."""
         return pa.RecordBatch.from_arrays([columns[name] for name in self.schema.names], schema=self.schema)
 
-    def columns(self, given: Batch) -> "dict[str, Array]":
+    def columns(self, given: Batch, first_row: int = 0) -> "dict[str, Array]":
         """Return the columns of this form in a batch or table, each in one piece and of its type; others are left out.
 
         Raises InvalidInput for another form, a later edition, and for columns that are missing, of another type or null
         where they must not be. Metadata may be missing: engines lose it.
+
+        first_row : what its first row is counted as
         """
         self._check_edition(told(f"Arrow form {self.name!r}", given.schema))
-        return {field.name: self._column(given, field) for field in self.schema}
+        return {field.name: self._column(given, field, first_row) for field in self.schema}
 
     def _check_edition(self, said: dict[str, Any]) -> None:
         form, edition = said.get("form", self.name), said.get("edition", self.edition)
@@ -55,7 +57,7 @@ class Form:
             rule = f"is of edition {edition!r:.20}; this version of conflictdb reads up to {self.edition}: upgrade it"
             raise InvalidInput(f"Arrow form {self.name!r}", "metadata", rule)
 
-    def _column(self, given: Batch, field: "pa.Field") -> Array:
+    def _column(self, given: Batch, field: "pa.Field", first_row: int) -> Array:
         who = f"Arrow form {self.name!r}"
         places = given.schema.get_all_field_indices(field.name)
         if len(places) > 1:
@@ -72,7 +74,7 @@ class Form:
                 column = column.chunk(0) if column.num_chunks else pa.array([], column.type)
         column = converted(who, field.name, column, field.type)
         if not field.nullable and column.null_count:
-            row = column.is_null().index(True).as_py()
+            row = first_row + column.is_null().index(True).as_py()
             raise InvalidInput(who, field.name, f"must not be null; it is in row {row}, and {column.null_count} in all")
         return column
 

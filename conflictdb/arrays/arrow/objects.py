@@ -172,7 +172,7 @@ def _track_batch(columns: Mapping[str, Array]) -> TrackBatch:
         numbers(columns["version"].fill_null(1)),
         way,
         course,
-        instants(lists(columns["times"])[0]),
+        _times(columns),
         ring,
         outline_m,
         _leg_heights(columns, "floor", legs, -np.inf),
@@ -203,7 +203,7 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
 
 def _tracks(columns: Mapping[str, Array]) -> list[Track]:
     course, way = _courses(columns)
-    times_us = instants(lists(columns["times"])[0])
+    times_us = _times(columns)
     outline_m, ring = _rings(columns["outline_m"], "outline_m")
     rings, of_ring = lists(columns["outlines_m"])
     changing_m, corner = _rings(rings, "outlines_m")
@@ -279,6 +279,15 @@ def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray
         rule = f"must be one per waypoint: {count[i]} waypoints, {given[i]} times"
         raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", rule)
     return np.asarray(shapely.get_coordinates(shapes)), offsets(count)
+
+
+def _times(columns: Mapping[str, Array]) -> NDArray[np.int64]:
+    """Return the instants of all waypoints of tracks (w,); raises InvalidInput where one has none."""
+    items, offset = lists(columns["times"])
+    if items.null_count:
+        i = int(np.searchsorted(offset, items.is_null().index(True).as_py(), side="right")) - 1
+        raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", "must not hold nulls: one per waypoint")
+    return instants(items)
 
 
 def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
