@@ -7,7 +7,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -128,6 +128,11 @@ class Scene:
             rule = "must be [longitude, latitude] in degrees, within +-180 and +-90"
             raise InvalidInput(who, "centre", f"{rule}; got {self.centre!r:.60}")
         return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0
+
+    def differing(self, other: "Scene") -> list[str]:
+        """Return the names of the settings that another scene has others of; its name is none."""
+        names = [one.name for one in fields(self) if one.name != "name"]
+        return [name for name in names if getattr(self, name) != getattr(other, name)]
 
     @property
     def reach_m(self) -> float:

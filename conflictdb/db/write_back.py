@@ -9,7 +9,7 @@ one that was not among them, if one of them had a mark: that was not compared wi
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -124,11 +124,10 @@ def write_back(
 
 def _check_settings(scene: str, known: Scene, given: Scene) -> None:
     """Refuse conflicts that were computed with other settings than those of the scene."""
-    for field in fields(Scene):
-        now, then = getattr(known, field.name), getattr(given, field.name)
-        if field.name != "name" and now != then:
-            rule = f"is {now!s}, but the conflicts were computed with {then!s}: they would say something untrue"
-            raise InvalidInput(f"scene {scene!r}", field.name, rule)
+    for name in known.differing(given):
+        now, then = getattr(known, name), getattr(given, name)
+        rule = f"is {now!s}, but the conflicts were computed with {then!s}: they would say something untrue"
+        raise InvalidInput(f"scene {scene!r}", name, rule)
 
 
 def _same(scene: str, current: store.ObjectStates, computed: store.ObjectStates) -> NDArray[np.int64]:

@@ -1,12 +1,13 @@
 """Several files, and the scenes that they make up."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io.contents import Contents, Remark, Skipped, left_out
 from conflictdb.io.fields import key as checked_key
+from conflictdb.io.places import name_of
 from conflictdb.io.reading import read, stem
 from conflictdb.model import Area, Scene, Track
 
@@ -90,8 +91,7 @@ def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> s
 def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> None:
     if contents.scene is not None:
         settings = replace(contents.scene, name=plan.name)
-        if plan.settings is not None and plan.settings != settings:
-            differing = [f.name for f in fields(Scene) if getattr(settings, f.name) != getattr(plan.settings, f.name)]
+        if plan.settings is not None and (differing := settings.differing(plan.settings)):
             rule = f"differs from that in {plan.sources[0]}; a scene has one set of settings"
             with refusals:
                 raise InvalidInput(f"scene {plan.name!r}", differing[0], rule, source)
@@ -100,10 +100,9 @@ def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> Non
     for item in items:
         other = plan.source_of.setdefault(item.key, source)
         if other != source:
-            kind = "area" if isinstance(item, Area) else "track"
             rule = f"is also in {other}; ids must be unique in the scene"
             with refusals:
-                raise InvalidInput(f"{kind} {item.key!r}", "id", rule, source)
+                raise InvalidInput(name_of(item), "id", rule, source)
     plan.sources.append(source)
     plan.areas.extend(contents.areas)
     plan.tracks.extend(contents.tracks)

@@ -38,6 +38,7 @@ from conflictdb.io.instants import format_instant
 from conflictdb.io.json_text import check_storable, check_text
 from conflictdb.io.names import RENAME_COLUMN
 from conflictdb.io.parquet_process import decoded
+from conflictdb.io.places import name_of
 from conflictdb.io.positions import COLUMNS, read_positions
 from conflictdb.io.scene_file import scene_of
 from conflictdb.io.speeds import within_speed
@@ -244,7 +245,7 @@ def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
     items: list[Area | Track] = [*areas, *tracks]
     is_track = np.array(batch.column("kind").to_pylist()) == Kind.TRACK.value
     for item in items:
-        who = f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}"
+        who = name_of(item)
         checked_key(who, "id", item.key)
         if item.name is not None:
             check_text(who, "name", item.name)

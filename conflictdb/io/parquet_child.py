@@ -19,7 +19,9 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    size, first, writer = 0, None, None
+    size = 0
+    first: Any = None
+    writer: Any = None  # from the first part on; there is one at least
     with pa.output_stream(sink) as stream:
         for path in paths:
             try:

@@ -1,7 +1,6 @@
 """GeoParquet on Spark: objects in, conflicts out, by all workers at once; a path is what Spark can read and write."""
 
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import pyarrow as pa
@@ -31,10 +30,9 @@ def settings_in(paths: Sequence[str]) -> Scene | None:
         if scene is None:
             continue
         first = first or (file, scene)
-        differing = [of.name for of in fields(Scene) if getattr(scene, of.name) != getattr(first[1], of.name)]
-        if differing not in ([], ["name"]):
+        if differing := scene.differing(first[1]):
             rule = f"differs from that in {first[0]}; a scene has one set of settings"
-            raise InvalidInput(f"scene {scene.name!r}", next(n for n in differing if n != "name"), rule, file)
+            raise InvalidInput(f"scene {scene.name!r}", differing[0], rule, file)
     return first[1] if first else None
 
 
