@@ -11,18 +11,18 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-def run(path: Path, venv: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    """Run ./run with nothing on PATH but what is in `path`."""
+def run(path: Path, venv: Path, *arguments: str, called: Path = ROOT / "run") -> "subprocess.CompletedProcess[str]":
+    """Run ./run, or what links to it, with nothing on PATH but what is in `path`."""
     environ = {"PATH": str(path), "CONFLICTDB_VENV": str(venv)}
     return subprocess.run(
-        [ROOT / "run", *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False
+        [called, *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False
     )
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return a PATH with the system's programs that ./run needs, and without any Python."""
-    system = "dirname cat cmp head rm rmdir mkdir echo sh uname sha256sum cut grep"
+    system = "dirname cat cmp head rm rmdir mkdir echo sh uname sha256sum cut grep readlink"
     for name in system.split():
         (tmp_path / "bin").mkdir(exist_ok=True)
         (tmp_path / "bin" / name).symlink_to(str(shutil.which(name)))
@@ -74,6 +74,22 @@ def test_complete_environment_is_used_as_it_is(tmp_path: Path, path: Path) -> No
     assert answer.stdout == "<-m>\n<pytest>\n<-n>\n<2>\n<-k>\n<words>\n"
     assert answer.stderr == ""
     assert "about ten minutes" in run(path, venv, "test").stderr
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute: bool) -> None:
+    """By links, also relative ones and links to links, its environment is that of the file; messages name the link."""
+    venv = tmp_path / "venv"
+    program(venv / "bin/conflictdb", 'echo "$CONFLICTDB_PROGRAM" "$@"')
+    program(venv / "bin/python", "exit 0")
+    made(venv, "requirements.txt")
+    link, second = tmp_path / "a b" / "link", tmp_path / "conflicts"
+    link.parent.mkdir()
+    link.symlink_to(ROOT / "run" if absolute else os.path.relpath(ROOT / "run", link.parent))
+    second.symlink_to(link.relative_to(tmp_path))
+    for called in (link, second):
+        answer = run(path, venv, "status", called=called)
+        assert (answer.returncode, answer.stdout, answer.stderr) == (0, f"{called} status\n", "")
 
 
 def test_tools_are_added_when_they_are_first_asked_for(tmp_path: Path, path: Path) -> None:
