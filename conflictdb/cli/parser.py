@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
@@ -12,6 +13,7 @@ from conflictdb.pipeline.memory import MEMORY_MB
 FORMATS: Final = ("table", "json", "csv", "geojson")
 METHOD_NAMES: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
 METHODS_SAID: Final = ", ".join(f"{method} ({METHODS[method].says})" for method in Method)
+_OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 
 
 class Parser(argparse.ArgumentParser):
@@ -25,10 +27,20 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the namespace, and the arguments that are not known."""
         if not self.hands_on or args in (["-h"], ["--help"]):
-            return super().parse_known_args(args, namespace)
+            namespace, unknown = super().parse_known_args(args, namespace)
+            if unknown:  # told by the parser of the command, which knows what could have been meant
+                self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(unknown[0].partition('=')[0])}")
+            return namespace, unknown
         namespace, _ = super().parse_known_args([], namespace)
         namespace.arguments = args
         return namespace, []
+
+    def _meant(self, option: str) -> str:
+        """Return what to say of the option that an unknown one looks like or is, of another place; often nothing."""
+        if option in _OF_ALL_COMMANDS:
+            return f"; {option} goes before the command"
+        alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
+        return f"; did you mean {alike[0]}?" if alike else ""
 
     def error(self, message: str) -> NoReturn:
         """End the program with exit code 2."""

@@ -8,6 +8,7 @@ import pytest
 
 from conflictdb.cli import codes
 from conflictdb.cli.commands import build
+from conflictdb.cli.parser import _OF_ALL_COMMANDS
 from conflictdb.cli.values import count, duration_s, instant, mapping, metres, speed_kn
 from conflictdb.methods import Method
 
@@ -53,6 +54,32 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
     assert "'exakt'" in told
     assert all(method in told for method in Method)
     assert "<" not in told
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        (
+            "detect f.geojson --separation 5",
+            "detect: unrecognized arguments: --separation 5; did you mean --separation-m?",
+        ),
+        ("spark detect --output o --partition=4", "spark detect: unrecognized arguments: --partition=4; did you mean"),
+        ("status --dsn dbname=x", "status: unrecognized arguments: --dsn dbname=x; --dsn goes before the command (see"),
+        ("export --scene s out.json another.json", "export: unrecognized arguments: another.json (see"),
+        ("conflicts --scene s --xyzzy", "conflicts: unrecognized arguments: --xyzzy (see conflictdb conflicts --help)"),
+        ("--dns x status", "conflictdb: argument COMMAND: invalid choice: 'x'"),
+    ],
+)
+def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command that was given an unknown option says so, names its own help, and what could have been meant."""
+    with pytest.raises(SystemExit) as ended:
+        build().parse_args(typed.split())
+    assert ended.value.code == codes.USAGE
+    assert told in capsys.readouterr().err
+
+
+def test_options_of_all_commands_are_those_of_the_program() -> None:
+    assert set(_OF_ALL_COMMANDS) == set(build()._option_string_actions) - {"-h", "--help"}
 
 
 def test_every_exit_code_has_a_meaning_in_the_help() -> None:
