@@ -353,6 +353,7 @@ class Database:
         LockTimeout
             Somebody else kept a lock for `lock_timeout_s`; nothing was written.
         """
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
         from conflictdb.db.write_back import write_back
         from conflictdb.io.computed import read_computed, read_conflicts  # needs pyarrow
 

@@ -5,6 +5,7 @@ Keys, names and messages are shown harmlessly (`printable`); only `data` goes ou
 
 import logging
 import os
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,6 +17,7 @@ from conflictdb.printable import printable
 
 _CLEAR_LINE: Final = "\r\033[K"
 _BREAK: Final = "\n"
+_INSTALL_EXTRA: Final = re.compile(r"pip install 'conflictdb\[(?!spark)[a-z,]+\]'")
 
 
 class Formatter(logging.Formatter):
@@ -39,7 +41,12 @@ def program() -> str:
 
 
 def as_called(text: str) -> str:
-    """Return a message whose `conflictdb COMMAND` are written as this program was called, so that they can be typed."""
+    """Return a message whose `conflictdb COMMAND` are written as this program was called, so that they can be typed.
+
+    What an extra lacks, ./run installs into its own environment, where no pip of the user's would put it.
+    """
+    if "CONFLICTDB_PROGRAM" in os.environ:
+        text = _INSTALL_EXTRA.sub(f"{program()} extras", text)
     return text.replace("`conflictdb ", f"`{program()} ")
 
 

@@ -30,6 +30,7 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
         out(conflict_table(rows) if rows else "no conflicts" if complete else "no conflict is known")
         return
     if form == "geoparquet":
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
         from conflictdb.io.parquet_writing import write_conflicts  # needs pyarrow
 
         with binary() as stream:

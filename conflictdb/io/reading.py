@@ -80,6 +80,7 @@ def read_parts(
     """
     path = Path(path)
     with _named(path):
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
         from conflictdb.io.parquet import MAX_PARQUET_MB, MAX_PARTS_MB, parquet_parts  # needs pyarrow
 
         most = (MAX_PARTS_MB, MAX_PARQUET_MB) if max_file_mb is None else (max_file_mb, max_file_mb)
@@ -144,6 +145,7 @@ def _read(
         if suffix in PARQUET:
             if is_packed:
                 raise InvalidInput("file", "", "is compressed twice: Parquet is so already; unpack it")
+            from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
             from conflictdb.io.parquet import read_parquet  # needs pyarrow
 
             return read_parquet(path, stem(path), max_file_mb, max_speed_kn, fastest_kn, skip_invalid=skip_invalid)

@@ -56,6 +56,7 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
         if kind is Approach:
             rule = "are closest approaches: only conflicts are written as GeoParquet"
             raise InvalidInput("write", "results", rule, str(path))
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
         from conflictdb.io.parquet_writing import write_conflicts  # needs pyarrow
 
         with whole_file(path) as stream:

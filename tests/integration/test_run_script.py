@@ -14,9 +14,7 @@ ROOT = Path(__file__).parents[2]
 def run(path: Path, venv: Path, *arguments: str, called: Path = ROOT / "run") -> "subprocess.CompletedProcess[str]":
     """Run ./run, or what links to it, with nothing on PATH but what is in `path`."""
     environ = {"PATH": str(path), "CONFLICTDB_VENV": str(venv)}
-    return subprocess.run(
-        [called, *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False
-    )
+    return subprocess.run([called, *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False)
 
 
 @pytest.fixture
@@ -105,6 +103,7 @@ def test_tools_are_added_when_they_are_first_asked_for(tmp_path: Path, path: Pat
     assert installed.endswith(f"--require-hashes -r {ROOT / 'requirements-dev.txt'}")
     assert started.startswith("-m pytest")
     assert run(path, venv, "test").stderr.count("tools") == 0
+    assert "are in" in run(path, venv, "extras").stderr
 
 
 def test_interrupted_environment_is_made_anew(tmp_path: Path, path: Path) -> None:
