@@ -188,6 +188,10 @@ typedef struct {
 } KernelAreas;
 
 /* Whether a pair is seen to be deep in an area. */
+/* What is told of where a pair meets: nothing, where a piece cannot be or goes around the earth; what both sweep; what two
+ * that stand still have in common. */
+typedef enum { KERNEL_REGION_UNKNOWN = 0, KERNEL_REGION_SWEPT = 1, KERNEL_REGION_COMMON = 2 } KernelRegion;
+
 typedef enum { KERNEL_SHALLOW = 0, KERNEL_DEEP = 1, KERNEL_DEPTH_UNKNOWN = 2 } KernelDepth;
 
 typedef struct KernelScene KernelScene;
@@ -390,10 +394,10 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
  *     turn of a Mercator plane, counter-clockwise, each ring with its first vertex again at its end
  * ring_offset : (2 count + 1,) rings 2 i and 2 i + 1 of pair i, the second where it lies across the seam. Both are empty
  *     where they do not come so near.
- * is_known : (count,) whether that is known: not where a piece cannot be or goes around the earth
+ * what : (count,) KernelRegion
  */
 KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
-                            int64_t *ring_offset, int8_t *is_known);
+                            int64_t *ring_offset, int8_t *what);
 
 /* Put convex rings of one owner that follow each other together, while the hull of some is larger than their union by no
  * more than a tenth. Room for as many rings and vertices as there are is enough.

@@ -101,13 +101,15 @@ static Polygon *common(Bench *bench, const KernelPairs *pairs, int64_t i, bool g
     return found;
 }
 
-/* Where a pair meets; NULL where that is not known. */
-static Polygon *meet(Bench *bench, const KernelPairs *pairs, int64_t i, Encounter *pair) {
+/* Where a pair meets, and what that is; NULL where it is not known. */
+static Polygon *meet(Bench *bench, const KernelPairs *pairs, int64_t i, Encounter *pair, int8_t *what) {
     const Scene *scene = bench->scene;
     bool stand = scene->bodies[pairs->a[i]].motion == STANDS_STILL && scene->bodies[pairs->b[i]].motion == STANDS_STILL;
+    *what = KERNEL_REGION_UNKNOWN;
     if (!border_meet(scene, pairs, i, pair)) return NULL;
     Polygon *found = stand ? common(bench, pairs, i, false) : NULL;
-    return found && found->count > 0 ? found : common(bench, pairs, i, true);
+    *what = found && found->count > 0 ? KERNEL_REGION_COMMON : KERNEL_REGION_SWEPT;
+    return *what == KERNEL_REGION_COMMON ? found : common(bench, pairs, i, true);
 }
 
 /* Write a ring, closed, moved east by so many metres; tells where it ends. */
@@ -147,10 +149,10 @@ static bool write_rings(const KernelPlane *plane, Polygon *polygon, Polygon *roo
 }
 
 KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
-                            int64_t *ring_offset, int8_t *is_known) {
+                            int64_t *ring_offset, int8_t *what) {
     double *memory;
     Encounter pair = {.separation_m = reach_m};
-    if (!ring_offset || (pairs && pairs->count > 0 && (!ring || !is_known))) return KERNEL_NULL;
+    if (!ring_offset || (pairs && pairs->count > 0 && (!ring || !what))) return KERNEL_NULL;
     KernelStatus status = border_begin(scene, pairs, &pair, &memory);
     if (status != KERNEL_OK) return status;
     int64_t largest = 1;
@@ -167,9 +169,9 @@ KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, 
     lay_out(&bench, more, largest);
     ring_offset[0] = 0;
     for (int64_t i = 0; i < pairs->count; i++) {
-        Polygon *found = meet(&bench, pairs, i, &pair);
+        Polygon *found = meet(&bench, pairs, i, &pair, what + i);
         double *start = ring + 2 * ring_offset[2 * i], *ends[2] = {start, start};
-        is_known[i] = found && write_rings(&scene->plane, found, &bench.spare, start, ends);
+        if (!found || !write_rings(&scene->plane, found, &bench.spare, start, ends)) what[i] = KERNEL_REGION_UNKNOWN;
         ring_offset[2 * i + 1] = (ends[0] - ring) / 2, ring_offset[2 * i + 2] = (ends[1] - ring) / 2;
     }
     free(more);

@@ -1,6 +1,7 @@
 """Where pairs of pieces meet during a time, and what they cover put together."""
 
 import ctypes
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,19 @@ _PAIRS_AT_ONCE: Final = 4096  # bounds the room
 _Ints = NDArray[np.int64]
 
 
+class Told(IntEnum):
+    """What is told of where a pair meets, as kernel.h has it.
+
+    UNKNOWN : nothing: a piece cannot be or goes around the earth
+    SWEPT : what both may sweep
+    COMMON : what two that stand still have in common
+    """
+
+    UNKNOWN = 0
+    SWEPT = 1
+    COMMON = 2
+
+
 def regions(
     scene: Scene,
     a: _Ints,
@@ -28,18 +42,17 @@ def regions(
     high_s: Floats,
     reach_m: float,
     threads: int = 1,
-) -> tuple[Floats, _Ints, NDArray[np.bool_]]:
+) -> tuple[Floats, _Ints, NDArray[np.int8]]:
     """Return where pieces a and b may come within reach_m of each other during times (n,): a superset.
 
     Of two that stand still and overlap it is what they have in common. Rings are closed: plane metres within half a
     turn (m, 2), and their offsets (2 n + 1,). Rings 2 i and 2 i + 1 are those of pair i, the second where it lies
-    across the seam, both without vertices where they come no nearer. And (n,) whether that is known: not where a piece
-    cannot be or goes around the earth.
+    across the seam, both without vertices where they come no nearer. And (n,) what that is, `Told`.
 
     low_s, high_s : (n,) seconds after zero_us (n,), within what both pieces have
     """
     pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
-    is_known, vertices = np.empty(len(a), np.bool_), scene.vertices(a, b)
+    told, vertices = np.empty(len(a), np.int8), scene.vertices(a, b)
 
     def make(rows: slice) -> tuple[list[Floats], list[_Ints]]:
         found: list[Floats] = []
@@ -50,7 +63,7 @@ def regions(
             room = _PER_VERTEX * int(vertices[some].sum()) + _MORE * n
             ring, ring_offset = np.empty((room, 2)), np.empty(2 * n + 1, np.int64)
             held = HeldPairs.of(pairs, some)
-            arrays = [array.ctypes.data for array in (ring, ring_offset, is_known[some])]
+            arrays = [array.ctypes.data for array in (ring, ring_offset, told[some])]
             check(library().kernel_regions(scene.handle, ctypes.byref(held), reach_m, *arrays))
             found.append(ring[: ring_offset[-1]].copy())
             counts.append(np.diff(ring_offset))
@@ -60,7 +73,7 @@ def regions(
     rings = [ring for found, _ in shares for ring in found]
     counts = [count for _, some in shares for count in some]
     offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))
-    return np.concatenate([np.empty((0, 2)), *rings]), offset, is_known
+    return np.concatenate([np.empty((0, 2)), *rings]), offset, told
 
 
 def joined(ring: Floats, offset: _Ints, owner: _Ints) -> tuple[Floats, _Ints, _Ints]:

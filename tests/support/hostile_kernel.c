@@ -285,12 +285,12 @@ static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, cons
         room += KERNEL_REGION_PER_VERTEX * (offset[a + 1] - offset[a] + offset[b + 1] - offset[b]);
     }
     double *ring = block(2 * room, 8);
-    int8_t *is_known = block(pairs->count, 1);
-    KernelStatus status = kernel_regions(scene, pairs, reach, ring, ring_offset, is_known);
+    int8_t *what = block(pairs->count, 1);
+    KernelStatus status = kernel_regions(scene, pairs, reach, ring, ring_offset, what);
     calls[status]++;
     for (int64_t k = 0; status == KERNEL_OK && k < 2 * ring_offset[2 * pairs->count]; k++)
         if (!isfinite(ring[k])) abort();
-    free(ring), free(ring_offset), free(is_known);
+    free(ring), free(ring_offset), free(what);
 }
 
 static void play(int64_t calls[16], int64_t outcomes[4]) {
