@@ -8,10 +8,11 @@ BEGIN ATOMIC
     SELECT coalesce((SELECT range_agg(tstzrange(lower(r) - w.by, upper(r) + w.by, '[]')) FROM unnest(p_periods) r),
                     '{}'::tstzmultirange)
     -- A day at most: instants near the end of time have a day left.
-    FROM (SELECT make_interval(secs => least(p_by_s, 86400)) AS by) w;
+    -- Both ends are rounded outward to the microsecond: what is the same but for rounding may differ by one.
+    FROM (SELECT make_interval(secs => least(p_by_s + 1e-6, 86400)) AS by) w;
 END;
 COMMENT ON FUNCTION _widened(tstzmultirange, double precision) IS
-'Periods that begin and end so many seconds earlier and later, a day at most.';
+'Periods that begin and end so many seconds and a microsecond earlier and later, a day at most.';
 
 CREATE OR REPLACE FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
 RETURNS boolean
@@ -22,7 +23,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _is_alike(tstzmultirange, tstzmultirange, double precision) IS
-'Whether every instant of each of two multiranges is within so many seconds, a day at most, of the other.';
+'Whether every instant of each of two multiranges is within so many seconds and a microsecond, a day at most, of the '
+'other.';
 
 CREATE OR REPLACE FUNCTION _has_grown(
     p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision,
