@@ -56,6 +56,12 @@ static bool is_polygon_finite(const Polygon *polygon) {
     return true;
 }
 
+static bool is_ring_finite(const double *ring, const double *end) {
+    for (; ring < end; ring++)
+        if (!isfinite(*ring)) return false;
+    return true;
+}
+
 static void append(Polygon *polygon, const Polygon *more) {
     for (int64_t i = 0; i < more->count; i++, polygon->count++)
         polygon->x[polygon->count] = more->x[i], polygon->y[polygon->count] = more->y[i];
@@ -158,7 +164,9 @@ static double *hull_of(Bench *bench, const KernelPieces *pieces, int64_t i, doub
     double pad = sweep->deviation + 0.5 * plane_span_m(plane, reach_m, sweep->scale) + KERNEL_ROUNDING_M;
     if (!isfinite(pad) || !is_polygon_finite(&bench->both)) return ring;
     polygon_hull(&bench->both, &bench->spare);
-    return grow(&bench->both, pad, ring);
+    double *end = grow(&bench->both, pad, ring);
+    /* Where they are grown beyond all numbers there is no hull. */
+    return is_ring_finite(ring, end) ? end : ring;
 }
 
 KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,

@@ -14,6 +14,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.kernel.movement import Movement
 from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.contract import Plane, padding_m
+from conflictdb.motion.gnomonic import Gnomonic
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import track_pieces
@@ -167,6 +168,15 @@ def test_what_cannot_be_has_no_hull_and_leaves_others_theirs() -> None:
     assert (np.diff(hulls.offset) > 0).tolist() == [True, False, False, False, True]
     assert np.isnan(hulls.deviation_m).tolist() == [False, True, True, True, False]
     np.testing.assert_array_equal(hulls.xy[hulls.offset[4] :], kernel.hulls(KERNEL_PLANE, still(rings[4]), 1.0).xy)
+
+
+def test_what_is_grown_beyond_all_numbers_has_no_hull() -> None:
+    """No ring has an infinite corner."""
+    plane = Gnomonic(0.0, 0.0).kernel_plane
+    # Where edges meet far out it has one corner, further than the squares that grow it reach.
+    rhombus = [(0.0, -1e4), (1.4e4, 0.0), (0.0, 1e4), (-1.4e4, 0.0)]
+    assert len(kernel.hulls(plane, still(rhombus), 1e308).xy) > 0
+    assert len(kernel.hulls(plane, still(rhombus), 1.6e308).xy) == 0
 
 
 @pytest.mark.parametrize("workload", [WORKLOADS[0], WORKLOADS[-1]], ids=lambda w: w.name)
