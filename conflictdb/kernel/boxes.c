@@ -1,7 +1,7 @@
 /* Boxes of rows of pieces that meet in place, height and time: stage 1 of a whole scene, where it is joined in memory.
  *
- * Rows are put into an order in which halves of halves are near each other, along whichever of x, y and time tells them
- * apart best (a k-d tree that is packed: the order is the tree); the boxes of the halves are looked through from the top. */
+ * Rows are put into an order in which halves of halves are near each other, along whichever of x, y, time and height tells
+ * them apart best (a k-d tree that is packed: the order is the tree); the boxes of the halves are looked through from the top. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -9,20 +9,23 @@
 #include "plane.h"
 
 /* Rows at most that are compared one by one. Larger: more of them in vain. Smaller: more boxes of halves to look at. */
-enum { LEAF = 8, AXES = 3 };
+enum { LEAF = 8, AXES = 4 };
 
 typedef struct {
     double middle[AXES], extent[AXES];
     int64_t row;
 } Centre;
 
-static double finite(double x) { return isfinite(x) ? x : 0.0; }
+static double finite_or_zero(double x) { return isfinite(x) ? x : 0.0; }
 
 static Centre centre_of(const KernelBoxes *rows, int64_t i) {
     const double *box = rows->boxes + 4 * i, start = (double)rows->start_us[i], end = (double)rows->end_us[i];
+    double floor_m = rows->floor_m[i], ceiling_m = rows->ceiling_m[i];
     return (Centre){
-        .middle = {finite(0.5 * box[0] + 0.5 * box[2]), finite(0.5 * box[1] + 0.5 * box[3]), 0.5 * start + 0.5 * end},
-        .extent = {finite(box[2] - box[0]), finite(box[3] - box[1]), end - start},
+        .middle = {finite_or_zero(0.5 * box[0] + 0.5 * box[2]), finite_or_zero(0.5 * box[1] + 0.5 * box[3]),
+                   0.5 * start + 0.5 * end, finite_or_zero(0.5 * floor_m + 0.5 * ceiling_m)},
+        /* Where one has no bound, heights tell nothing apart. */
+        .extent = {finite_or_zero(box[2] - box[0]), finite_or_zero(box[3] - box[1]), end - start, ceiling_m - floor_m},
         .row = i,
     };
 }
@@ -97,12 +100,13 @@ typedef struct {
     double low_x, low_y, high_x, high_y, floor_m, ceiling_m;
     int64_t start_us, end_us, object; /* the largest number of one */
     int64_t first, end, next;
+    bool is_copy; /* all of them */
 } Node;
 
 static Node alone(const KernelBoxes *rows, int64_t i) {
     const double *box = rows->boxes + 4 * i;
     return (Node){box[0], box[1], box[2], box[3], rows->floor_m[i], rows->ceiling_m[i], rows->start_us[i], rows->end_us[i],
-                  rows->object[i], i, i + 1, 0};
+                  rows->object[i], i, i + 1, 0, rows->is_copy[i] != 0};
 }
 
 /* What is no number meets nothing, and takes nothing from what it is with. */
@@ -112,6 +116,7 @@ static Node joined(Node a, Node b) {
         fmin(a.floor_m, b.floor_m), fmax(a.ceiling_m, b.ceiling_m),
         a.start_us < b.start_us ? a.start_us : b.start_us, a.end_us > b.end_us ? a.end_us : b.end_us,
         a.object > b.object ? a.object : b.object, a.first, b.end, 0,
+        a.is_copy && b.is_copy,
     };
 }
 
@@ -135,7 +140,8 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
 static bool meet(const Node *row, const Node *some) {
     return row->low_x <= some->high_x && some->low_x <= row->high_x && row->low_y <= some->high_y &&
            some->low_y <= row->high_y && row->start_us <= some->end_us && some->start_us <= row->end_us &&
-           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && row->object < some->object;
+           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && row->object < some->object &&
+           !(row->is_copy && some->is_copy);
 }
 
 KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
@@ -166,7 +172,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
             *looked_at += node->end - node->first;
             for (int64_t j = node->first; j < node->end; j++) {
                 const Node other = alone(rows, j);
-                if (!meet(&row, &other) || (rows->is_copy[of[k]] && rows->is_copy[j])) continue;
+                if (!meet(&row, &other)) continue;
                 if (pairs == room) {
                     free(nodes);
                     return KERNEL_OK;

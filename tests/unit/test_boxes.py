@@ -1,5 +1,7 @@
 """Boxes that meet are found as brute force finds them, some at a time, and few are compared in vain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -79,10 +81,24 @@ def test_few_boxes_are_compared_in_vain() -> None:
         object=at,
         is_copy=np.zeros(n, np.bool_),
     )
-    for rows in (beside, anchored):
+    # Layers of one airspace, and seam copies of one place but for one box.
+    height = np.random.default_rng(2).permutation(n) * 10.0
+    layers = replace(anchored, start_us=np.zeros(n), end_us=np.ones(n), floor_m=height, ceiling_m=height + 11.0)
+    copies = replace(layers, floor_m=np.zeros(n), ceiling_m=np.ones(n), is_copy=at > 0)
+    for rows in (beside, anchored, layers, copies):
         rows = rows.take(near_order(rows))
         ((a, _, looked_at),) = box_pairs(rows, by_object(rows), 1_000_000)
         assert looked_at < 100 * n + 10 * len(a)
+        assert len(a) >= n - 1
+
+
+def test_boxes_that_are_all_one_meet_all() -> None:
+    """They have no order that tells any apart."""
+    n = 300
+    one = [np.full(n, at) for at in (0.0, 1.0, 5, 5)]
+    whole = RowBoxes(np.zeros((n, 4)), *one, object=np.arange(n) % 150, is_copy=np.zeros(n, np.bool_))
+    ((a, b, _),) = box_pairs(whole.take(near_order(whole)), by_object(whole), 1_000_000)
+    assert len(set(zip(a.tolist(), b.tolist(), strict=True))) == len(a) == len(brute_force(whole))
 
 
 def test_boxes_that_are_no_numbers_meet_nothing() -> None:
