@@ -4,10 +4,6 @@
 #include "border.h"
 #include "meeting.h"
 
-/* Halvings of sides for one distance: a hundred times what was seen within five degrees of a pole. With fewer, distances there
- * are not known. */
-enum { MAX_PARTS_AT_ONCE = 1 << 18 };
-
 Vector encounter_meeting(Encounter *pair, double t) {
     Vector from, to, common;
     encounter_place(pair, t);
@@ -46,7 +42,7 @@ KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs
         distance_m[i] = NAN;
         if (!border_meet(scene, pairs, i, &pair)) continue;
         encounter_place(&pair, pairs->low_s[i]);
-        pair.parts_left = MAX_PARTS_AT_ONCE;
+        pair.parts_left = PLANE_MAX_PARTS;
         double found = plane_distance_m(&scene->plane, &pair.a_now, &pair.b_now, pair.a.origin, &pair.parts_left);
         if (pair.parts_left >= 0) distance_m[i] = found;
     }

@@ -26,6 +26,17 @@ static const double NEARBY = 0.25;
 /* What its steps leave of a distance, and to what bounds are brought. */
 static const double SOLVED_SHARE = 2e-11;
 enum { STEPS = 4, MAX_HALVINGS = 60 };
+/* Halvings for one distance until it is found with less: on the sphere by sharper bounds, which take longer, on an ellipsoid
+ * to a share of what it may be wrong by. With fewer, usual distances take longer, or are understated by more. */
+enum { PATIENCE = 256 };
+/* Halvings that one distance takes at most: a hundred times what was seen within five degrees of a pole. With fewer, distances
+ * there are not known; only edges that go around the earth many times take more. */
+enum { MAX_PARTS = 1 << 18 };
+/* Nor better than to this, metres, a tenth of what coordinates are rounded by: what touches across the seam is no digits
+ * apart. */
+static const double FINEST_M = 1e-9;
+/* What is beyond, as the cosine of its angle is less by this, is so whatever rounding does: ten times that. */
+static const double ROUNDING = 3e-14;
 /* Where the last step moved a place by no more than this, plane metres, it is known. */
 static const double KNOWN_M = 1e-6;
 /* Longer ways, radians, are bounded by the least and the largest radius alone. */
@@ -133,23 +144,68 @@ static double least_between(const KernelPlane *earth, Edge edge, Part part) {
     return most(least_on_chord(part.first, part.last, bend * width * width / 8.0), nearest);
 }
 
-/* Lower `floor` to what a point's distance from an edge is nowhere below, and `best` to the least that is found. A dozen
- * halvings are usual; along an edge all of which is about as near, millions. Where too few are left, *parts_left is below 0,
- * and nothing is told. */
-static void search_edge(const KernelPlane *earth, Place point, Edge edge, double *best, double *floor, int64_t *parts_left) {
+/* Whether all of a part of an edge is proven to be `far_m` or more from a point, on the sphere.
+ *
+ * With the cosine k of that, F = cosh psi (cos theta - k) is T sinh psi - k cosh psi + S cos x at x radians of longitude from
+ * the point, T = tanh and S = sech of its psi: along the edge exponentials and a cosine. F stays below zero where its series
+ * about the middle does, to the third power, and what is left of that at most: of the fourth power of the part's length, not
+ * of the second as what least_between leaves. */
+static bool is_sphere_beyond(const KernelPlane *earth, Place point, Edge edge, Part part, double far_m) {
+    double middle = 0.5 * (part.low + part.high), half = 0.5 * (part.high - part.low);
+    double psi = edge.start.psi + middle * edge.way.psi, x = edge.start.lon + middle * edge.way.lon - point.lon;
+    double a = half * edge.way.psi, b = half * edge.way.lon, t = tanh(point.psi), k = cos(far_m / earth->radius_m);
+    /* Longer ones are halved; a longitude of more has lost the digits. */
+    if (!(fabs(a) <= 1.0 && fabs(b) <= 1.0 && fabs(x) <= 2.0 * TURN)) return false;
+    double tangent = tanh(psi), s = 1.0 / (cosh(point.psi) * cosh(psi)), even = t * tangent - k, odd = t - k * tangent;
+    double cosine = s * cos(x), sine = s * sin(x);
+    double first = odd * a - sine * b, second = even * a * a - cosine * b * b, third = odd * a * a * a + sine * b * b * b;
+    double rest = (fabs(even) * cosh(a) + fabs(odd) * sinh(fabs(a))) * a * a * a * a + s * b * b * b * b;
+    double largest = even + cosine + fabs(first) + 0.5 * second;
+    if (second < 0.0 && fabs(first) < -second) largest = even + cosine - 0.5 * first * first / second;
+    return largest + fabs(third) / 6.0 + rest / 24.0 < -ROUNDING;
+}
+
+/* A search for the least distance of a point from edges: `best` is the least that is found, `floor` what none is below.
+ * A dozen halvings are usual; along an edge all of which is about as near, a hundred thousand. Where too few are left,
+ * *parts_left is below 0, and nothing is told. patience: halvings until sharper bounds are tried, too. */
+typedef struct {
+    const KernelPlane *earth;
+    double best, floor;
+    int64_t *parts_left, patience;
+} Search;
+
+/* What is found to be as far as this or more, metres, is not looked at closer. */
+static double known_from(const Search *search) {
+    double left = FINEST_M, known_m = search->best * (1.0 - SOLVED_SHARE);
+    if (search->patience >= 0) return known_m;
+    /* The error of a rule that is not used far away is part of what distances may be understated by. */
+    left = most(left, 0.5 * rule_error_m(search->earth, search->best));
+    return least(known_m, search->best - left);
+}
+
+static double least_on_part(const Search *search, Place point, Edge edge, Part part) {
+    const KernelPlane *earth = search->earth;
+    double bound = least_between(earth, edge, part), known_m = known_from(search);
+    if (!(bound < known_m) || search->patience >= 0 || earth->oblateness > 0.0) return bound;
+    return is_sphere_beyond(earth, point, edge, part, known_m) ? known_m : bound;
+}
+
+static void search_edge(Search *search, Place point, Edge edge) {
+    const KernelPlane *earth = search->earth;
     Place end = {edge.start.lon + edge.way.lon, edge.start.psi + edge.way.psi};
     Part stack[MAX_HALVINGS + 2];
     int top = 0;
     stack[top++] = (Part){0.0, 1.0, way_m(earth, point, edge.start), way_m(earth, point, end), 0};
     while (top > 0) {
         Part part = stack[--top];
-        *best = least(*best, least(part.first, part.last));
-        double bound = least_between(earth, edge, part);
-        if (!(bound < *best * (1.0 - SOLVED_SHARE)) || part.halvings >= MAX_HALVINGS) {
-            *floor = least(*floor, bound);
+        search->best = least(search->best, least(part.first, part.last));
+        double bound = least_on_part(search, point, edge, part);
+        if (!(bound < known_from(search)) || part.halvings >= MAX_HALVINGS) {
+            search->floor = least(search->floor, bound);
             continue;
         }
-        if (--*parts_left < 0) return;
+        if (--search->patience < PATIENCE - MAX_PARTS) *search->parts_left = 0;
+        if (--*search->parts_left < 0) return;
         double middle = 0.5 * (part.low + part.high);
         Place place = {edge.start.lon + middle * edge.way.lon, edge.start.psi + middle * edge.way.psi};
         double found = way_m(earth, point, place);
@@ -197,16 +253,16 @@ static double look_nearby(void *of, const Polygon *vertices, Range range, const 
 }
 
 /* As many edges are searched as there are vertices times sides: of polygons that are more than NEARBY apart. */
-static void search_all(const KernelPlane *earth, const Polygon *vertices, const Polygon *sides, Vector origin,
-                       double *best, double *floor, Facing *facing, int64_t *parts_left) {
+static void search_all(Search *search, const Polygon *vertices, const Polygon *sides, Vector origin, Facing *facing) {
+    const KernelPlane *earth = search->earth;
     for (int64_t i = 0; i < vertices->count; i++)
-        for (int64_t k = 0; k < sides->count && *parts_left >= 0; k++) {
+        for (int64_t k = 0; k < sides->count && *search->parts_left >= 0; k++) {
             int64_t m = edge_end(sides, k);
             Edge edge = {place_of(earth, sides, k, origin),
                          {(sides->x[m] - sides->x[k]) / earth->radius_m, (sides->y[m] - sides->y[k]) / earth->radius_m}};
-            double before = *best;
-            search_edge(earth, place_of(earth, vertices, i, origin), edge, best, floor, parts_left);
-            if (*best < before) *facing = (Facing){vertices, sides, i, k, NAN};
+            double before = search->best;
+            search_edge(search, place_of(earth, vertices, i, origin), edge);
+            if (search->best < before) *facing = (Facing){vertices, sides, i, k, NAN};
         }
 }
 
@@ -225,11 +281,11 @@ double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Pol
     double found = nearby.found;
     /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
     if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
-        double best = INFINITY, floor = INFINITY;
-        search_all(plane, a, b, origin, &best, &floor, facing, parts_left);
-        search_all(plane, b, a, origin, &best, &floor, facing, parts_left);
+        Search search = {plane, INFINITY, INFINITY, parts_left, PATIENCE};
+        search_all(&search, a, b, origin, facing);
+        search_all(&search, b, a, origin, facing);
         if (*parts_left < 0) return 0.0;
-        found = least(floor, best);
+        found = least(search.floor, search.best);
     }
     found -= overstated_m(plane, found, LONGEST);
     return found < 0.0 ? 0.0 : found;

@@ -59,8 +59,8 @@ void plane_degrees(const KernelPlane *plane, Vector place, double degrees[2]);
 /* Up to how many metres the nearest points in the plane are those on the earth, to rounding. */
 double plane_short_m(const KernelPlane *plane);
 
-/* Halvings of sides that all distances far away of two objects may take together: two seconds or so. Usual are hundreds,
- * and hundreds of thousands within five degrees of a pole. With fewer, pairs there are unresolved. */
+/* Halvings of sides that all distances far away of two objects may take together: two seconds or so. Usual are thousands,
+ * and millions within five degrees of a pole. With fewer, pairs there are unresolved. */
 enum { PLANE_MAX_PARTS = 1 << 24 };
 
 /* The signed separation in metres on the earth: the length of the shortest way between polygons that are apart; of

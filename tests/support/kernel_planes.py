@@ -76,11 +76,14 @@ def distance_error_m(plane: Plane, distance_m: float) -> float:
     return _called("plane_distance_error_m", plane, distance_m)
 
 
-def distance_m(plane: Plane, a: np.ndarray, b: np.ndarray) -> float:
-    """How far apart polygons with corners (2, v) and (2, w) are, counted from the first corner, as the kernel does."""
+def distance_m(plane: Plane, a: np.ndarray, b: np.ndarray, halvings_left: ctypes.c_int64 | None = None) -> float:
+    """How far apart polygons with corners (2, v) and (2, w) are, counted from the first corner, as the kernel does.
+
+    halvings_left : of sides that it may take; what is left of them is written there
+    """
     function: Any = library().plane_distance_m
     function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p] * 3 + [Vector, ctypes.c_void_p]
     origin = a[:, :1]
     one, other = Polygon.of(a - origin), Polygon.of(b - origin)
     given = ctypes.byref(plane.kernel_plane), ctypes.byref(one), ctypes.byref(other)
-    return float(function(*given, Vector(*origin.ravel()), ctypes.byref(ctypes.c_int64(2**24))))
+    return float(function(*given, Vector(*origin.ravel()), ctypes.byref(halvings_left or ctypes.c_int64(2**24))))

@@ -1,5 +1,6 @@
 """Signed separation of polygons, as the kernel measures it, against shapely and brute force."""
 
+import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_planes import distance_m
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -187,3 +189,51 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
             assert apart_m(own, scene=scene) == pytest.approx(as_hull, abs=1e-6)
     # On a great circle the sides that run along it are straight.
     assert dented or lat == 0.0 or motion is Motion.GREAT_CIRCLE
+
+
+def unit(xy: np.ndarray) -> np.ndarray:
+    """Directions (n, 3) of places of the sphere's Mercator plane (n, 2)."""
+    lon, latitude = xy[:, 0] / MEAN_RADIUS_M, np.arctan(np.sinh(xy[:, 1] / MEAN_RADIUS_M))
+    return np.stack([np.cos(latitude) * np.cos(lon), np.cos(latitude) * np.sin(lon), np.sin(latitude)], axis=1)
+
+
+def sampled_m(a: np.ndarray, b: np.ndarray, samples: int) -> float:
+    """The least great circle from corners of either to samples of the other's sides."""
+    share = np.linspace(0.0, 1.0, samples)[:, None]
+    found = np.inf
+    for corners, ring in ((a, b), (b, a)):
+        for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            chords = np.linalg.norm(unit(start + share * (end - start))[:, None] - unit(corners), axis=2)
+            found = min(found, 2.0 * MEAN_RADIUS_M * np.arcsin(0.5 * chords.min()))
+    return found
+
+
+def psi_m(latitude_deg: float) -> float:
+    return float(MEAN_RADIUS_M * np.arctanh(np.sin(np.radians(latitude_deg))))
+
+
+@pytest.mark.parametrize("from_pole_m", [2.0, 300.0, 30e3])
+@pytest.mark.parametrize("south_deg", [-40.0, 3.0, 50.0])
+def test_distance_of_a_parallel_from_near_a_pole(from_pole_m: float, south_deg: float) -> None:
+    """All of it is about as near, and yet the distance is known, with few halvings."""
+    rng = np.random.default_rng(int(from_pole_m))
+    north = psi_m(90.0 - np.degrees(from_pole_m / MEAN_RADIUS_M))
+    turn = np.pi * MEAN_RADIUS_M
+    a = polygon(rng, 5, 0.1 * turn, np.array([0.2 * turn, north]))
+    low, high = psi_m(south_deg - 4.0), psi_m(south_deg)
+    b = np.array([(0.0, low), (0.5 * turn, low), (0.5 * turn, high), (0.0, high)])
+    left = ctypes.c_int64(1000)
+    found = distance_m(SPHERE, a.T, b.T, left)
+    best = sampled_m(a, b, 20_001)
+    assert best - 0.002 <= found <= best + 1e-6
+    assert left.value > 0
+
+
+def test_distance_of_what_touches_across_the_seam_takes_little_work() -> None:
+    """No digits tell how far apart it is, and so no halvings: corners of two triangles in one place."""
+    lon, psi = -0.644734000621, 1.60003188456
+    a = np.array([(0.0, 0.0), (0.0069, -0.0003), (0.007, 0.005)]) + [lon, psi]
+    b = np.array([(0.0, 0.0), (-0.0035, 0.005), (-0.00707936, 0.000304731)]) + [lon - 2.0 * np.pi, psi]
+    left = ctypes.c_int64(1000)
+    assert distance_m(SPHERE, MEAN_RADIUS_M * a.T, MEAN_RADIUS_M * b.T, left) == pytest.approx(0.0, abs=1e-8)
+    assert left.value > 0
