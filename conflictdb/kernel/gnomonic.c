@@ -7,7 +7,11 @@
 #include <math.h>
 
 #include "plane.h"
-#include "runs.h"
+
+/* Chords of the unit sphere are rounded by a thousandth of this. */
+static const double CHORD_ROUNDING = 1e-12;
+/* Vertices times sides that are looked at one by one. With fewer, small polygons take longer; with more, large ones. */
+enum { MOST_LOOKS = 256 };
 
 static double dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y; }
 static Vector minus(Vector a, Vector b) { return (Vector){a.x - b.x, a.y - b.y}; }
@@ -48,37 +52,85 @@ static double squared_chord(Vector point, Vector start, Vector to_point, Vector 
 /* The least squared chord between vertices of one polygon and sides of another that is found. */
 typedef struct {
     Vector origin;
-    double radius_m, scale, square;
+    double radius_m, square;
     Facing *facing;
 } Chords;
 
-static double metres_of(const Chords *chords) { return chords->radius_m * 2.0 * asin(least(0.5 * sqrt(chords->square), 1.0)); }
+/* Some vertices of a polygon, and of sides their starts; and what holds them and what is between: a place of the unit sphere,
+ * and how far from it they are at most, straight through. */
+typedef struct {
+    const Polygon *polygon;
+    int64_t first, end;
+    double x, y, z, radius;
+} Some;
 
-/* What spans more at the largest scale, and a little for rounding, is no nearer. */
-static double look_chords(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
-    Chords *chords = of;
+static double chord_of(const Some *a, const Some *b) {
+    double x = b->x - a->x, y = b->y - a->y, z = b->z - a->z;
+    return sqrt(x * x + y * y + z * z);
+}
+
+static Some one_of(const Chords *chords, const Polygon *polygon, int64_t i) {
+    double x = (polygon->x[i] + chords->origin.x) / chords->radius_m, y = (polygon->y[i] + chords->origin.y) / chords->radius_m;
+    double length = sqrt(1.0 + x * x + y * y);
+    return (Some){polygon, i, i + 1, x / length, y / length, 1.0 / length, 0.0};
+}
+
+static Some some_of(const Chords *chords, const Polygon *polygon, int64_t first, int64_t end) {
+    Some some = one_of(chords, polygon, first + (end - first) / 2);
+    for (int64_t i = first; i <= end; i++) {
+        Some one = one_of(chords, polygon, i < polygon->count ? i : 0);
+        some.radius = most(some.radius, chord_of(&some, &one));
+    }
+    some.first = first, some.end = end;
+    return some;
+}
+
+/* What some vertices and sides are apart at least, straight through; no arc leaves what is less than half of the sphere. */
+static double apart(const Some *a, const Some *b) {
+    return a->radius < 1.0 && b->radius < 1.0 ? chord_of(a, b) - a->radius - b->radius : -INFINITY;
+}
+
+static void look_at(Chords *chords, const Polygon *vertices, int64_t i, const Polygon *sides, int64_t k) {
     double radius_m = chords->radius_m;
     Vector origin = chords->origin;
-    for (int64_t i = range.first; i < range.end; i++)
-        for (int64_t k = among.first; k < among.end; k++) {
-            int64_t m = edge_end(sides, k);
-            Vector own = {vertices->x[i], vertices->y[i]}, from = {sides->x[k], sides->y[k]};
-            Vector way = {(own.x - from.x) / radius_m, (own.y - from.y) / radius_m};
-            Vector edge = {(sides->x[m] - from.x) / radius_m, (sides->y[m] - from.y) / radius_m};
-            Vector point = {(own.x + origin.x) / radius_m, (own.y + origin.y) / radius_m};
-            Vector start = {(from.x + origin.x) / radius_m, (from.y + origin.y) / radius_m};
-            double found = squared_chord(point, start, way, edge);
-            if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k, NAN};
-        }
-    return metres_of(chords) * chords->scale * (1.0 + 1e-9) + 1e-6;
+    int64_t m = edge_end(sides, k);
+    Vector own = {vertices->x[i], vertices->y[i]}, from = {sides->x[k], sides->y[k]};
+    Vector way = {(own.x - from.x) / radius_m, (own.y - from.y) / radius_m};
+    Vector edge = {(sides->x[m] - from.x) / radius_m, (sides->y[m] - from.y) / radius_m};
+    Vector point = {(own.x + origin.x) / radius_m, (own.y + origin.y) / radius_m};
+    Vector start = {(from.x + origin.x) / radius_m, (from.y + origin.y) / radius_m};
+    double found = squared_chord(point, start, way, edge);
+    if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k, NAN};
+}
+
+/* Look at what may be nearer than what is found: the larger of both in halves, the nearer one first. */
+static void look_closer(Chords *chords, const Some *vertices, const Some *sides) {
+    int64_t count = vertices->end - vertices->first, side_count = sides->end - sides->first;
+    if (count * side_count <= MOST_LOOKS) {
+        for (int64_t i = vertices->first; i < vertices->end; i++)
+            for (int64_t k = sides->first; k < sides->end; k++) look_at(chords, vertices->polygon, i, sides->polygon, k);
+        return;
+    }
+    const Some *larger = count > side_count ? vertices : sides, *other = count > side_count ? sides : vertices;
+    int64_t middle = larger->first + (larger->end - larger->first) / 2;
+    Some halves[2] = {some_of(chords, larger->polygon, larger->first, middle),
+                      some_of(chords, larger->polygon, middle, larger->end)};
+    double gaps[2] = {apart(&halves[0], other), apart(&halves[1], other)};
+    int nearer = gaps[1] < gaps[0];
+    for (int k = 0; k < 2; k++) {
+        int next = k == 0 ? nearer : !nearer;
+        if (gaps[next] > sqrt(chords->square) + CHORD_ROUNDING) continue;
+        if (larger == vertices) look_closer(chords, &halves[next], sides);
+        else look_closer(chords, vertices, &halves[next]);
+    }
 }
 
 double gnomonic_distance_m(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, Facing *facing) {
-    Extent extent = extent_none();
-    extent_add(&extent, a, origin), extent_add(&extent, b, origin);
-    Chords chords = {origin, plane->radius_m, plane_largest_scale(plane, &extent), INFINITY, facing};
-    runs_visit(a, b, INFINITY, look_chords, &chords);
-    return metres_of(&chords);
+    Chords chords = {origin, plane->radius_m, INFINITY, facing};
+    Some of_a = {.polygon = a, .end = a->count, .radius = INFINITY}, of_b = {.polygon = b, .end = b->count, .radius = INFINITY};
+    look_closer(&chords, &of_a, &of_b);
+    look_closer(&chords, &of_b, &of_a);
+    return plane->radius_m * 2.0 * asin(least(0.5 * sqrt(chords.square), 1.0));
 }
 
 double gnomonic_way_m(const KernelPlane *plane, Vector one, Vector other, Vector origin) {

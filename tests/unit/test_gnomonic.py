@@ -195,3 +195,25 @@ def test_distance_between_points_is_known() -> None:
     edge = np.stack([plane.to_plane(np.array([-20.0, 40.0]), np.array([0.0, 0.0]))]).reshape(2, 2)
     off = np.array(plane.to_plane(7.0, 3.0)).reshape(2, 1)
     assert distance_m(plane, off, edge) == pytest.approx(np.radians(3.0) * RADIUS_M, abs=1e-7)
+
+
+@pytest.mark.parametrize("away_deg", [0.5, 20.0, 70.0])
+@pytest.mark.parametrize("count", [40, 150])
+def test_distance_of_large_polygons_is_the_least_of_their_parts(away_deg: float, count: int) -> None:
+    """Most vertices and sides of them are not looked at one by one."""
+    rng, plane = np.random.default_rng(count), Gnomonic(5.0, 40.0)
+    angle = 2 * np.pi * np.arange(count) / count
+    size = RADIUS_M * np.radians(0.4 * away_deg)
+    a = size * np.stack([np.cos(angle), 0.5 * np.sin(angle)])
+    b = size * np.stack([0.3 * np.cos(angle), np.sin(angle)]) + RADIUS_M * np.tan(
+        np.radians([[away_deg], [0.3 * away_deg]])
+    )
+    a, b = np.roll(a, rng.integers(count), axis=1), np.roll(b, rng.integers(count), axis=1)
+    parts = [
+        distance_m(plane, one[:, [i]], other[:, [k - 1, k]])
+        for one, other in ((a, b), (b, a))
+        for i in range(count)
+        for k in range(count)
+    ]
+    assert min(parts) > 1000.0
+    assert distance_m(plane, a, b) == pytest.approx(min(parts), abs=CLOSE_M)

@@ -231,9 +231,9 @@ def test_distance_of_a_parallel_from_near_a_pole(from_pole_m: float, south_deg: 
 
 def test_distance_of_what_touches_across_the_seam_takes_little_work() -> None:
     """No digits tell how far apart it is, and so no halvings: corners of two triangles in one place."""
-    lon, psi = -0.644734000621, 1.60003188456
-    a = np.array([(0.0, 0.0), (0.0069, -0.0003), (0.007, 0.005)]) + [lon, psi]
-    b = np.array([(0.0, 0.0), (-0.0035, 0.005), (-0.00707936, 0.000304731)]) + [lon - 2.0 * np.pi, psi]
+    corner, turn = np.array([-0.644734000621, 1.60003188456]), np.array([2.0 * np.pi, 0.0])
+    a = corner + np.array([(0.0, 0.0), (0.0069, -0.0003), (0.007, 0.005)])
+    b = corner - turn + np.array([(0.0, 0.0), (-0.0035, 0.005), (-0.00707936, 0.000304731)])
     left = ctypes.c_int64(1000)
     assert distance_m(SPHERE, MEAN_RADIUS_M * a.T, MEAN_RADIUS_M * b.T, left) == pytest.approx(0.0, abs=1e-8)
     assert left.value > 0
