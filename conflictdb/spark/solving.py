@@ -58,9 +58,9 @@ def _meeting(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     words, bounds = _words(batch, "pieces")
     begin, offset = begins_in(words, bounds[:-1], bounds[1:])
     pieces, rows = unpacked(words, begin), np.arange(batch.num_rows)
-    a, b = bundled_pairs(Bundles(pieces, offset), rows, rows + batch.num_rows)
-    meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
-    a, b = a[meet], b[meet]
+    pairs = bundled_pairs(Bundles(pieces, offset), rows, rows + batch.num_rows)
+    meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, *pairs)
+    a, b = (side[meet] for side in pairs)
     row = np.searchsorted(offset, a, side="right") - 1
     is_first = np.diff(row, prepend=-1) != 0
     ends = np.append(begin, bounds[-1])
