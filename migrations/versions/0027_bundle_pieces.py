@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "79f718ed268020ea28c56c093f5d5999fa4267a2a9281c8e8f3123e695b97152"
+routines_sha256 = "8e56c54d046f12dfce3d6a87ab629f5db581102847387ae9e53a9133e02fbeda"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """
