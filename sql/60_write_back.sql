@@ -412,17 +412,6 @@ COMMENT ON FUNCTION _write_run(
 
 -- What was computed elsewhere is written back by the same routines.
 
-CREATE OR REPLACE FUNCTION _object_states(
-    p_scene_id bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT key text
-) RETURNS SETOF record
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT 0::smallint, a.area_id, a.version, a.key FROM area a WHERE a.scene_id = p_scene_id
-    UNION ALL
-    SELECT 1::smallint, t.track_id, t.version, t.key FROM track t WHERE t.scene_id = p_scene_id;
-END;
-COMMENT ON FUNCTION _object_states(bigint) IS 'The objects of a scene and the versions that they are of, for COPY.';
-
 CREATE OR REPLACE FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[]) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_nestloop = off SET jit = off AS $$
@@ -438,7 +427,10 @@ BEGIN
                    ON d.kind = c.object_kind AND d.id = c.object_id
                WHERE c.scene_id = p_scene_id) THEN
         INSERT INTO change (scene_id, object_kind, object_id, version)
-            SELECT p_scene_id, o.object_kind, o.object_id, nextval('version_seq') FROM _object_states(p_scene_id) o
+            SELECT p_scene_id, o.object_kind, o.object_id, nextval('version_seq')
+            FROM (SELECT 0::smallint AS object_kind, a.area_id AS object_id FROM area a WHERE a.scene_id = p_scene_id
+                  UNION ALL
+                  SELECT 1::smallint, t.track_id FROM track t WHERE t.scene_id = p_scene_id) o
             WHERE NOT EXISTS (SELECT FROM unnest(p_kinds, p_ids) d (kind, id)
                               WHERE d.kind = o.object_kind AND d.id = o.object_id)
               AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id
