@@ -23,7 +23,8 @@ BEGIN
                OR 'p_first' = ANY (p.proargnames) AND p.proname = '_candidates'
                OR NOT 'head' = ANY (p.proargnames) AND p.proname = '_map_conflicts'
                OR NOT 'inside_lon_deg' = ANY (p.proargnames) AND p.proname = '_map_areas'
-               OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes', '_dirty_objects', '_object_states'))
+               OR p.proname IN ('_settle_centre', '_circle_haven_at', '_pending_scenes', '_dirty_objects',
+                                '_object_states'))
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine,
                        '_retired' || (SELECT p.proname FROM pg_catalog.pg_proc p WHERE p.oid = v_routine));
