@@ -188,7 +188,7 @@ def test_pairs_of_pieces_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch
     """Of crowded rows they would be more than a column holds; however many at once, they are the same."""
     comb = shapely.MultiPolygon([shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20)])
     areas = [Area("DOWN", comb), Area("ACROSS", shapely.affinity.rotate(comb, 90.0))]
-    (rows,) = pieces.cut([of_objects(areas, [])], Scene("s"))
+    rows, _ = pieces.cut([of_objects(areas, [])], Scene("s"))
     (joined,) = pairs_of(pa.Table.from_batches([rows])).combine_chunks().to_batches()
     (whole,) = solving.meeting([joined])
     assert len(whole) > 200
