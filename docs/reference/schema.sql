@@ -1067,9 +1067,6 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _object_states(p_scene_id bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT key text)
-    RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 

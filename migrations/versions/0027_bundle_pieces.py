@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8e56c54d046f12dfce3d6a87ab629f5db581102847387ae9e53a9133e02fbeda"
+routines_sha256 = "f6229a2aa9ebefd3391b4a751a0da6df06cfc039f5579a9b5f132c26f62d19d4"
 
 # Rows that are there are of one piece each, and stay so until their objects change.
 COLUMNS = """
