@@ -37,6 +37,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
+from conflictdb.waiting import answer_of
 
 __all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
@@ -305,7 +306,7 @@ class _Aside:
         """Return it; raises what the work did."""
         if self._begun is None:
             return self._work()
-        return self._begun.result()
+        return answer_of(self._begun)
 
 
 def _refresh_conflicts(

@@ -14,6 +14,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
+from conflictdb.waiting import answer_of
 
 # Tells where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds, NaN if not known.
 Guess = Callable[[int, float, float, bool], float]
@@ -116,7 +117,7 @@ def contacts(
         # exception would be raised there in front of every `try`, and lost.
         with ThreadPoolExecutor(1) as pool:
             try:
-                parts = pool.submit(every, 1).result()
+                parts = answer_of(pool.submit(every, 1))
             finally:
                 is_over.set()
     for _, done in parts:

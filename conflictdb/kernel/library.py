@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
+from conflictdb.waiting import answer_of
 
 # As kernel.h has them.
 ABI: Final = 18
@@ -146,7 +147,7 @@ def shared(
     # The thread that asks waits: where it works, too, a busy machine may keep the others on its processor.
     with ThreadPoolExecutor(threads) as pool:
         for worker in [pool.submit(work) for _ in range(min(threads, len(slices)))]:
-            worker.result()
+            answer_of(worker)
     return [done[number] for number in range(len(slices))]
 
 

@@ -32,6 +32,7 @@ from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_ne
 from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
+from conflictdb.waiting import answer_of
 
 # Rows that are sent by one statement: enough to be worth it, little in memory.
 _ROWS_AT_ONCE: Final = 5_000
@@ -242,7 +243,7 @@ def _await_sent(staged: Staged) -> None:
     """Wait for what is sent by another thread; raises what it did."""
     if staged.sending is not None:
         sending, staged.sending = staged.sending, None
-        staged.run_id = sending.result()
+        staged.run_id = answer_of(sending)
 
 
 def _taken(held: list[Columns]) -> list[Array]:

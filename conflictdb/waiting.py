@@ -1,0 +1,18 @@
+"""Waiting for what another thread does, so that an interrupt is told as what it is."""
+
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import TypeVar
+
+_T = TypeVar("_T")
+
+
+def answer_of(future: Future[_T]) -> _T:
+    """Return the result of a future, or raise what it raised, once it is there.
+
+    `Future.result` waits in Python: what a signal handler raises between two of its steps may become
+    ``RuntimeError: cannot release un-acquired lock``. A SimpleQueue waits in one step.
+    """
+    is_there = SimpleQueue[Future[_T]]()
+    future.add_done_callback(is_there.put)
+    return is_there.get().result()

@@ -1,0 +1,49 @@
+"""What waits for another thread ends by what interrupts it."""
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from conflictdb.waiting import answer_of
+
+# Of thousands of interrupts, some microseconds after a wait began, those that are told as something else: of
+# Future.result itself five in a thousand are. In a process of its own, for they come again until one is noticed.
+INTERRUPTED = """
+import signal
+from concurrent.futures import Future
+from conflictdb.waiting import answer_of
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+signal.signal(signal.SIGALRM, interrupt)
+others = []
+for k in range(5_000):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 5e-6 + 2e-7 * (k % 200), 0.01)
+        while True:
+            future = Future()
+            future.set_result(1)
+            answer_of(future)
+            answer_of(Future())
+    except KeyboardInterrupt:
+        pass
+    except BaseException as error:
+        others.append(error)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+print(others)
+"""
+
+
+def test_what_another_thread_returns_or_raises_is_told() -> None:
+    with ThreadPoolExecutor(1) as pool:
+        assert answer_of(pool.submit(lambda: 3)) == 3
+        with pytest.raises(ZeroDivisionError):
+            answer_of(pool.submit(lambda: 1 // 0))
+
+
+def test_an_interrupt_while_it_waits_is_that_interrupt() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "[]\n", "")
