@@ -162,7 +162,7 @@ def regions_of(
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
-        return _in_degrees(plane, xy, at[first : last + 1], owner[first:last] - wanted[0], len(wanted))
+        return _in_degrees(plane, xy, at[first : last + 1], owner[first:last] - wanted[0], ~moves[others[wanted]])
 
     made = _each_alone(len(others), of_pairs)
     parts = (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)), (crowded, Polygons.of(areas))
@@ -186,7 +186,7 @@ def _of_areas(
     xy, at = ragged_take(offset, ring, near)
     if len(near) > _FEW_PARTS:
         xy, at, _ = joined(xy, at, np.zeros(len(near), np.int64))
-    return united(np.array([[common, *_polygons(xy, np.diff(at))]], dtype=object))[0]
+    return united(np.array([[common, *_polygons(xy, np.diff(at))]], dtype=object), np.array([True]))[0]
 
 
 def _put_together(
@@ -265,14 +265,18 @@ def _merged(n: int, *parts: tuple[NDArray[np.int64], Polygons]) -> Polygons:
 
 
 def _in_degrees(
-    plane: Plane, ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], n: int
+    plane: Plane, ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], stand: NDArray[np.bool_]
 ) -> NDArray[np.object_]:
-    """Return the regions (n,) of pairs in longitude and latitude; owner: of each ring, not decreasing."""
-    found = np.full(n, None, dtype=object)
+    """Return the regions (n,) of pairs in longitude and latitude.
+
+    owner : of each ring, not decreasing
+    stand : (n,) whether both of a pair are areas
+    """
+    found = np.full(len(stand), None, dtype=object)
     count = np.diff(offset)
     filled = np.flatnonzero(count)
     parts = _polygons(ring[offset[0] : offset[-1]], count[filled])
-    _put(found, parts, owner[filled])
+    _put(found, parts, owner[filled], stand)
     return _to_degrees(plane, found)
 
 
@@ -345,11 +349,13 @@ def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
     return np.asarray(shapely.polygons(rings))
 
 
-def _put(found: NDArray[np.object_], parts: NDArray[np.object_], owner: NDArray[np.int64]) -> None:
+def _put(
+    found: NDArray[np.object_], parts: NDArray[np.object_], owner: NDArray[np.int64], stand: NDArray[np.bool_]
+) -> None:
     """Put the unions of parts where they belong; owner : (p,) not decreasing."""
     start = np.flatnonzero(np.diff(owner, prepend=-1))
     size = np.diff(start, append=len(owner))
     for k in np.unique(size).tolist():
         rows = start[size == k]
         of_row = parts[rows[:, None] + np.arange(k)]
-        found[owner[rows]] = of_row[:, 0] if k == 1 else united(of_row)
+        found[owner[rows]] = of_row[:, 0] if k == 1 else united(of_row, stand[owner[rows]])

@@ -31,13 +31,28 @@ def common_area(plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows) -> sha
     return _home(plane, _wide(shapely.get_parts(found)))
 
 
-def united(parts: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return the unions (n,) of polygons (n, k), to a micrometre."""
-    unions = shapely.union_all(parts, axis=1, grid_size=_GRID_M)
+def united(parts: NDArray[np.object_], stand: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """Return the unions (n,) of polygons (n, k), to a micrometre.
+
+    stand : (n,) whether they are of two areas. There parts of both are next to each other by rounding, and 9 unions of
+        498 lost some; a grid, by which none does, takes three times as long. Of 19,753 in mixed scenes none did.
+    """
+    unions = np.full(len(parts), None, dtype=object)
+    unions[~stand] = shapely.union_all(parts[~stand], axis=1)
+    with_grid = np.flatnonzero(stand | _lack_something(unions, parts))
+    unions[with_grid] = shapely.union_all(parts[with_grid], axis=1, grid_size=_GRID_M)
     # What is no wider than the grid is still something.
     gone = np.flatnonzero(shapely.is_empty(unions))
     unions[gone] = shapely.union_all(parts[gone], axis=1)
-    return np.asarray(unions)
+    return unions
+
+
+def _lack_something(unions: NDArray[np.object_], parts: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Return of which unions (n,) that is plain: smaller than a part, or with another box than all of them."""
+    low, high = np.split(shapely.bounds(parts), 2, axis=-1)
+    box = np.concatenate([low.min(axis=1), high.max(axis=1)], axis=1)
+    is_other = (np.abs(shapely.bounds(unions) - box) > _GRID_M).any(axis=1)
+    return np.asarray(is_other | (shapely.area(unions) < shapely.area(parts).max(axis=1) * (1.0 - _AREA_SHARE)))
 
 
 def beyond(plane: Plane, common: shapely.Geometry, parts: NDArray[np.object_], distance_m: float) -> NDArray[np.int64]:

@@ -212,7 +212,8 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     """A metre wide, and crossed in degrees: with a corner every 100 m, some of them are too much to be printed."""
     corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
     ring = np.array(corners) - (1.5e7, 0.0)
-    (region,) = regions._in_degrees(plane_of(Scene("s")), ring, np.array([0, len(ring)]), np.array([0]), 1)
+    rings = ring, np.array([0, len(ring)]), np.array([0])
+    (region,) = regions._in_degrees(plane_of(Scene("s")), *rings, stand=np.array([False]))
     assert shapely.is_valid(region)
     assert 10_000 < shapely.get_num_coordinates(region) < 30_000
 

@@ -172,14 +172,29 @@ def test_unions_of_parts_that_are_next_to_each_other_by_rounding_lose_nothing() 
         ),
     )
     parts = shapely.from_wkt([f"POLYGON (({ring}))" for ring in rings])
-    (union,) = shared_areas.united(parts[None, :])
+    (union,) = shared_areas.united(parts[None, :], np.array([True]))
     assert union.area == pytest.approx(shapely.area(parts).sum(), rel=1e-9)
 
 
 def test_a_union_of_what_is_narrower_than_its_grid_is_not_empty() -> None:
     parts = shapely.box(0.0, np.array([0.2e-6, 0.3e-6]), 100.0, np.array([0.35e-6, 0.45e-6]))
-    (union,) = shared_areas.united(parts[None, :])
+    (union,) = shared_areas.united(parts[None, :], np.array([True]))
     assert union.area > 0.0
+
+
+def test_a_union_that_plainly_lacks_something_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of tracks, too, of which none was seen to lose anything: a union without its last part, or of nothing."""
+    parts = shapely.box([[0.0, 2.0, 5.0]], 0.0, [[1.0, 4.0, 9.0]], 1.0)
+    union_all = shapely.union_all
+
+    for keep in (3, 2, 0):
+
+        def losing(parts: NDArray[Any], axis: int, grid_size: float | None = None, keep: int = keep) -> Any:
+            return union_all(parts if grid_size else parts[:, :keep], axis=axis, grid_size=grid_size)
+
+        monkeypatch.setattr(shapely, "union_all", losing)
+        (union,) = shared_areas.united(parts, np.array([False]))
+        assert union.area == 7.0
 
 
 def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,9 +202,9 @@ def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatc
     sizes: list[int] = []
     united = shared_areas.united
 
-    def counted(parts: NDArray[Any]) -> NDArray[Any]:
+    def counted(parts: NDArray[Any], stand: NDArray[np.bool_]) -> NDArray[Any]:
         sizes.append(parts.shape[1])
-        return united(parts)
+        return united(parts, stand)
 
     monkeypatch.setattr(regions, "united", counted)
     region_of(Scene("s"), star(1, 2000, 0.0, 50.0, 1.0), star(2, 2000, 0.5, 50.3, 1.0))
