@@ -1,10 +1,19 @@
-"""Waiting for what another thread does, so that an interrupt is told as what it is."""
+"""Work that another thread does meanwhile, and waiting for it so that an interrupt is told as what it is."""
 
-from concurrent.futures import Future
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import TypeVar
 
 _T = TypeVar("_T")
+
+
+def begun_aside(work: Callable[[], _T]) -> Future[_T]:
+    """Begin work in a thread of its own, which ends with it; a program that ends waits for it."""
+    thread = ThreadPoolExecutor(1)
+    begun = thread.submit(work)
+    thread.shutdown(wait=False)
+    return begun
 
 
 def answer_of(future: Future[_T]) -> _T:

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.values import duration_s, megabytes, memory_mb, speed_kn
+from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, speed_kn
 from conflictdb.methods import METHODS, Method
 from conflictdb.pipeline.memory import MEMORY_MB
 
@@ -76,6 +76,18 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
         default=MEMORY_MB,
         metavar="N",
         help=f"memory to keep below, megabytes (default {MEMORY_MB}): a detection of more works in smaller parts",
+    )
+
+
+def add_jobs(parser: Parser) -> None:
+    """Add `--jobs`."""
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+
+
+def add_fail_on_conflict(parser: Parser) -> None:
+    """Add `--fail-on-conflict`."""
+    parser.add_argument(
+        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
     )
 
 

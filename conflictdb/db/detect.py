@@ -28,7 +28,6 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import attached, store
 from conflictdb.db.sources import FewSource, SceneSource
-from conflictdb.db.store.aside import begun_aside
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.methods import Method
 from conflictdb.model import Scene
@@ -37,7 +36,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import answer_of, begun_aside
 
 __all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from conflictdb.errors import InvalidInput
+from conflictdb.io.contents import TOO_LARGE
 
 _HERE: Final = Path(__file__).parent
 # What Python and a library need to be there at all.
@@ -107,4 +108,4 @@ class Running:
             rule = " ".join(str(wrong["refused"]).split())
             return InvalidInput("file", "", f"{self.program.cannot_read}: {rule:.500}")
         rule = f"holds more than {self.max_file_mb:g} MB, or takes too much to read"
-        return InvalidInput("file", "", f"{rule}: split it, or allow more with --max-file-mb")
+        return InvalidInput("file", "", f"{rule}{TOO_LARGE}")

@@ -2,10 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import Area, Scene, Track
+
+# How names of files of Parquet end.
+PARQUET: Final = frozenset({".parquet", ".geoparquet"})
+# Of a file that holds more than is allowed: what to do.
+TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +74,24 @@ class Parts:
     remarks: list[Remark] = field(default_factory=list)
 
 
-def given_twice(item: str, first: int, row: int) -> InvalidInput:
-    """Return the refusal of an object whose id an earlier row has; rows count from 0."""
-    rule = f"is given twice, by rows {first} and {row} (from 0); ids must be unique in the scene"
-    return InvalidInput(item, "id", rule)
+class _Keyed(Protocol):
+    @property
+    def key(self) -> str: ...
+
+
+def name_of(item: _Keyed) -> str:
+    """Return an area, or a track of any kind, as errors and remarks name it."""
+    return f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}"
+
+
+def given_twice(item: str, where: str) -> InvalidInput:
+    """Return the refusal of an object whose id an earlier one has; where both are, as a text."""
+    return InvalidInput(item, "id", f"is given twice, by {where}; ids must be unique in the scene")
+
+
+def rows_apart(first: int, row: int) -> str:
+    """Return where two rows are that have the same id."""
+    return f"rows {first} and {row} (from 0)"
 
 
 def left_out(source: str, refusals: Refusals) -> list[Skipped]:

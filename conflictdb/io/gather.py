@@ -5,9 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io.contents import Contents, Remark, Skipped, left_out
+from conflictdb.io.contents import Contents, Remark, Skipped, left_out, name_of
 from conflictdb.io.fields import key as checked_key
-from conflictdb.io.places import name_of
 from conflictdb.io.reading import read, stem
 from conflictdb.model import Area, Scene, Track
 

@@ -18,7 +18,7 @@ import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
-from conflictdb.io.contents import Contents, Remark, Skipped, left_out
+from conflictdb.io.contents import Contents, Remark, Skipped, given_twice, left_out, name_of
 from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fixes import Fixes, track_of
 from conflictdb.io.instants import parse_instant
@@ -78,8 +78,7 @@ def _read_features(
             first = seen.setdefault(item.key, where)
             with refusals:
                 if first != where:
-                    rule = f"is given twice, by {first} and {where}; ids must be unique in the scene"
-                    raise InvalidInput(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", "id", rule)
+                    raise given_twice(name_of(item), f"{first} and {where}")
                 if isinstance(item, Area):
                     contents.areas.append(item)
                 elif isinstance(item, Track):

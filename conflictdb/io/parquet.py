@@ -29,7 +29,17 @@ from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
 from conflictdb.io.arrow_values import plain
-from conflictdb.io.contents import Contents, Parts, Remark, Skipped, given_twice, left_out
+from conflictdb.io.contents import (
+    TOO_LARGE,
+    Contents,
+    Parts,
+    Remark,
+    Skipped,
+    given_twice,
+    left_out,
+    name_of,
+    rows_apart,
+)
 from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
@@ -38,7 +48,6 @@ from conflictdb.io.instants import format_instant
 from conflictdb.io.json_text import check_storable, check_text
 from conflictdb.io.names import RENAME_COLUMN
 from conflictdb.io.parquet_process import decoded
-from conflictdb.io.places import name_of
 from conflictdb.io.positions import COLUMNS, read_positions
 from conflictdb.io.scene_file import scene_of
 from conflictdb.io.speeds import within_speed
@@ -78,7 +87,7 @@ class _Found:
         first = self.first(item.key, row)
         with self.refusals:
             if first != row:
-                raise given_twice(f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}", first, row)
+                raise given_twice(name_of(item), rows_apart(first, row))
             if isinstance(item, Area):
                 self.areas.append(item)
             elif isinstance(item, Track):
@@ -172,7 +181,7 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
     for batch in batches:
         size += batch.nbytes
         if size > most_mb * 1e6:
-            rule = f"holds more than {most_mb:g} MB of rows per waypoint: split it, or allow more with --max-file-mb"
+            rule = f"holds more than {most_mb:g} MB of rows per waypoint{TOO_LARGE}"
             raise InvalidInput("file", "", rule)
         yield batch
 

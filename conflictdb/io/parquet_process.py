@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io.confined import Program, Running
+from conflictdb.io.contents import PARQUET
 
 _PARQUET: Final = Program(
     "parquet_child.py",
@@ -19,9 +20,6 @@ _PARQUET: Final = Program(
     memory_per_mb=8 << 20,
     settings={"ARROW_DEFAULT_MEMORY_POOL": "system"},  # the others take address space that they do not use
 )
-
-
-SUFFIXES: Final = frozenset({".parquet", ".geoparquet"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +67,7 @@ def _parts(path: Path) -> list[Path]:
                 f"is partitioned into directories ({', '.join(within[:3])}, …), which are not read: give each of them"
             )
             raise InvalidInput("file", "", rule)
-        found = sorted(one for one in shown if one.suffix.lower() in SUFFIXES)
+        found = sorted(one for one in shown if one.suffix.lower() in PARQUET)
         if not found:
             raise InvalidInput("file", "", "is a directory without parts that end in .parquet")
         path = path.absolute()

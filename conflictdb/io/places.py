@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.earth import geodesy
-from conflictdb.io.contents import Remark
+from conflictdb.io.contents import Remark, name_of
 from conflictdb.model import Area, Track
 
 # An object is remarked on if it lies this many times as far from the middle of the others as nine of ten of them do,
@@ -65,11 +65,6 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
         else:
             text += f", which lie within {max(reach_m, 1000.0) / 1000.0:,.0f} km of each other; is its position right?"
         yield Remark(source, name(i), text)
-
-
-def name_of(item: Area | Track) -> str:
-    """Return an object as errors and remarks name it."""
-    return f"{'track' if isinstance(item, Track) else 'area'} {item.key!r}"
 
 
 def extent(item: Area | Track) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io import places
-from conflictdb.io.contents import Contents, Parts, Remark
+from conflictdb.io.contents import PARQUET, TOO_LARGE, Contents, Parts, Remark
 from conflictdb.io.scene_file import read_scene
 from conflictdb.io.speeds import MAX_SPEED_KN
 from conflictdb.io.summary import Summary
@@ -24,12 +24,10 @@ from conflictdb.model import Area, Track
 # What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
 # a scene may be many files.
 MAX_FILE_MB: Final = 64.0
-TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
 
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
-PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 
 
 def read(

@@ -13,7 +13,7 @@ import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import moving_features, names, objects, reference
-from conflictdb.io.contents import Contents, left_out
+from conflictdb.io.contents import Contents, given_twice, left_out, name_of
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
@@ -116,10 +116,8 @@ def _leave_unique(items: dict[int, Area | Track | objects.TrackAtSpeed], refusal
         first = seen.setdefault(item.key, i)
         if first != i:
             del items[i]
-            kind = "area" if isinstance(item, Area) else "track"
-            rule = f"is given twice, by features[{first}] and features[{i}]; ids must be unique in the scene"
             with refusals:
-                raise InvalidInput(f"{kind} {item.key!r}", "id", rule)
+                raise given_twice(name_of(item), f"features[{first}] and features[{i}]")
 
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:

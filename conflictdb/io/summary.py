@@ -12,7 +12,7 @@ import numpy as np
 
 from conflictdb.errors import InvalidInput
 from conflictdb.io import places
-from conflictdb.io.contents import Remark, given_twice
+from conflictdb.io.contents import Remark, given_twice, name_of, rows_apart
 from conflictdb.model import Area, Track
 
 _UTF_8: Final = "utf-8", "surrogatepass"
@@ -39,7 +39,7 @@ class Summary:
     def add(self, items: Iterable[Area | Track]) -> None:
         """Remember the objects of a part; the next one begins."""
         for item in items:
-            self._names += places.name_of(item).encode(*_UTF_8)
+            self._names += name_of(item).encode(*_UTF_8)
             self._ends.append(len(self._names))
             self._hashes.append(hash(item.key))
             self._rows.append(self._of_part.get(item.key, len(self._rows)))
@@ -60,7 +60,7 @@ class Summary:
             name = self.name(i)
             row = first.setdefault(name.partition(" ")[2], self._rows[i])
             if row != self._rows[i]:
-                yield given_twice(name, row, self._rows[i])
+                yield given_twice(name, rows_apart(row, self._rows[i]))
 
     def remarks(self, source: str) -> Iterator[Remark]:
         """Yield a remark on each object that lies far from all others."""

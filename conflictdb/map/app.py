@@ -16,7 +16,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
 from conflictdb.db import store
-from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 from conflictdb.map import content, land
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
@@ -252,8 +252,7 @@ def _text(asked: Mapping[str, Any], name: str) -> str:
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    assert isinstance(error, ConflictDBError)  # noqa: S101 (what it is registered for)
-    status = 400 if isinstance(error, InvalidInput) else 403 if store.is_forbidden(error) else 503
+    status = 400 if isinstance(error, InvalidInput) else 403 if isinstance(error, NotPermitted) else 503
     return _json({"error": str(error)}, status)
 
 

@@ -10,7 +10,7 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.db import store
-from conflictdb.errors import ConflictDBError
+from conflictdb.errors import ConflictDBError, NotPermitted
 
 if TYPE_CHECKING:
     import psycopg
@@ -128,9 +128,7 @@ class Changes:
         """Return whether the scene is there, for who asks."""
         try:
             return store.scene_settings(connection, self._scene) is not None
-        except ConflictDBError as error:
-            if not store.is_forbidden(error):
-                raise
+        except NotPermitted:
             return False
 
     def _meaning(self, payload: str) -> str | None:

@@ -122,25 +122,25 @@ def session(
                 f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
             ) from error
         try:
-            with _told():
+            with told_in_one_line(ConflictDBError, "Spark did not finish"):
                 yield with_sedona(spark)
         finally:
             spark.stop()
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Say in one line what Spark could not do: no disk or memory, an executor or a connection that is gone."""
+def told_in_one_line(kind: type[ConflictDBError], what: str) -> Iterator[None]:
+    """Say in one line why Spark could not do something: no disk or memory, an executor or a connection that is gone."""
     from py4j.protocol import Py4JError
     from pyspark.errors import PySparkException
 
     try:
         yield
     except (Py4JError, PySparkException) as error:
-        raise ConflictDBError(f"Spark did not finish: {cause_of(error)}") from error
+        raise kind(f"{what}: {_cause_of(error)}") from error
 
 
-def cause_of(error: "Py4JError | PySparkException") -> str:
+def _cause_of(error: "Py4JError | PySparkException") -> str:
     """Return what was wrong first, in one line; where a worker ended, what ended it."""
     cause, message = getattr(error, "java_exception", None), str(error)
     while cause is not None:

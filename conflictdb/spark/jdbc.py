@@ -6,7 +6,7 @@ which stays open as long as Spark may read again; a row that was read in another
 
 import logging
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial, reduce
 from itertools import pairwise
 from typing import Any, Final
@@ -14,8 +14,6 @@ from urllib.parse import quote
 
 import psycopg
 import pyarrow as pa
-from py4j.protocol import Py4JError
-from pyspark.errors import PySparkException
 from pyspark.sql import DataFrame, SparkSession
 from pyspark.sql.pandas.types import from_arrow_schema
 from pyspark.storagelevel import StorageLevel
@@ -27,7 +25,7 @@ from conflictdb.errors import StoreError
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.spark.detection import mapped
-from conflictdb.spark.engine import DRIVER, cause_of, with_driver
+from conflictdb.spark.engine import DRIVER, told_in_one_line, with_driver
 
 # Connections at a time for areas, and as many for tracks, and objects that are worth one.
 _MOST_PARTS: Final = 16
@@ -139,11 +137,7 @@ def _unheard() -> Iterator[None]:
             logger.setLevel(level)
 
 
-@contextmanager
-def _told(conn: psycopg.Connection[Any], scene: str) -> Iterator[None]:
+def _told(conn: psycopg.Connection[Any], scene: str) -> AbstractContextManager[None]:
     """Say in one line why Spark could not read."""
-    try:
-        yield
-    except (Py4JError, PySparkException) as error:
-        where = f"{conn.info.dbname!r} on {conn.info.host}"
-        raise StoreError(f"Spark cannot read scene {scene} of database {where}: {cause_of(error)}") from error
+    where = f"{conn.info.dbname!r} on {conn.info.host}"
+    return told_in_one_line(StoreError, f"Spark cannot read scene {scene} of database {where}")

@@ -80,7 +80,7 @@ def test_what_spark_cannot_do_is_one_line() -> None:
         (Py4JNetworkError("Answer from Java side is empty\n"), "Answer from Java side is empty"),
         (Py4JNetworkError(""), "Py4JNetworkError"),
     ):
-        with pytest.raises(ConflictDBError) as told, engine._told():
+        with pytest.raises(ConflictDBError) as told, engine.told_in_one_line(ConflictDBError, "Spark did not finish"):
             raise error
         assert str(told.value) == f"Spark did not finish: {said}"
 

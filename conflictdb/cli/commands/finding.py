@@ -6,6 +6,8 @@ from conflictdb.cli.parser import (
     FORMATS,
     METHOD_NAMES,
     METHODS_SAID,
+    add_fail_on_conflict,
+    add_jobs,
     add_lock_timeout,
     add_memory,
     add_merge,
@@ -46,13 +48,11 @@ def _detect(commands: Any) -> None:
         metavar="D",
         help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
     )
-    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    add_jobs(parser)
     add_memory(parser)
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
     add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
-    parser.add_argument(
-        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
-    )
+    add_fail_on_conflict(parser)
     add_merge(parser)
     add_output(parser)
 
@@ -177,8 +177,6 @@ def _probe(commands: Any) -> None:
         metavar="DURATION",
         help="ask a worker, and wait so long at most (30s, 5m); exits with 1 if none has answered",
     )
-    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
-    parser.add_argument(
-        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
-    )
+    add_jobs(parser)
+    add_fail_on_conflict(parser)
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from conflictdb.cli.parser import action, add_lock_timeout, add_memory, command
-from conflictdb.cli.values import address, count, duration_s, mapping, name
+from conflictdb.cli.parser import action, add_jobs, add_lock_timeout, add_memory, command
+from conflictdb.cli.values import address, duration_s, mapping, name
 
 
 def add(commands: Any) -> None:
@@ -43,7 +43,7 @@ def _worker(commands: Any) -> None:
         metavar="[HOST:]PORT",
         help="answer /healthz, and /metrics for Prometheus, at this port; to this machine alone unless HOST is given",
     )
-    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    add_jobs(parser)
     add_memory(parser)
     add_lock_timeout(parser, "report a scene with changes as failed when somebody else detects it for longer")
 

@@ -7,7 +7,6 @@ import psycopg
 from psycopg.types.json import Json
 
 from conflictdb.db.store.connection import call, call_many, transaction, translated
-from conflictdb.errors import ConflictDBError
 
 # One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql,
 # 69_acknowledge.sql).
@@ -61,11 +60,6 @@ def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene
         raise ValueError(kind)
     with transaction(conn):
         return bytes(call(conn, f"tile_{kind}", z, x, y, Json({"scene": scene}))[0] or b"")
-
-
-def is_forbidden(error: ConflictDBError) -> bool:
-    """Return whether the database refused something to a user who has no right to it."""
-    return isinstance(error.__cause__, psycopg.errors.InsufficientPrivilege)
 
 
 def never_write(conn: psycopg.Connection[Any]) -> None:

@@ -24,7 +24,6 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.aside import begun_aside
 from conflictdb.db.store.conflict_columns import Columns, columns_of
 from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
@@ -32,7 +31,7 @@ from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_ne
 from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.results import Verdict
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import answer_of, begun_aside
 
 # Rows that are sent by one statement: enough to be worth it, little in memory.
 _ROWS_AT_ONCE: Final = 5_000
