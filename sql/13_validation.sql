@@ -242,6 +242,21 @@ $$;
 COMMENT ON FUNCTION _track_before() IS
 'Trigger: refuses a bad track (SQLSTATE class ZC) and gives changed content a new version.';
 
+CREATE OR REPLACE FUNCTION _check_may_prune(p_who text, p_owner name) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    IF row_security_active('scene'::regclass::oid) AND NOT pg_has_role('conflictdb_worker', 'USAGE')
+       AND (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
+        PERFORM _refuse('42501', p_who, 'history_kept',
+                        format('can be changed by the owner of the scene only, not by role %I', current_user),
+                        'history_owned', 'A shorter time removes history, also that of others.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_may_prune(text, name) IS
+'Refuses (insufficient_privilege) to change how long history of a protected scene is kept, unless the current role '
+'owns it or detects.';
+
 CREATE OR REPLACE FUNCTION _scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -257,6 +272,9 @@ BEGIN
     END IF;
     PERFORM _check_owner(v_who, CASE TG_OP WHEN 'UPDATE' THEN OLD.owner ELSE NEW.owner END, NEW.owner,
                          TG_OP = 'INSERT');
+    IF TG_OP = 'UPDATE' AND NEW.history_kept IS DISTINCT FROM OLD.history_kept THEN
+        PERFORM _check_may_prune(v_who, OLD.owner);
+    END IF;
     IF (NEW.motion IN ('rhumb', 'great_circle')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),
                         'scene_motion_known');

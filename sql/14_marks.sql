@@ -5,6 +5,20 @@
 --
 -- Writers only insert marks and a detection only touches marks it saw: they never wait for, or fail, each other.
 
+CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    -- PREPARE TRANSACTION fails in a transaction that has notified, and a full queue fails COMMIT: a mission's own
+    -- write must not. Workers look for marks by themselves, often where this stays silent (store.writers_notify).
+    IF current_setting('max_prepared_transactions') = '0' AND pg_notification_queue_usage() < 0.5 THEN
+        PERFORM pg_notify('conflictdb_request', '');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _wake_workers() IS
+'Wakes the workers (channel conflictdb_request) once the transaction commits, if the server has no prepared '
+'transactions.';
+
 CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
@@ -50,7 +64,7 @@ BEGIN
         GET DIAGNOSTICS v_marked = ROW_COUNT;
     END IF;
     IF v_marked > 0 THEN
-        PERFORM pg_notify('conflictdb_request', '');
+        PERFORM _wake_workers();
     END IF;
     RETURN NULL;
 END
@@ -90,7 +104,7 @@ CREATE OR REPLACE FUNCTION _after_scene_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     PERFORM _mark_all(NEW.scene_id);
-    PERFORM pg_notify('conflictdb_request', '');
+    PERFORM _wake_workers();
     RETURN NULL;
 END
 $$;
@@ -116,7 +130,7 @@ BEGIN
     END IF;
     INSERT INTO change (scene_id, object_kind, object_id, version)
         VALUES ((v_row ->> 'scene_id')::bigint, v_kind, (v_row ->> TG_ARGV[1])::bigint, nextval('version_seq'));
-    PERFORM pg_notify('conflictdb_request', '');
+    PERFORM _wake_workers();
     RETURN NULL;
 END
 $$;

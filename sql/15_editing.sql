@@ -236,7 +236,7 @@ BEGIN
     IF p_full THEN
         PERFORM _mark_all(v_scene_id);
     END IF;
-    PERFORM pg_notify('conflictdb_request', '');
+    PERFORM _wake_workers();
     RETURN (SELECT count(*) FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
                                   WHERE c.scene_id = v_scene_id) pending);
 END

@@ -91,13 +91,47 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may stand for those of the type that a field has.';
 
+CREATE OR REPLACE FUNCTION instant(p_text text) RETURNS timestamptz
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    -- With an offset the settings of the session do not matter.
+    IF p_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)? ?(Z|[+-]\d\d(:?\d\d)?)$' THEN
+        RAISE EXCEPTION 'instant: %: must be ISO 8601 with an offset, such as 2026-03-01T06:00:00Z',
+            quote_literal(left(p_text, 100)) USING ERRCODE = 'ZC003';
+    END IF;
+    RETURN p_text::timestamptz;
+END
+$$;
+COMMENT ON FUNCTION instant(text) IS
+'The instant that a text gives in ISO 8601 with an offset (2026-03-01T06:00:00Z); refuses (ZC003) any other text. For '
+'maps of attached tables, which take no cast of text to an instant.';
+
+CREATE OR REPLACE FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- The settings are fixed where the map is run (42_attach.sql): zone, style of dates and of numbers.
+    SELECT p_name::text IN ('concat', 'concat_ws', 'format', 'to_char', 'to_timestamp', 'to_date', 'to_number',
+                            'date_trunc', 'date_part', 'extract', 'make_timestamptz', 'array_to_string', 'to_json',
+                            'to_jsonb', 'row_to_json', 'array_to_json', 'json_build_object', 'json_build_array',
+                            'jsonb_build_object', 'jsonb_build_array', 'quote_nullable', 'quote_literal', 'textanycat',
+                            'anytextcat')
+           OR p_name::text ~ '^(timestamp|timestamptz|date|time|timetz|interval)(_|$)'
+              AND NOT 'cstring'::regtype = ANY (p_types::oid[]);
+END;
+COMMENT ON FUNCTION _depends_on_settings_alone(name, oidvector) IS
+'Whether a STABLE function of PostgreSQL depends on its arguments and on settings that are fixed for a map.';
+
 CREATE OR REPLACE FUNCTION _map_expression(
     p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid,
     OUT expression text, OUT columns smallint[]
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    c_from CONSTANT text := format('FROM %s AS t, generate_series(1, 1) AS conflictdb_one', p_relation);
+    -- Names that no column has: a column's own name is written out without AS.
+    c_longest CONSTANT text := (SELECT repeat('_', max(length(a.attname))) FROM pg_catalog.pg_attribute a
+                                WHERE a.attrelid = p_relation AND a.attname ~ '^conflictdb_(value|one)_*$');
+    c_value CONSTANT text := 'conflictdb_value' || coalesce(c_longest, '');
+    c_from CONSTANT text := format('FROM %s AS t, generate_series(1, 1) AS conflictdb_one%s', p_relation, c_longest);
     c_probe CONSTANT text := format('conflictdb_attached.probe_%s', pg_backend_pid());
     v_path text := current_setting('search_path');
     v_text text := p_text;
@@ -112,12 +146,12 @@ BEGIN
                WHERE a.attrelid = p_relation AND a.attname = p_text AND a.attnum > 0 AND NOT a.attisdropped) THEN
         v_text := format('t.%I', p_text); -- a column by its name, whatever characters it has
     END IF;
-    v_text := format(E'SELECT (%s\n) AS conflictdb_value %s', v_text, c_from);
+    v_text := format(E'SELECT (%s\n) AS %I %s', v_text, c_value, c_from);
     BEGIN
         -- A cursor takes one statement, which must be a query; nothing is fetched.
         OPEN v_cursor NO SCROLL FOR EXECUTE v_text;
         CLOSE v_cursor;
-        EXECUTE format('CREATE VIEW %s AS SELECT 1 AS conflictdb_value %s', c_probe, c_from);
+        EXECUTE format('CREATE VIEW %s AS SELECT 1 AS %I %s', c_probe, c_value, c_from);
         PERFORM set_config('search_path', '', true);
         v_around := pg_get_viewdef(c_probe::regclass);
         PERFORM set_config('search_path', v_path, true);
@@ -139,12 +173,23 @@ BEGIN
             THEN 'must be one expression without subqueries'
         WHEN v_tree ~ ':(hasAggs|hasWindowFuncs|hasTargetSRFs) true' OR v_tree !~ ':groupClause <> '
             THEN 'must be an expression of one row, without aggregates, window functions and functions that return sets'
+        WHEN v_tree ~ ':varattno -' THEN 'must not use system columns, which change without the row'
         WHEN v_tree ~ '\{SQLVALUEFUNCTION ' OR EXISTS (
             SELECT FROM regexp_matches(v_tree, ':(?:funcid|opfuncid) (\d+)', 'g') f
             JOIN pg_catalog.pg_proc p ON p.oid = f[1]::oid
-            WHERE p.provolatile = 'v' OR p.pronamespace = 'pg_catalog'::regnamespace
-                  AND p.proname IN ('now', 'transaction_timestamp', 'statement_timestamp'))
-            THEN 'must depend on nothing but the row: a volatile function, the time or the user change without it' END;
+            WHERE p.provolatile = 'v' OR p.provolatile = 's' AND p.pronamespace = 'pg_catalog'::regnamespace
+                  AND NOT _depends_on_settings_alone(p.proname, p.proargtypes))
+            THEN 'must depend on nothing but the row: a volatile function, the time, a setting or the user change '
+                 'without it'
+        -- 'now', 'today' and 'tomorrow' are instants too.
+        WHEN v_tree ~ '\{COERCEVIAIO ' AND EXISTS (
+            SELECT FROM regexp_matches(v_tree, ':resulttype (\d+)', 'g') f
+            JOIN pg_catalog.pg_type y ON y.oid = f[1]::oid
+            LEFT JOIN pg_catalog.pg_range g ON y.oid IN (g.rngtypid, g.rngmultitypid)
+            LEFT JOIN pg_catalog.pg_type u ON u.oid IN (y.typelem, g.rngsubtype)
+            WHERE 'D' IN (y.typcategory, u.typcategory))
+            THEN 'must not read an instant from text by a cast, for ''now'' is one too: conflictdb.instant(TEXT) reads '
+                 'ISO 8601 with an offset' END;
     SELECT format_type(a.atttypid, a.atttypmod), coalesce(nullif(y.typbasetype, 0), y.oid) INTO v_where, v_type
         FROM pg_catalog.pg_attribute a JOIN pg_catalog.pg_type y ON y.oid = a.atttypid
         WHERE a.attrelid = c_probe::regclass AND a.attnum = 1;

@@ -4,6 +4,10 @@
 --
 -- Each attachment has a function of its own for its triggers: what names the columns is planned once a session. It goes
 -- with the schema conflictdb, and the triggers with it.
+--
+-- The function runs as the owner of conflictdb. Editors may execute it, which CREATE TRIGGER requires, so they can make
+-- triggers of it on tables of their own. It therefore evaluates nothing but output functions, and reads transition
+-- tables only where the trigger declares them: without REFERENCING the name would be that of a temporary view.
 
 CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -35,7 +39,10 @@ DECLARE
 BEGIN
     -- The columns may have another name by now.
     IF TG_OP = 'TRUNCATE' OR (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
-                              AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) < %3$s THEN
+                              AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) < %3$s
+       OR TG_LEVEL = 'STATEMENT' AND NOT EXISTS (
+           SELECT FROM pg_catalog.pg_trigger g WHERE g.tgrelid = TG_RELID AND g.tgname = TG_NAME
+           AND (TG_OP = 'INSERT' OR g.tgoldtable = 'old_rows') AND (TG_OP = 'DELETE' OR g.tgnewtable = 'new_rows')) THEN
         INSERT INTO attached_change (attachment_id) VALUES (%1$s);
     ELSIF TG_LEVEL = 'ROW' THEN
         IF TG_OP <> 'INSERT' THEN
@@ -59,9 +66,8 @@ BEGIN
             SELECT %1$s, array_agg(c.identity)
             FROM (SELECT %7$s FROM new_rows r UNION ALL SELECT %7$s FROM old_rows r) c (identity) HAVING count(*) > 0;
     END IF;
-    -- A queue that nobody empties must not make the writer fail: workers look by themselves too.
-    IF FOUND AND pg_notification_queue_usage() < 0.5 THEN
-        PERFORM pg_notify('conflictdb_request', '');
+    IF FOUND THEN
+        PERFORM _wake_workers();
     END IF;
     RETURN NULL;
 END
@@ -71,24 +77,29 @@ $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', 
     EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO conflictdb_editor', p_attachment_id);
     EXECUTE format('COMMENT ON FUNCTION _note_%s() IS %L', p_attachment_id,
                    'Trigger on an attached table: notes which rows changed. Runs as its owner: who writes to the table '
-                   'needs no right here.');
+                   'needs no right here. Restricted to notes of its own attachment.');
 END
 $$;
 COMMENT ON FUNCTION _create_note(bigint) IS
-'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema.';
+'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema. '
+'Restricted to the columns that the attachment names, which are quoted.';
 
-CREATE OR REPLACE FUNCTION _drop_note(p_attachment_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION _drop_attachment(p_attachment_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp
+SET client_min_messages = warning AS $$
 BEGIN
     IF EXISTS (SELECT FROM attachment a WHERE a.attachment_id = p_attachment_id) THEN
         PERFORM _refuse('42501', format('attachment %s', p_attachment_id), 'triggers', 'are in use', 'attachment_gone',
                         'detach(scene, table) ends an attachment.');
     END IF;
-    -- Not while a table has its triggers.
-    EXECUTE format('DROP FUNCTION IF EXISTS _note_%s()', p_attachment_id);
+    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text)', p_attachment_id);
+    -- CASCADE: the triggers go with it, whoever owns their tables by now.
+    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb._note_%s() CASCADE', p_attachment_id);
 END
 $$;
-COMMENT ON FUNCTION _drop_note(bigint) IS 'Removes the function of the triggers of an attachment, once they are gone.';
+COMMENT ON FUNCTION _drop_attachment(bigint) IS
+'Drops the functions and triggers of an attachment that is gone from the table attachment. Runs as its owner: the '
+'table may have another owner by now. Restricted to numbers that no attachment has.';
 
 -- What is attached already.
 DO $$

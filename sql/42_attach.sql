@@ -1,28 +1,51 @@
 -- Attaching somebody's table to a scene: its rows are objects of the scene, and stay so until it is detached.
 --
--- What the map says is run by one function, conflictdb_attached.rows_N. It belongs to the role that attaches and runs
--- with the rights of that role (SECURITY DEFINER); so nobody gets to see by it what that role may not. The schema is
--- there while something is attached: roles that edit may create functions in it, which they may not in conflictdb,
--- where names are looked up. Whoever calls such a function runs foreign code: see 43_attached_rows.sql.
+-- The map becomes one function, conflictdb_attached.rows_N. It belongs to the role that attaches, and only that role
+-- runs it (43_attached_rows.sql). The schema exists while something is attached: editors may create functions in it,
+-- which they may not in conflictdb, where names are looked up.
 
 CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp SET client_min_messages = warning AS $$
+DECLARE
+    v_owner regrole;
+    v_ours regrole;
 BEGIN
-    IF to_regnamespace('conflictdb_attached') IS NULL THEN
-        CREATE SCHEMA IF NOT EXISTS conflictdb_attached;
-        COMMENT ON SCHEMA conflictdb_attached IS
-            'One function for each table that is attached to a scene of conflictdb; it belongs to who attached it.';
-        GRANT USAGE, CREATE ON SCHEMA conflictdb_attached TO conflictdb_editor;
+    BEGIN
+        IF to_regnamespace('conflictdb_attached') IS NULL THEN
+            CREATE SCHEMA conflictdb_attached;
+            COMMENT ON SCHEMA conflictdb_attached IS
+                'One function for each table that is attached to a scene of conflictdb; it belongs to who attached it.';
+            GRANT USAGE, CREATE ON SCHEMA conflictdb_attached TO conflictdb_editor;
+        END IF;
+    EXCEPTION WHEN duplicate_schema THEN
+        NULL; -- Another session has just created it.
+    END;
+    SELECT a.nspowner, n.nspowner INTO v_owner, v_ours FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
+        WHERE a.nspname = 'conflictdb_attached' AND n.nspname = 'conflictdb';
+    IF v_owner NOT IN (v_ours, current_user::regrole) THEN
+        PERFORM _refuse('42501', 'schema conflictdb_attached', 'owner',
+                        format('must be role %s, the owner of schema conflictdb; got role %s', v_ours, v_owner),
+                        'attached_schema_owned', format('Let an administrator remove it, or run: '
+                        'ALTER SCHEMA conflictdb_attached OWNER TO %s', v_ours));
+    ELSIF v_owner IS NULL THEN
+        RAISE EXCEPTION 'schema conflictdb_attached has just been created by another session'
+            USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _open_attached_schema() IS
-'Makes sure of the schema conflictdb_attached. Runs as the owner of conflictdb, who owns it.';
+'Makes sure of the schema conflictdb_attached. Refuses (insufficient_privilege) one that another role created. Runs as '
+'the owner of conflictdb, who owns it.';
 
 CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    DROP SCHEMA conflictdb_attached;
+    -- Not one that another role created.
+    IF EXISTS (SELECT FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
+               WHERE a.nspname = 'conflictdb_attached' AND n.nspname = 'conflictdb'
+                     AND a.nspowner IN (n.nspowner, current_user::regrole)) THEN
+        DROP SCHEMA conflictdb_attached;
+    END IF;
 EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name THEN
     NULL; -- Other tables are attached.
 END
@@ -57,23 +80,24 @@ BEGIN
                                current_user), 'attached_whole',
                         'Attach it as its owner, as a role with BYPASSRLS, or attach a view of a role that sees all.');
     END IF;
-    IF NOT p_has_triggers THEN
-        RETURN;
+    IF p_has_triggers THEN
+        SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
+            WHERE c.relkind = 'f' LIMIT 1;
+        IF FOUND THEN
+            PERFORM _refuse('ZC009', p_who, 'table', format('has a foreign partition, %s, whose changes no trigger sees',
+                            v_other), 'attached_watchable',
+                            'Say how often to look for changes in place of triggers: every.');
+        END IF;
     END IF;
+    -- Reading a table or view runs code of its owner with the rights of who reads: functions of views, of row-level
+    -- security, of expressions in indexes. A superuser could run code as anybody.
     SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
-        WHERE c.relkind = 'f' LIMIT 1;
-    IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, 'table', format('has a foreign partition, %s, whose changes no trigger sees',
-                        v_other), 'attached_watchable',
-                        'Say how often to look for changes in place of triggers: every.');
-    END IF;
-    SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
-        WHERE NOT pg_has_role(c.relowner, 'USAGE') LIMIT 1;
+        JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
+        WHERE NOT pg_has_role(r.oid, 'USAGE') AND (p_has_triggers OR NOT r.rolsuper) LIMIT 1;
     IF FOUND THEN
         PERFORM _refuse('ZC009', p_who, 'table',
-                        format('gets triggers, which only its owner may give it: role %I does not own %s', current_user,
-                               v_other), 'attached_owned',
-                        'Attach it as its owner, or say how often to look for changes in place of triggers: every.');
+                        format('must belong to the role that attaches it: role %I does not own %s', current_user,
+                               v_other), 'attached_owned', 'Attach it as its owner.');
     END IF;
 END
 $$;
@@ -130,7 +154,7 @@ BEGIN
     SELECT string_agg(coalesce(v_expressions ->> a.attname, 'NULL::' || format_type(a.atttypid, -1)), ', '
                       ORDER BY a.attnum),
            string_agg(CASE WHEN a.attname IN ('identity', 'hash', 'is_asked') THEN v_expressions ->> a.attname
-                           WHEN a.attname = 'error' THEN 'conflictdb_error'
+                           WHEN a.attname = 'error' THEN 'this_read.failure'
                            ELSE 'NULL::' || format_type(a.atttypid, -1) END, ', ' ORDER BY a.attnum)
         INTO v_list, v_marks
         FROM pg_catalog.pg_attribute a
@@ -144,14 +168,15 @@ BEGIN
         JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attname = c.name;
     -- As text: the table can be changed and dropped as if it were not attached.
     EXECUTE format('CREATE FUNCTION conflictdb_attached.rows_%s(text[], text) RETURNS SETOF conflictdb.attached_row '
-                   'LANGUAGE plpgsql STABLE SECURITY DEFINER SET search_path = pg_catalog, pg_temp '
+                   'LANGUAGE plpgsql STABLE SET search_path = pg_catalog, pg_temp '
                    'SET row_security = off SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
                    'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
                    p_attachment_id,
                    format($body$
 #variable_conflict use_column
+<<this_read>>
 DECLARE
-    conflictdb_error text;
+    failure text;
 BEGIN
     -- $1: the identities wanted, null: all; $2: hashes only, rows, or rows one by one so that one that fails is told.
     IF $2 = 'hashes' THEN
@@ -173,7 +198,7 @@ BEGIN
                 BEGIN
                     SELECT %3$s INTO v_row;
                 EXCEPTION WHEN OTHERS THEN
-                    conflictdb_error := SQLERRM;
+                    failure := SQLERRM;
                     SELECT %1$s INTO v_row;
                 END;
                 RETURN NEXT v_row;
@@ -183,8 +208,6 @@ BEGIN
 END
 $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_where));
     EXECUTE format('REVOKE ALL ON FUNCTION conflictdb_attached.rows_%s(text[], text) FROM PUBLIC', p_attachment_id);
-    EXECUTE format('GRANT EXECUTE ON FUNCTION conflictdb_attached.rows_%s(text[], text) TO conflictdb_worker',
-                   p_attachment_id);
     EXECUTE format('COMMENT ON FUNCTION conflictdb_attached.rows_%s(text[], text) IS %L', p_attachment_id,
                    format('Rows of %s as conflictdb reads them; conflictdb.detach removes this.', v_table));
     PERFORM set_config('search_path', v_path, true);
@@ -286,17 +309,16 @@ BEGIN
     IF v_attachment.has_triggers THEN
         PERFORM _create_attached_triggers(v_attachment.attachment_id, p_table);
     END IF;
-    PERFORM pg_notify('conflictdb_request', '');
+    PERFORM _wake_workers();
     RETURN v_attachment.attachment_id;
 END
 $$;
 COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
 'Attaches a table, view or foreign table to a scene: its rows become areas or tracks of it, and these follow the rows. '
-'The map gives for each field a column, or an SQL expression of the columns of a row. It is run with the rights of the '
-'role that calls this, which must own the table, for its triggers, or say p_every: how often to look for changes in '
-'their place; at views and foreign tables that is every minute. The field where says which rows count. Returns the '
-'number of the attachment. Workers take the rows over as soon as this is committed; the view unmapped tells which '
-'cannot be.';
+'The map gives for each field a column, or an SQL expression of the columns of a row; the field where says which rows '
+'count. Only sessions of the role that calls this, which must own the table, ever evaluate it: follow_attached, and '
+'detections and workers of that role. Triggers note changes; with p_every, and for views and foreign tables (every '
+'minute), all rows are compared instead. Returns the number of the attachment.';
 
 CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -324,7 +346,6 @@ CREATE OR REPLACE FUNCTION detach(p_scene text, p_table text, p_keep boolean DEF
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET lock_timeout = '10s' AS $$
 DECLARE
     v_one attachment%ROWTYPE;
-    v_trigger record;
     v_objects bigint := 0;
     v_rows bigint;
 BEGIN
@@ -343,14 +364,8 @@ BEGIN
             v_objects := v_objects + v_rows;
         END IF;
         DELETE FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
-        EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text)', v_one.attachment_id);
-        -- Last, because it locks the table. Wherever they are: a partition may be a table of its own by now.
-        FOR v_trigger IN
-            SELECT g.tgname, g.tgrelid::regclass AS relation FROM pg_catalog.pg_trigger g
-            WHERE g.tgfoid = to_regproc(format('_note_%s', v_one.attachment_id)) AND g.tgparentid = 0 LOOP
-            EXECUTE format('DROP TRIGGER %I ON %s', v_trigger.tgname, v_trigger.relation);
-        END LOOP;
-        PERFORM _drop_note(v_one.attachment_id);
+        -- Last, because it locks the table.
+        PERFORM _drop_attachment(v_one.attachment_id);
         DELETE FROM attached_change q WHERE q.attachment_id = v_one.attachment_id;
     END LOOP;
     PERFORM _close_attached_schema();
@@ -359,64 +374,53 @@ END
 $$;
 COMMENT ON FUNCTION detach(text, text, boolean) IS
 'Detaches a table (SCHEMA.TABLE) from a scene: its triggers go, and the objects made of its rows, unless p_keep, which '
-'leaves them as if they had been put in one by one. Returns how many objects were removed. Needs the rights that '
-'attaching needs.';
+'leaves them as if they had been put in one by one. Returns how many objects were removed. Needs the right to change '
+'the scene.';
 
-CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
-SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
-       format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
-       pg_catalog.pg_get_userbyid(p.proowner) AS role, a.has_triggers, a.every,
-       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.object_id IS NOT NULL)
-           AS objects,
-       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.reason IS NOT NULL)
-           AS unmapped,
-       EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id) AS is_waiting,
-       a.compared_at, a.failed_at, a.error,
-       CASE WHEN p.oid IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
-            WHEN NOT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
-                             WHERE n.nspname = a.table_schema AND c.relname = a.table_name)
-                THEN 'there is no table of that name any more: detach it'
-            WHEN a.has_triggers AND NOT _is_watched(a.attachment_id, a.table_schema, a.table_name)
-                THEN 'triggers are missing or switched off, maybe on a new partition: detach, and attach again'
-       END AS remark
-FROM attachment a JOIN scene s USING (scene_id)
-LEFT JOIN pg_catalog.pg_proc p ON p.proname = format('rows_%s', a.attachment_id)
-     AND p.pronamespace = (SELECT n.oid FROM pg_catalog.pg_namespace n WHERE n.nspname = 'conflictdb_attached');
+-- Who detaches, and when: a scene with attached tables is not removed, which would leave their triggers behind.
 
-COMMENT ON VIEW attachments IS 'Tables that are attached to scenes, and how that goes.';
-COMMENT ON COLUMN attachments.scene IS 'Name of the scene.';
-COMMENT ON COLUMN attachments.attachment_id IS 'Number; names of triggers and of the function have it.';
-COMMENT ON COLUMN attachments.kind IS 'What its rows become: area or track.';
-COMMENT ON COLUMN attachments."table" IS 'The table, as SCHEMA.TABLE.';
-COMMENT ON COLUMN attachments.map IS 'The expressions of the fields, as they were given.';
-COMMENT ON COLUMN attachments.role IS
-'The role that attached it, with whose rights it is read; null if the function that reads is gone.';
-COMMENT ON COLUMN attachments.has_triggers IS 'Whether triggers note its changes.';
-COMMENT ON COLUMN attachments.every IS
-'How often all rows are compared: without triggers that is how changes are found.';
-COMMENT ON COLUMN attachments.objects IS 'How many objects of the scene are made of its rows.';
-COMMENT ON COLUMN attachments.unmapped IS 'How many could not be made, see the view unmapped.';
-COMMENT ON COLUMN attachments.is_waiting IS 'Whether changes of it that triggers noted are not objects yet.';
-COMMENT ON COLUMN attachments.compared_at IS 'When all its rows were last compared; null if they never were.';
-COMMENT ON COLUMN attachments.failed_at IS
-'When it could not be read at all, last; null if it could. It is tried again after a minute.';
-COMMENT ON COLUMN attachments.error IS 'Why it could not be read; null if it could.';
-COMMENT ON COLUMN attachments.remark IS 'What is wrong with it, beyond error; null if nothing is.';
+CREATE OR REPLACE FUNCTION _before_scene_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    v_tables text := (SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ')
+                      FROM attachment a WHERE a.scene_id = OLD.scene_id);
+BEGIN
+    IF v_tables IS NOT NULL THEN
+        PERFORM _refuse('ZC009', format('scene %L', OLD.name), 'tables', 'are attached to it: ' || v_tables,
+                        'scene_without_attachments', 'detach(scene, table) detaches each.');
+    END IF;
+    RETURN OLD;
+END
+$$;
+COMMENT ON FUNCTION _before_scene_removal() IS 'Trigger: refuses (ZC009) to remove a scene that has attached tables.';
+CREATE OR REPLACE TRIGGER scene_may_be_removed BEFORE DELETE ON scene
+    FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
 
-CREATE OR REPLACE VIEW unmapped WITH (security_invoker = true) AS
-SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
-       a.identity_columns, o.identity, o.key, o.reason, o.since, o.object_id IS NOT NULL AS is_kept
-FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)
-WHERE o.reason IS NOT NULL;
+-- What the triggers of a table read is fixed when it is attached: an editor who could change it later, or take the
+-- number of another attachment, would learn other columns of a table from the notes.
 
-COMMENT ON VIEW unmapped IS 'Rows of attached tables that are no objects, or not as they are now, and why.';
-COMMENT ON COLUMN unmapped.scene IS 'Name of the scene.';
-COMMENT ON COLUMN unmapped.attachment_id IS 'Number of the attachment.';
-COMMENT ON COLUMN unmapped."table" IS 'The table, as SCHEMA.TABLE.';
-COMMENT ON COLUMN unmapped.identity_columns IS 'The columns that tell its objects apart.';
-COMMENT ON COLUMN unmapped.identity IS 'What they hold in this row, as texts of an array.';
-COMMENT ON COLUMN unmapped.key IS 'The key that the object would have; null if there is none.';
-COMMENT ON COLUMN unmapped.reason IS 'Why it could not be made.';
-COMMENT ON COLUMN unmapped.since IS 'Since when that is so.';
-COMMENT ON COLUMN unmapped.is_kept IS
-'Whether the scene still holds the object as it last was: it stays until the row can be mapped again, or is gone.';
+CREATE OR REPLACE FUNCTION _before_attachment() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    IF pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
+        RETURN NEW; -- The owner of the tables may do anything, also restore them.
+    END IF;
+    IF TG_OP = 'INSERT' AND NEW.attachment_id <> currval('attachment_attachment_id_seq')
+       OR TG_OP = 'UPDATE' AND (OLD.attachment_id, OLD.scene_id, OLD.object_kind, OLD.table_schema, OLD.table_name,
+                                OLD.map, OLD.has_triggers)
+                               IS DISTINCT FROM
+                               (NEW.attachment_id, NEW.scene_id, NEW.object_kind, NEW.table_schema, NEW.table_name,
+                                NEW.map, NEW.has_triggers)
+       OR TG_OP = 'UPDATE' AND cardinality(OLD.identity_columns) > 0
+          AND OLD.identity_columns <> NEW.identity_columns THEN
+        PERFORM _refuse('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',
+                        'attachment_fixed', 'Detach it, and attach it again.');
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_attachment() IS
+'Trigger: refuses (ZC009) a chosen number of an attachment, and changes of what attach() settled.';
+CREATE OR REPLACE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON attachment
+    FOR EACH ROW EXECUTE FUNCTION _before_attachment();
+ALTER TABLE attachment ENABLE ALWAYS TRIGGER attachment_fixed;

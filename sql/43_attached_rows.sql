@@ -1,11 +1,18 @@
--- Reading attached tables. Two transactions, as conflictdb.db.attached has them:
+-- Reading attached tables, and making objects of their rows.
 --
---   1. READ ONLY, on one snapshot: which rows changed, and these rows in the terms of conflictdb. It is rolled back.
---   2. The rows, which the client has kept, become objects (44_attached_objects.sql), if nobody else was quicker.
---
--- The function that reads a table is code of whoever attached it, and so are the views that it meets. It runs with the
--- rights of that role, and in the first transaction only: what it does to the session (settings, temporary tables,
--- deferred triggers) is rolled back before the session does anything of its own.
+-- The function that reads a table, conflictdb_attached.rows_N, is code of the role that attached it, and so are the
+-- views and functions that it calls. Only sessions of that very role run it, never a worker or superuser: each other
+-- session passes the attachment over, and its scene is not current until its role has followed the table.
+
+CREATE OR REPLACE FUNCTION _is_mine(p_attachment_id bigint) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT EXISTS (SELECT FROM pg_catalog.pg_proc p JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
+                   WHERE n.nspname = 'conflictdb_attached' AND p.proname = format('rows_%s', p_attachment_id)::name
+                         AND pg_get_userbyid(p.proowner) = current_user);
+END;
+COMMENT ON FUNCTION _is_mine(bigint) IS
+'Whether the current role owns the function that reads an attached table: nobody else runs it, or can replace it.';
 
 CREATE OR REPLACE FUNCTION _short_identity(p_identity text) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -58,7 +65,7 @@ CREATE OR REPLACE FUNCTION _attachments_to_follow(p_scene text, p_try_again bool
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY SELECT a.attachment_id FROM attachment a
-        WHERE a.scene_id = _scene_id(p_scene)
+        WHERE a.scene_id = _scene_id(p_scene) AND _is_mine(a.attachment_id)
           AND (p_try_again OR NOT _has_just_failed(a))
           AND (NOT _is_compared(a) OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
                OR EXISTS (SELECT FROM _drifted_objects(a.attachment_id)))
@@ -66,22 +73,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
-'The attachments of a scene whose rows changed, or are to be compared. Those that failed within the last minute only '
-'if they are to be tried again.';
-
-CREATE OR REPLACE FUNCTION _attached_work(
-    p_attachment_id bigint, OUT turn bigint, OUT change_ids bigint[], OUT is_full boolean
-)
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT a.turn, coalesce(q.change_ids, '{}'), NOT _is_compared(a) OR coalesce(q.is_full, false)
-    FROM attachment a CROSS JOIN LATERAL (
-        SELECT array_agg(c.attached_change_id) AS change_ids, bool_or(c.identities IS NULL) AS is_full
-        FROM attached_change c WHERE c.attachment_id = a.attachment_id) q
-    WHERE a.attachment_id = p_attachment_id;
-END;
-COMMENT ON FUNCTION _attached_work(bigint) IS
-'What there is to do for an attachment: notes of changes, and whether to compare all rows.';
+'The attachments of a scene, made by the current role, whose rows changed or are to be compared. Those that failed '
+'within the last minute only if p_try_again.';
 
 CREATE OR REPLACE FUNCTION _attached_rows(
     p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text
@@ -122,8 +115,7 @@ END
 $$;
 COMMENT ON FUNCTION _attached_rows(bigint, bigint[], boolean, text) IS
 'The rows of an attached table that changed, by the notes given or by comparison of all, and a row for each identity '
-'asked for: one without others is gone. p_how: rows, or carefully: what fails is told in error. In a transaction that '
-'is READ ONLY and rolled back.';
+'asked for: one without others is gone. p_how: rows, or carefully: row by row, with the reason of each that fails.';
 
 CREATE OR REPLACE FUNCTION _combined_hash(p_sum numeric) RETURNS bigint
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -144,7 +136,7 @@ LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT extract(epoch FROM min(greatest(a.compared_at + a.every, a.failed_at + interval '1 minute')) - now())
            ::double precision
-    FROM attachment a;
+    FROM attachment a WHERE _is_mine(a.attachment_id);
 END;
 COMMENT ON FUNCTION _seconds_to_comparison() IS
-'After how many seconds the next attached table is to be compared; null if none is attached.';
+'After how many seconds the next table that the current role attached is to be compared; null if there is none.';

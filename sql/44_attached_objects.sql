@@ -169,7 +169,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_attachment.object_kind = 0 THEN
         DELETE FROM area a USING pg_temp.attached_item i
-            WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id;
+            WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id AND a.scene_id = p_attachment.scene_id;
         WITH new AS (
             SELECT i.object_id, i.key, s.name, _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
                    _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at) AS active_span, s.floor_m,
@@ -180,7 +180,7 @@ BEGIN
             UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
                               ceiling_m = n.ceiling_m, properties = n.properties
             FROM new n
-            WHERE a.area_id = n.object_id
+            WHERE a.area_id = n.object_id AND a.scene_id = p_attachment.scene_id
               AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties)
                   IS DISTINCT FROM
                   (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties)
@@ -191,7 +191,7 @@ BEGIN
             FROM new n WHERE n.object_id IS NULL;
     ELSE
         DELETE FROM track t USING pg_temp.attached_item i
-            WHERE i.n BETWEEN p_first AND p_last AND t.track_id = i.former_id;
+            WHERE i.n BETWEEN p_first AND p_last AND t.track_id = i.former_id AND t.scene_id = p_attachment.scene_id;
         WITH new AS (
             SELECT n.* FROM _staged_tracks(p_attachment.map ? 'position', p_attachment.map ? 'times', p_first, p_last) n
         ), changed AS (
@@ -199,7 +199,7 @@ BEGIN
                                grow_mps = n.grow_mps, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
                                floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties
             FROM new n
-            WHERE t.track_id = n.object_id
+            WHERE t.track_id = n.object_id AND t.scene_id = p_attachment.scene_id
               AND (t.name, t.path, t.outline, t.outlines, t.grow_mps, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m,
                    t.properties)
                   IS DISTINCT FROM
@@ -261,8 +261,7 @@ COMMENT ON FUNCTION _put_attached_by_halves(attachment, bigint) IS
 'Makes objects of all items that can be, and notes the reason of each that cannot.';
 
 CREATE OR REPLACE FUNCTION _take_over_attached(
-    p_attachment_id bigint, p_turn bigint, p_change_ids bigint[], p_is_full boolean,
-    OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
+    p_attachment attachment, p_change_ids bigint[], OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_nestloop = on SET jit = off AS $$
@@ -270,18 +269,10 @@ DECLARE
     -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
     c_few CONSTANT bigint := 1000;
     c_too_long CONSTANT text := 'key: its columns must hold at most 1000 bytes';
-    v_attachment attachment%ROWTYPE;
 BEGIN
     mapped := 0; removed := 0; unmapped := 0;
-    UPDATE attachment a SET turn = a.turn + 1, failed_at = NULL, error = NULL,
-                            compared_at = CASE WHEN p_is_full THEN now() ELSE a.compared_at END
-        WHERE a.attachment_id = p_attachment_id AND a.turn = p_turn RETURNING a.* INTO v_attachment;
-    is_done := FOUND;
-    IF NOT is_done THEN
-        RETURN; -- Somebody else was quicker, or has detached the table.
-    END IF;
     -- As loads of one scene: one after the other.
-    PERFORM FROM scene s WHERE s.scene_id = v_attachment.scene_id FOR NO KEY UPDATE;
+    PERFORM FROM scene s WHERE s.scene_id = p_attachment.scene_id FOR NO KEY UPDATE;
     UPDATE pg_temp.staged_attached s SET identity = _short_identity(s.identity), error = c_too_long
         WHERE octet_length(s.identity) > 1000;
     ANALYZE pg_temp.staged_attached;
@@ -293,44 +284,46 @@ BEGIN
                CASE WHEN s.rows = 0 THEN NULL
                     WHEN s.error IS NOT NULL THEN s.error
                     WHEN s.is_keyless THEN 'key: is null'
-                    WHEN NOT v_attachment.map ? 'position' AND s.rows > 1
+                    WHEN NOT p_attachment.map ? 'position' AND s.rows > 1
                         THEN format('key: %s rows of the table have it', s.rows)
-                    WHEN v_attachment.map ? 'position' AND s.is_timeless THEN 'time: is null in a row' END,
+                    WHEN p_attachment.map ? 'position' AND s.is_timeless THEN 'time: is null in a row' END,
                false, o.object_id
         FROM (SELECT x.identity, _combined_hash(sum(x.hash)) AS hash, count(*) FILTER (WHERE NOT x.is_asked) AS rows,
                      min(x.key) AS key, min(x.error) AS error, bool_or(x.key IS NULL AND NOT x.is_asked) AS is_keyless,
                      bool_or(x.at IS NULL AND NOT x.is_asked) AS is_timeless
               FROM pg_temp.staged_attached x GROUP BY x.identity) s
-        LEFT JOIN attached_object o ON o.attachment_id = p_attachment_id AND o.identity = s.identity;
+        LEFT JOIN attached_object o ON o.attachment_id = p_attachment.attachment_id AND o.identity = s.identity;
     ANALYZE pg_temp.attached_item;
 
     -- Rows that are gone; first, because others may have their keys now.
     DELETE FROM area a USING pg_temp.attached_item i
-        WHERE v_attachment.object_kind = 0 AND i.rows = 0 AND a.area_id = i.former_id;
+        WHERE p_attachment.object_kind = 0 AND i.rows = 0 AND a.area_id = i.former_id
+              AND a.scene_id = p_attachment.scene_id;
     GET DIAGNOSTICS removed = ROW_COUNT;
-    IF v_attachment.object_kind = 1 THEN
-        DELETE FROM track t USING pg_temp.attached_item i WHERE i.rows = 0 AND t.track_id = i.former_id;
+    IF p_attachment.object_kind = 1 THEN
+        DELETE FROM track t USING pg_temp.attached_item i WHERE i.rows = 0 AND t.track_id = i.former_id
+            AND t.scene_id = p_attachment.scene_id;
         GET DIAGNOSTICS removed = ROW_COUNT;
     END IF;
     DELETE FROM attached_object o USING pg_temp.attached_item i
-        WHERE o.attachment_id = p_attachment_id AND o.identity = i.identity AND i.rows = 0;
+        WHERE o.attachment_id = p_attachment.attachment_id AND o.identity = i.identity AND i.rows = 0;
     DELETE FROM pg_temp.attached_item i WHERE i.rows = 0;
 
     -- An object that has the key already is this row's own, or the key is taken.
     UPDATE pg_temp.attached_item i SET object_id = i.former_id, former_id = NULL
-        WHERE EXISTS (SELECT FROM area a WHERE v_attachment.object_kind = 0 AND a.area_id = i.former_id
-                      AND a.scene_id = v_attachment.scene_id AND a.key = i.key)
-           OR EXISTS (SELECT FROM track t WHERE v_attachment.object_kind = 1 AND t.track_id = i.former_id
-                      AND t.scene_id = v_attachment.scene_id AND t.key = i.key);
+        WHERE EXISTS (SELECT FROM area a WHERE p_attachment.object_kind = 0 AND a.area_id = i.former_id
+                      AND a.scene_id = p_attachment.scene_id AND a.key = i.key)
+           OR EXISTS (SELECT FROM track t WHERE p_attachment.object_kind = 1 AND t.track_id = i.former_id
+                      AND t.scene_id = p_attachment.scene_id AND t.key = i.key);
     UPDATE pg_temp.attached_item i
         SET is_taken = true, reason = 'key: is taken by an object of the scene that is not attached'
         WHERE i.reason IS NULL AND i.object_id IS NULL
-          AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_attachment.scene_id AND k.key = i.key);
+          AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = p_attachment.scene_id AND k.key = i.key);
     IF FOUND THEN
         UPDATE pg_temp.attached_item i SET reason = 'key: is taken by a row of ' || h.holder
             FROM (SELECT o.key, min(format('%I.%I', a.table_schema, a.table_name)) AS holder
                   FROM attached_object o JOIN attachment a USING (attachment_id)
-                  WHERE a.scene_id = v_attachment.scene_id AND o.object_id IS NOT NULL GROUP BY o.key) h
+                  WHERE a.scene_id = p_attachment.scene_id AND o.object_id IS NOT NULL GROUP BY o.key) h
             WHERE i.is_taken AND i.key = h.key;
     END IF;
     UPDATE pg_temp.attached_item i SET is_taken = true, reason = 'key: another row of the table has it too'
@@ -344,22 +337,23 @@ BEGIN
         WHERE i.identity = d.identity;
     SELECT count(i.n) INTO mapped FROM pg_temp.attached_item i;
     IF mapped > 0 THEN
-        PERFORM _put_attached_by_halves(v_attachment, mapped);
+        PERFORM _put_attached_by_halves(p_attachment, mapped);
     END IF;
     INSERT INTO attached_object AS o (attachment_id, identity, hash, key, reason, is_taken)
-        SELECT p_attachment_id, i.identity, i.hash, left(i.key, 1000), i.reason, i.is_taken
+        SELECT p_attachment.attachment_id, i.identity, i.hash, left(i.key, 1000), i.reason, i.is_taken
         FROM pg_temp.attached_item i WHERE i.reason IS NOT NULL
         ON CONFLICT (attachment_id, identity) DO UPDATE
             SET hash = excluded.hash, key = excluded.key, reason = excluded.reason, is_taken = excluded.is_taken,
                 since = CASE WHEN o.reason IS NULL THEN excluded.since ELSE o.since END;
     GET DIAGNOSTICS unmapped = ROW_COUNT;
     SELECT mapped - count(*) INTO mapped FROM pg_temp.attached_item i WHERE i.n IS NOT NULL AND i.reason IS NOT NULL;
-    DELETE FROM attached_change q WHERE q.attached_change_id = ANY (p_change_ids);
+    DELETE FROM attached_change q
+        WHERE q.attached_change_id = ANY (p_change_ids) AND q.attachment_id = p_attachment.attachment_id;
 END
 $$;
-COMMENT ON FUNCTION _take_over_attached(bigint, bigint, bigint[], boolean) IS
-'Brings the objects of an attachment in step with the rows that are staged; counts objects that were made or found as '
-'they should be, removed, and rows that cannot be mapped. Does nothing if somebody else did it since p_turn was read.';
+COMMENT ON FUNCTION _take_over_attached(attachment, bigint[]) IS
+'Brings the objects of an attachment in step with the staged rows; counts objects that were made or found unchanged, '
+'objects removed, and rows that cannot be mapped. Touches objects of the attachment''s scene alone.';
 
 -- Other settings may take what was refused under the ones before.
 
@@ -374,7 +368,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_resettled() IS
-'Trigger: with another motion or centre, rows of attached tables that could not be mapped are tried again.';
+'Trigger: with another motion or centre, rows of attached tables that could not be mapped are tried again. Runs as '
+'its owner. Restricted to attachments of the changed scene.';
 
 CREATE OR REPLACE TRIGGER scene_resettled AFTER UPDATE ON scene
     FOR EACH ROW

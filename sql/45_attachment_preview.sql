@@ -45,7 +45,7 @@ BEGIN
             v_where := (_map_expression('', 'where', p_table, p_map ->> 'where', 'boolean'::regtype)).expression;
         END IF;
         v_would := ARRAY[
-            format('create function conflictdb_attached.rows_%s, which reads %s with the rights of role %I',
+            format('create function conflictdb_attached.rows_%1$s, by which role %3$I, and no other, reads %2$s',
                    v_attachment.attachment_id, p_table, current_user),
             CASE WHEN v_attachment.has_triggers
                  THEN (SELECT format('create triggers conflictdb_%s_… on %s', v_attachment.attachment_id,
@@ -63,7 +63,7 @@ BEGIN
         EXECUTE format('INSERT INTO pg_temp.staged_attached '
                        'SELECT r.* FROM conflictdb_attached.rows_%s($1, ''carefully'') r', v_attachment.attachment_id)
             USING v_identities;
-        PERFORM _take_over_attached(v_attachment.attachment_id, 0, '{}', false);
+        PERFORM _take_over_attached(v_attachment, '{}');
         v_objects := ARRAY(SELECT f.feature FROM (
                            SELECT a.key, _area_feature(a)::text
                            FROM attached_object o JOIN area a ON a.area_id = o.object_id

@@ -11,13 +11,16 @@ BEGIN
     RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
            AND NOT EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
                            WHERE a.scene_id = p_scene_id)
+           AND NOT EXISTS (SELECT FROM attachment a
+                           WHERE a.scene_id = p_scene_id AND _attachment_remark(a) IS NOT NULL)
            AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
                 OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
                    AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));
 END
 $$;
 COMMENT ON FUNCTION _is_current(bigint) IS
-'Whether nothing of a scene, neither object nor setting, changed since its last detection that succeeded.';
+'Whether nothing of a scene, neither object nor setting nor attached table, changed since its last detection that '
+'succeeded. False also where changes of an attached table would not be noticed.';
 
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
@@ -52,7 +55,8 @@ COMMENT ON COLUMN scenes.last_run_id IS 'Its last detection, also one that faile
 COMMENT ON COLUMN scenes.last_run_at IS 'When that ended; null if there was none.';
 COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not, or there was none.';
 COMMENT ON COLUMN scenes.is_current IS
-'Whether its conflicts are complete: nothing changed since its last detection that succeeded.';
+'Whether its conflicts are complete: nothing changed since its last detection that succeeded, and changes of attached '
+'tables are noticed.';
 COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
 
 CREATE OR REPLACE VIEW queue WITH (security_invoker = true) AS
@@ -106,6 +110,9 @@ BEGIN
              ELSE 'never detected: ' || v_waits END,
         CASE WHEN EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
                           WHERE a.scene_id = v_scene_id) THEN 'changes of an attached table wait to be taken over' END,
+        (SELECT string_agg(format('%I.%I: %s', a.table_schema, a.table_name, _attachment_remark(a)), '; '
+                           ORDER BY a.attachment_id)
+         FROM attachment a WHERE a.scene_id = v_scene_id AND _attachment_remark(a) IS NOT NULL),
         CASE WHEN v_unmapped > 0 THEN v_unmapped || CASE v_unmapped WHEN 1 THEN ' row of an attached table is' ELSE
             ' rows of attached tables are' END || ' left out (view unmapped)' END,
         'an attached table cannot be read: ' || (SELECT a.error FROM attachment a WHERE a.scene_id = v_scene_id

@@ -61,43 +61,34 @@ END;
 COMMENT ON FUNCTION _prune_probes(name) IS
 'Removes the requests of a role, or of all (null), that are older than an hour, with their answers.';
 
-CREATE OR REPLACE FUNCTION request_probe(
-    p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
-    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL, p_key text DEFAULT NULL
-) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION _check_area_probe(
+    p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
-    v_probe_id bigint;
+    c_who CONSTANT text := 'what is asked about';
 BEGIN
     PERFORM _check_place(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
     IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
-        PERFORM _refuse('ZC001', 'what is asked about', 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        PERFORM _refuse('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
-    PERFORM _prune_probes(current_user);
-    INSERT INTO probe_request (scene_id, object_kind, key, footprint, active_span, floor_m, ceiling_m)
-        VALUES (v_scene_id, 0, p_key, ST_Multi(ST_Force2D(p_footprint)),
-                _half_open(coalesce(p_active_span, tstzrange(NULL, NULL))), p_floor_m, p_ceiling_m)
-        RETURNING probe_id INTO v_probe_id;
-    PERFORM pg_notify('conflictdb_request', '');
-    RETURN v_probe_id;
+    -- Infinite instants have no number of microseconds.
+    IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
+        PERFORM _refuse('ZC003', c_who, 'span', 'must not begin or end for ever', 'span_finite');
+    END IF;
 END
 $$;
-COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text) IS
-'Asks the workers what an area like this (longitude and latitude, SRID 4326; [start, end); metres; null is unbounded) '
-'would be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
-'committed. p_key: the object that it would replace, which is left out.';
+COMMENT ON FUNCTION _check_area_probe(geometry, tstzrange, double precision, double precision) IS
+'Refuses a question about an area that a worker could not read.';
 
-CREATE OR REPLACE FUNCTION request_track_probe(
-    p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
-    p_ceiling_m double precision DEFAULT NULL, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL
-) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION _check_track_probe(
+    p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision,
+    p_grow_mps double precision
+) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     c_who CONSTANT text := 'what is asked about';
-    v_scene_id bigint := _scene_id(p_scene);
-    v_probe_id bigint;
 BEGIN
     IF p_path IS NULL OR GeometryType(p_path) <> 'LINESTRINGM' OR ST_IsEmpty(p_path) THEN
         PERFORM _refuse('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
@@ -112,18 +103,94 @@ BEGIN
                         'rectangle_outline() makes one.');
     END IF;
     PERFORM _check_size(c_who, 'path', ST_NPoints(p_path), 'max_waypoints');
-    -- What else is wrong with it the worker tells; times that are no numbers would not get there.
-    IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' THEN
+    PERFORM _check_size(c_who, 'outline', ST_NPoints(p_outline), 'max_vertices');
+    -- The worker checks the rest; times that are no numbers would not get there.
+    IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' OR NOT ST_Length(p_path) < 'infinity' THEN
         PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
     END IF;
-    PERFORM _check_coordinates(c_who, 'path', p_path, v_scene_id);
+    PERFORM _check_coordinates(c_who, 'path', p_path, p_scene_id);
     PERFORM _check_times(c_who, p_path);
     PERFORM _check_heights(c_who, p_floor_m, p_ceiling_m);
+END
+$$;
+COMMENT ON FUNCTION _check_track_probe(bigint, geometry, geometry, double precision, double precision,
+                                       double precision) IS
+'Refuses a question about a track that a worker could not read.';
+
+-- A reader may write the row of a question without the functions below, so each row is checked as it is stored.
+
+CREATE OR REPLACE FUNCTION _before_probe_request() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_who CONSTANT text := 'what is asked about';
+    -- Of one role: more would keep others waiting, and fill the table.
+    c_most_waiting CONSTANT integer := 1000;
+BEGIN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
+        PERFORM _refuse('ZC013', c_who, 'answered_at', 'is for workers to say', 'probe_unanswered');
+    END IF;
+    NEW.asked_at := now();
+    IF NEW.object_kind = 0 THEN
+        PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
+        NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
+        NEW.active_span := tstzrange(nullif(lower(NEW.active_span), '-infinity'),
+                                     nullif(upper(NEW.active_span), 'infinity'));
+    ELSE
+        PERFORM _check_track_probe(NEW.scene_id, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps);
+    END IF;
+    IF (SELECT count(*) FROM (SELECT FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
+                              LIMIT c_most_waiting) w) >= c_most_waiting THEN
+        PERFORM _refuse('ZC017', c_who, 'probe_request',
+                        format('%s questions of role %I wait already', c_most_waiting, NEW.asked_by),
+                        'probe_request_few', 'Is a worker running? Wait for its answers.');
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_probe_request() IS
+'Trigger: refuses a question that a worker could not read, and more than 1,000 of one role that wait.';
+CREATE OR REPLACE TRIGGER probe_request_checked BEFORE INSERT ON probe_request
+    FOR EACH ROW EXECUTE FUNCTION _before_probe_request();
+ALTER TABLE probe_request ENABLE ALWAYS TRIGGER probe_request_checked;
+
+CREATE OR REPLACE FUNCTION request_probe(
+    p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL, p_key text DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_probe_id bigint;
+BEGIN
+    PERFORM _check_area_probe(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
+    PERFORM _prune_probes(current_user);
+    INSERT INTO probe_request (scene_id, object_kind, key, footprint, active_span, floor_m, ceiling_m)
+        VALUES (v_scene_id, 0, p_key, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m)
+        RETURNING probe_id INTO v_probe_id;
+    PERFORM _wake_workers();
+    RETURN v_probe_id;
+END
+$$;
+COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text) IS
+'Asks the workers what an area like this (longitude and latitude, SRID 4326; [start, end); metres; null is unbounded) '
+'would be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
+'committed. p_key: the object that it would replace, which is left out.';
+
+CREATE OR REPLACE FUNCTION request_track_probe(
+    p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
+    p_ceiling_m double precision DEFAULT NULL, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_probe_id bigint;
+BEGIN
+    PERFORM _check_track_probe(v_scene_id, p_path, p_outline, p_floor_m, p_ceiling_m, p_grow_mps);
     PERFORM _prune_probes(current_user);
     INSERT INTO probe_request (scene_id, object_kind, key, path, outline, floor_m, ceiling_m, grow_mps)
         VALUES (v_scene_id, 1, p_key, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, coalesce(p_grow_mps, 0))
         RETURNING probe_id INTO v_probe_id;
-    PERFORM pg_notify('conflictdb_request', '');
+    PERFORM _wake_workers();
     RETURN v_probe_id;
 END
 $$;
@@ -221,27 +288,48 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'What wait_for_probe re
 
 -- What a worker does of it.
 
-CREATE OR REPLACE FUNCTION _next_probe(
-    OUT probe_id bigint, OUT scene_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
-    OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
-    OUT floor_m double precision, OUT ceiling_m double precision
-) RETURNS SETOF record
+CREATE OR REPLACE FUNCTION _next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
-        SELECT p.probe_id, p.scene_id, p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
-               (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
-               (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
-               ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
-        FROM probe_request p
+        SELECT p.probe_id, p.scene_id FROM probe_request p
         WHERE p.answered_at IS NULL
-        -- The scene that was answered longest ago comes first: no scene's questions hold up those of others.
-        ORDER BY (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST, p.probe_id
+        -- What failed comes after all else, and the scene and role that waited longest for an answer first.
+        ORDER BY p.failures,
+                 (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
+                 (SELECT max(q.answered_at) FROM probe_request q WHERE q.asked_by = p.asked_by) NULLS FIRST, p.probe_id
         LIMIT 1 FOR UPDATE SKIP LOCKED;
 END
 $$;
 COMMENT ON FUNCTION _next_probe() IS
 'The request to answer next that nobody else works on, if there is one; locked until the transaction ends.';
+
+CREATE OR REPLACE FUNCTION _probe_request(
+    p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
+    OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
+    OUT floor_m double precision, OUT ceiling_m double precision
+)
+LANGUAGE sql STABLE STRICT
+BEGIN ATOMIC
+    SELECT p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
+           (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
+           (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
+           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
+    FROM probe_request p WHERE p.probe_id = p_probe_id;
+END;
+COMMENT ON FUNCTION _probe_request(bigint) IS 'What a request asks: geometries as WKB, microseconds since 1970.';
+
+CREATE OR REPLACE FUNCTION _probe_failed(p_probe_id bigint, p_error text) RETURNS void
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    UPDATE probe_request p SET failures = p.failures + 1,
+        (answered_at, is_current, error) = (
+            SELECT clock_timestamp(), false, 'could not be answered in three attempts: ' || p_error
+            WHERE p.failures >= 2)
+    WHERE p.probe_id = p_probe_id;
+END;
+COMMENT ON FUNCTION _probe_failed(bigint, text) IS
+'Counts a failure of a worker to answer a request; the third is the answer, so that no request is tried for ever.';
 
 CREATE OR REPLACE FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
 RETURNS void
@@ -300,6 +388,7 @@ COMMENT ON COLUMN probe_request.ceiling_m IS 'Height below which it stays, metre
 COMMENT ON COLUMN probe_request.answered_at IS 'When it was answered; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether nothing of the scene waited for detection then; null while it is not answered.';
+COMMENT ON COLUMN probe_request.failures IS 'How often workers failed to answer it; the third time it is refused.';
 COMMENT ON COLUMN probe_request.error IS 'Why it cannot be answered; null if it can.';
 
 COMMENT ON TABLE probe_reply IS

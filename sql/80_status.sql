@@ -154,13 +154,13 @@ BEGIN ATOMIC
           SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
-                AND NOT _has_just_failed(a)) p
+                AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)) p
     JOIN scene s USING (scene_id)
     GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;
 COMMENT ON FUNCTION _waiting_scenes() IS
-'Scenes with objects, or rows of attached tables, that wait for detection, the longest waiting first, and how long, '
-'in seconds.';
+'Scenes with objects, or rows of tables that the current role attached, that wait for detection, the longest waiting '
+'first, and how long, in seconds.';
 
 CREATE OR REPLACE FUNCTION _attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

@@ -37,8 +37,9 @@ $$;
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
 -- Who reads may ask; what somebody asked, nobody else but the workers sees (79_probes.sql).
-GRANT INSERT, DELETE ON probe_request TO conflictdb_reader;
-GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes TO conflictdb_reader;
+GRANT DELETE ON probe_request TO conflictdb_reader;
+GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes, _wake_workers
+    TO conflictdb_reader;
 
 -- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
 -- conflictdb.db.schema.missing_grants. In the script of an extension a grant would make all grants on that schema those
@@ -63,25 +64,49 @@ END
 $$;
 
 -- Editors change the input. Marks and keys are kept by triggers that run as their owner.
-GRANT INSERT, UPDATE, DELETE ON scene, area, track TO conflictdb_editor;
+GRANT DELETE ON scene, area, track, attachment, attached_change, attached_object, scene_share TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
-GRANT INSERT, UPDATE, DELETE ON attachment, attached_change, attached_object TO conflictdb_editor;
+-- Column by column: only the database gives numbers and versions. An id ahead of its sequence would block the rows of
+-- others, and a first_version would claim the conflicts of a removed object.
+DO $$
+DECLARE
+    v_table regclass;
+    v_role text;
+    v_columns text;
+BEGIN
+    FOR v_table, v_role IN
+        SELECT t.name::regclass, t.role
+        FROM (VALUES ('scene', 'editor'), ('area', 'editor'), ('track', 'editor'), ('attachment', 'editor'),
+                     ('attached_change', 'editor'), ('attached_object', 'editor'), ('scene_share', 'editor'),
+                     ('probe_request', 'reader')) t (name, role) LOOP
+        SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_columns
+            FROM pg_catalog.pg_attribute a
+            WHERE a.attrelid = v_table AND a.attnum > 0 AND NOT a.attisdropped AND a.attidentity = ''
+                  AND NOT (v_table IN ('area'::regclass, 'track'::regclass)
+                           AND a.attname IN ('version', 'first_version'));
+        EXECUTE format('REVOKE INSERT, UPDATE ON %s FROM conflictdb_%s', v_table, v_role);
+        EXECUTE format('GRANT INSERT (%s) ON %s TO conflictdb_%s', v_columns, v_table, v_role);
+        IF v_role = 'editor' THEN
+            EXECUTE format('GRANT UPDATE (%s) ON %s TO conflictdb_editor', v_columns, v_table);
+        END IF;
+    END LOOP;
+END
+$$;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene,
                           _ensure_centre, _first_version, _begin_load, _load, _mark_all, share_scene, unshare_scene,
                           give_scene
     TO conflictdb_editor;
--- What they mark is detected again, which does no harm.
+-- What they mark is detected again, which does no harm: nothing depends on the version of a mark.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
--- Whose shares these are is seen to by row-level security.
-GRANT INSERT, UPDATE, DELETE ON scene_share TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
 -- Attaching a table, and taking its rows over. Who writes to the table needs nothing of this.
 GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
                           _close_attached_schema, _map_expression, _create_attached_rows,
-                          _create_attached_triggers, _create_note, _drop_note, _attached_rows,
+                          _create_attached_triggers, _create_note, _drop_attachment, _attached_rows,
                           _attachment_failed, _begin_attached, _staged_tracks, _put_attached, _put_attached_by_halves,
-                          _take_over_attached
+                          _take_over_attached, _follow_attachment, follow_attached
     TO conflictdb_editor;
+GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 
 -- Editors acknowledge, each in their own name and at the time it is.
 GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,

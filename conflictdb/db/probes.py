@@ -91,11 +91,12 @@ def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEM
 
 def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> bool:
     """Answer the request that is next; return whether there was one."""
-    request = None
+    number = None
     try:
         store.begin_snapshot(conn)
-        request = store.next_probe(conn)
-        if request is not None:
+        number = store.next_probe(conn)
+        if number is not None:
+            request = store.read_probe(conn, *number)
             plan = store.plan_of(request)
             found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
             store.answer_probe(conn, request, plan, found)
@@ -107,14 +108,15 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
         conn.rollback()
         if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
             return True  # another worker was quicker
-        if request is None:
+        if number is None:
             raise
-        if not isinstance(error, InvalidInput):
-            _log.warning("probe %d failed: %s", request.probe_id, error)
-        # Not again and again: who asked is told, and may ask anew.
         with store.transaction(conn):
-            store.refuse_probe(conn, request, str(error))
-    return request is not None
+            if isinstance(error, InvalidInput):
+                store.refuse_probe(conn, number[0], str(error))
+            else:
+                _log.warning("probe %d failed: %s", number[0], error)
+                store.probe_failed(conn, number[0], str(error))
+    return number is not None
 
 
 class _PlanSource:

@@ -33,8 +33,9 @@ _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
 # However often attached tables are to be compared.
 _LEAST_PAUSE_S: Final = 0.1
-# How often to look for changes where no notification arrives.
+# How often to look for changes where no notification arrives, and where who writes sends none.
 _DEAF_PAUSE_S: Final = 2.0
+_UNTOLD_PAUSE_S: Final = 0.25
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
 Report = Callable[[str, "detect.Run | Exception", float], None]
@@ -153,9 +154,8 @@ class Worker:
                     _check(connection)
                     every_s = self._listen(connection)
                     while True:
-                        self._round(connection, _SAY_BUSY_AFTER_S)
+                        self._turn(connection, every_s)
                         pauses = _pauses(_LONGEST_PAUSE_S)
-                        store.wait_for_change(connection, self._pause_s(connection, every_s))
             except (SchemaError, ReadOnlyDatabase):
                 raise
             except (ConflictDBError, psycopg.Error) as error:
@@ -163,6 +163,19 @@ class Worker:
                 self.say(f"lost the database, connecting again: {_reason(error)}")
             connection = self._reconnected(pauses)
             self.say("connected again")
+
+    def _turn(self, connection: "psycopg.Connection[Any]", every_s: float) -> None:
+        """Detect what changed, and wait for more; raises if the connection is lost, and after no other error."""
+        try:
+            self._round(connection, _SAY_BUSY_AFTER_S)
+            pause_s = self._pause_s(connection, every_s)
+        except (SchemaError, ReadOnlyDatabase):
+            raise
+        except (ConflictDBError, psycopg.Error) as error:
+            _recover(connection, error)
+            self.say(f"cannot look for changes, trying again: {_reason(error)}")
+            pause_s = _BUSY_PAUSE_S
+        store.wait_for_change(connection, pause_s)
 
     def _pause_s(self, connection: "psycopg.Connection[Any]", every_s: float) -> float:
         """Return when to look again at the latest, seconds: a scene is busy or failed, or a table is to be compared."""
@@ -178,7 +191,7 @@ class Worker:
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
         """Listen for changes; return how often to look for them without being told, seconds."""
         if store.listen(connection, self.connect):
-            return self.every_s
+            return self.every_s if store.writers_notify(connection) else min(self.every_s, _UNTOLD_PAUSE_S)
         if not self._deafness_is_said:
             self._deafness_is_said = True
             self.say(

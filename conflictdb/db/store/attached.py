@@ -1,11 +1,10 @@
-"""Tables of others that are attached to scenes: attach, detach, and take over rows that changed."""
+"""Tables of others that are attached to scenes: attach, detach, follow."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from tempfile import SpooledTemporaryFile
-from typing import IO, Any, Final, cast
+from typing import Any, Final
 
 import psycopg
 from psycopg.types.json import Jsonb
@@ -17,16 +16,12 @@ from conflictdb.db.store.connection import (
     require_idle,
     require_writable,
     transaction,
-    translated,
 )
 from conflictdb.errors import ConflictDBError, InvalidInput
 
-# Rows that are read are kept so far in memory, the rest in a temporary file, until they are written.
-_IN_MEMORY_BYTES: Final = 64_000_000
-# What is foreign code must come to an end, also if somebody has locked the table.
+# A map must come to an end, also if somebody has locked the table.
 _READ_WITHIN: Final = "10min"
 _LOCK_WITHIN: Final = "10s"
-_BLOCK_BYTES: Final = 65_536
 _WRONG_NAMES: Final = (
     psycopg.errors.UndefinedTable,
     psycopg.errors.InvalidName,
@@ -85,29 +80,6 @@ class AttachmentPreview:
     unmapped: list[str]
 
 
-@dataclass(frozen=True, slots=True)
-class AttachedWork:
-    """What there is to do for an attachment, as the transaction sees it.
-
-    turn : how often rows were taken over before
-    change_ids : notes of changes that are to be done with
-    is_full : whether all rows are compared
-    """
-
-    turn: int
-    change_ids: list[int]
-    is_full: bool
-
-
-@dataclass(frozen=True, slots=True)
-class TakenOver:
-    """What became of rows of an attached table: objects made or found right, objects removed, rows left out."""
-
-    mapped: int
-    removed: int
-    unmapped: int
-
-
 def attach(
     conn: psycopg.Connection[Any], scene: str, kind: str, table: str, mapped: Mapping[str, str], every: timedelta | None
 ) -> int:
@@ -152,7 +124,7 @@ def unmapped(conn: psycopg.Connection[Any], scene: str) -> list[Unmapped]:
 
 
 def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> list[int]:
-    """Return the attachments of a scene whose rows changed or are to be compared.
+    """Return the attachments of a scene, made by the connected role, whose rows changed or are to be compared.
 
     again : also those that failed within the last minute
     """
@@ -160,37 +132,18 @@ def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: b
         return [number for (number,) in call_many(conn, "_attachments_to_follow", scene, again)]
 
 
-def read_attached(
-    conn: psycopg.Connection[Any], attachment_id: int, rows: IO[bytes], *, carefully: bool
-) -> AttachedWork:
-    """Write the rows that changed to a file, as COPY has them in binary, and return what is done with them.
+def follow_attachment(conn: psycopg.Connection[Any], attachment_id: int) -> str | None:
+    """Make objects of the rows of an attached table that changed, in one transaction.
 
-    Runs code of whoever attached the table, in a transaction that is rolled back: neither its settings nor anything
-    else of it lasts.
-
-    carefully : one row after the other, so that one that cannot be mapped says why, and the others come all the same
+    Runs the table's map, so it does nothing for a table that another role attached. Returns why the table cannot be
+    read, None if it can. Raises StoreError if that takes longer than allowed, and nothing is changed.
     """
-    with _rolled_back(conn):
-        work = AttachedWork(*call(conn, "_attached_work", attachment_id))
-        query = b"COPY (SELECT * FROM conflictdb._attached_rows(%s, %s, %s, %s)) TO STDOUT (FORMAT BINARY)"
-        arguments = (attachment_id, work.change_ids, work.is_full, "carefully" if carefully else "rows")
-        with translated(), conn.cursor() as cursor, cursor.copy(query, arguments) as copy:
-            for block in copy:
-                rows.write(block)
-    return work
-
-
-def take_over_attached(
-    conn: psycopg.Connection[Any], attachment_id: int, work: AttachedWork, rows: IO[bytes]
-) -> TakenOver | None:
-    """Make objects of rows that `read_attached` wrote, in one transaction; None if somebody else was quicker."""
+    require_idle(conn, "following an attached table")
     with transaction(conn):
-        call(conn, "_begin_attached")
-        with conn.cursor() as cursor, cursor.copy(b"COPY pg_temp.staged_attached FROM STDIN (FORMAT BINARY)") as copy:
-            while block := rows.read(_BLOCK_BYTES):
-                copy.write(block)
-        is_done, *counts = call(conn, "_take_over_attached", attachment_id, work.turn, work.change_ids, work.is_full)
-    return TakenOver(*counts) if is_done else None
+        limits = "SELECT set_config('statement_timeout', %s, true), set_config('lock_timeout', %s, true)"
+        conn.execute(limits.encode(), (_READ_WITHIN, _LOCK_WITHIN), prepare=False)
+        error = call(conn, "_follow_attachment", attachment_id)[-1]
+    return None if error is None else str(error)
 
 
 def attachment_failed(conn: psycopg.Connection[Any], attachment_id: int, error: str) -> None:
@@ -200,36 +153,10 @@ def attachment_failed(conn: psycopg.Connection[Any], attachment_id: int, error: 
 
 
 def seconds_to_comparison(conn: psycopg.Connection[Any]) -> float | None:
-    """Return after how many seconds the next attached table is to be compared; None if none is attached."""
+    """Return after how many seconds the next table of the connected role is to be compared; None: none is attached."""
     with transaction(conn):
         found = call(conn, "_seconds_to_comparison")[0]
     return None if found is None else float(found)
-
-
-def kept_rows() -> IO[bytes]:
-    """Return a file for rows between two transactions: in memory, unless there are very many."""
-    return cast("IO[bytes]", SpooledTemporaryFile(max_size=_IN_MEMORY_BYTES))
-
-
-@contextmanager
-def _rolled_back(conn: psycopg.Connection[Any]) -> Iterator[None]:
-    """Read on one snapshot, change nothing, and leave nothing in the session."""
-    require_idle(conn, "reading an attached table")
-    begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
-    try:
-        with translated():
-            conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ READ ONLY".encode(), prepare=False)
-            conn.execute(
-                f"SELECT set_config('statement_timeout', '{_READ_WITHIN}', true), "
-                f"set_config('lock_timeout', '{_LOCK_WITHIN}', true), "
-                "set_config('client_encoding', 'UTF8', true)".encode(),
-                prepare=False,
-            )
-        yield
-    finally:
-        if not conn.closed:
-            with translated():
-                conn.rollback()
 
 
 @contextmanager

@@ -66,12 +66,15 @@ def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> d
     return {(kind, number): key for kind, number, key in call_many(conn, "_keys_of", scene_id, kind, number)}
 
 
-def next_probe(conn: psycopg.Connection[Any]) -> ProbeRequest | None:
-    """Return the request that is to be answered next, None if there is none; locked until the transaction ends."""
+def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
+    """Return the number and scene of the request to answer next, None if there is none; locks it in the transaction."""
     rows = call_many(conn, "_next_probe")
-    if not rows:
-        return None
-    probe_id, scene_id, kind, *rest = rows[0]
+    return (rows[0][0], rows[0][1]) if rows else None
+
+
+def read_probe(conn: psycopg.Connection[Any], probe_id: int, scene_id: int) -> ProbeRequest:
+    """Return what a request asks."""
+    kind, *rest = call(conn, "_probe_request", probe_id)
     return ProbeRequest(probe_id, scene_id, Kind.of_code(kind), *rest)
 
 
@@ -194,9 +197,14 @@ def answer_probe(
     call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows))
 
 
-def refuse_probe(conn: psycopg.Connection[Any], request: ProbeRequest, reason: str) -> None:
+def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
     """Write why a request cannot be answered."""
-    call(conn, "_answer_probe", request.probe_id, reason, "[]")
+    call(conn, "_answer_probe", probe_id, reason, "[]")
+
+
+def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
+    """Count a failure to answer a request; the third refuses it."""
+    call(conn, "_probe_failed", probe_id, reason)
 
 
 def _text(instant: datetime | None) -> str | None:

@@ -85,6 +85,14 @@ def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connecti
         return True
 
 
+def writers_notify(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether who changes something notifies the workers: not where transactions can be prepared. Commits."""
+    with translated():
+        row = conn.execute("SELECT current_setting('max_prepared_transactions') = '0'", prepare=False).fetchone()
+        conn.commit()
+    return row == (True,)
+
+
 def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
     """Return whether a notification that another connection sends arrives at an idle connection."""
     token = f"heard {uuid.uuid4()}"

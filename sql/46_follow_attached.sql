@@ -1,0 +1,158 @@
+-- Following attached tables: rows that changed become objects, in one transaction for each table.
+
+CREATE OR REPLACE FUNCTION _follow_attachment(
+    p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint,
+    OUT error text
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_attachment attachment%ROWTYPE;
+    v_change_ids bigint[];
+    v_is_full boolean;
+    v_how text;
+BEGIN
+    -- The lock of the row: sessions that follow one table come one after the other.
+    SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id FOR NO KEY UPDATE;
+    is_done := FOUND AND _is_mine(p_attachment_id);
+    IF NOT is_done THEN
+        RETURN;
+    END IF;
+    SELECT coalesce(array_agg(c.attached_change_id), '{}'),
+           NOT _is_compared(v_attachment) OR coalesce(bool_or(c.identities IS NULL), false)
+        INTO v_change_ids, v_is_full FROM attached_change c WHERE c.attachment_id = p_attachment_id;
+    -- All rows at once; if that fails, one by one, so that a row that fails stops no other.
+    FOREACH v_how IN ARRAY ARRAY['rows', 'carefully'] LOOP
+        BEGIN
+            PERFORM _begin_attached();
+            INSERT INTO pg_temp.staged_attached
+                SELECT r.* FROM _attached_rows(p_attachment_id, v_change_ids, v_is_full, v_how) r;
+            SELECT t.mapped, t.removed, t.unmapped INTO mapped, removed, unmapped
+                FROM _take_over_attached(v_attachment, v_change_ids) t;
+            error := NULL;
+            EXIT;
+        EXCEPTION WHEN OTHERS THEN
+            error := SQLERRM;
+        END;
+    END LOOP;
+    IF error IS NULL THEN
+        UPDATE attachment a SET turn = a.turn + 1, failed_at = NULL, error = NULL,
+                                compared_at = CASE WHEN v_is_full THEN now() ELSE a.compared_at END
+            WHERE a.attachment_id = p_attachment_id;
+    ELSE
+        PERFORM _attachment_failed(p_attachment_id, error);
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _follow_attachment(bigint) IS
+'Brings the objects of an attachment in step with its table: counts objects made or found unchanged, objects removed '
+'and rows that cannot be mapped, or says why the table cannot be read. Does nothing (is_done) for another role.';
+
+CREATE OR REPLACE FUNCTION follow_attached(p_scene text)
+RETURNS TABLE ("table" text, mapped bigint, removed bigint, unmapped bigint, error text)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Keys that the first round frees, the second gives to rows that waited for them.
+    c_rounds CONSTANT integer := 2;
+    v_attachment_id bigint;
+    v_round integer;
+BEGIN
+    PERFORM _scene_to_change(p_scene);
+    FOR v_round IN 1..c_rounds LOOP
+        FOR v_attachment_id IN SELECT f FROM _attachments_to_follow(p_scene, v_round = 1) f LOOP
+            RETURN QUERY SELECT format('%I.%I', a.table_schema, a.table_name), d.mapped, d.removed, d.unmapped, d.error
+                         FROM _follow_attachment(v_attachment_id) d JOIN attachment a ON a.attachment_id = v_attachment_id
+                         WHERE d.is_done;
+        END LOOP;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION follow_attached(text) IS
+'Brings the objects of a scene in step with the tables that the current role attached to it; returns a row for each '
+'table that changed: objects made or found unchanged, objects removed, rows that cannot be mapped (view unmapped), and '
+'why a table cannot be read. Detections and workers of that role do so by themselves; other roles, superusers too, '
+'never read the table.';
+
+-- Whether changes of a table are noticed: else its scene is not known to be current.
+
+CREATE OR REPLACE FUNCTION _attachment_remark(p_attachment attachment) RETURNS text
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_role text := (SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
+                    JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
+                    WHERE n.nspname = 'conflictdb_attached'
+                          AND p.proname = format('rows_%s', p_attachment.attachment_id)::name);
+BEGIN
+    RETURN CASE
+        WHEN v_role IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
+        WHEN NOT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                         WHERE n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name)
+            THEN 'there is no table of that name any more: detach it'
+        WHEN p_attachment.has_triggers AND NOT _is_watched(p_attachment.attachment_id, p_attachment.table_schema,
+                                                           p_attachment.table_name)
+            THEN 'triggers are missing or disabled, maybe on a new partition: detach, and attach again'
+        -- Twice: whoever follows it does so as soon as it is due.
+        WHEN NOT p_attachment.has_triggers AND (p_attachment.compared_at IS NULL
+                 OR p_attachment.compared_at < now() - 2 * p_attachment.every - interval '10 s')
+            THEN format('was compared last at %s: run a worker as role %I, or follow_attached(scene) every %s',
+                        coalesce(p_attachment.compared_at::text, 'no time'), v_role, p_attachment.every)
+        WHEN v_role <> current_user AND EXISTS (SELECT FROM attached_change q
+                                                WHERE q.attachment_id = p_attachment.attachment_id)
+            THEN format('changes wait for role %I: run a worker as that role, or follow_attached(scene)', v_role)
+        END;
+END
+$$;
+COMMENT ON FUNCTION _attachment_remark(attachment) IS
+'Why changes of an attached table may not be known; null if they are.';
+
+CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
+SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
+       format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
+       pg_catalog.pg_get_userbyid(p.proowner) AS role, a.has_triggers, a.every,
+       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.object_id IS NOT NULL)
+           AS objects,
+       (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.reason IS NOT NULL)
+           AS unmapped,
+       EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id) AS is_waiting,
+       a.compared_at, a.failed_at, a.error,
+       _attachment_remark(a) AS remark
+FROM attachment a JOIN scene s USING (scene_id)
+LEFT JOIN pg_catalog.pg_proc p ON p.proname = format('rows_%s', a.attachment_id)
+     AND p.pronamespace = (SELECT n.oid FROM pg_catalog.pg_namespace n WHERE n.nspname = 'conflictdb_attached');
+
+COMMENT ON VIEW attachments IS 'Tables that are attached to scenes, and how that goes.';
+COMMENT ON COLUMN attachments.scene IS 'Name of the scene.';
+COMMENT ON COLUMN attachments.attachment_id IS 'Number; names of triggers and of the function have it.';
+COMMENT ON COLUMN attachments.kind IS 'What its rows become: area or track.';
+COMMENT ON COLUMN attachments."table" IS 'The table, as SCHEMA.TABLE.';
+COMMENT ON COLUMN attachments.map IS 'The expressions of the fields, as they were given.';
+COMMENT ON COLUMN attachments.role IS
+'The role that attached it, with whose rights it is read; null if the function that reads is gone.';
+COMMENT ON COLUMN attachments.has_triggers IS 'Whether triggers note its changes.';
+COMMENT ON COLUMN attachments.every IS
+'How often all rows are compared: without triggers that is how changes are found.';
+COMMENT ON COLUMN attachments.objects IS 'How many objects of the scene are made of its rows.';
+COMMENT ON COLUMN attachments.unmapped IS 'How many could not be made, see the view unmapped.';
+COMMENT ON COLUMN attachments.is_waiting IS 'Whether changes of it that triggers noted are not objects yet.';
+COMMENT ON COLUMN attachments.compared_at IS 'When all its rows were last compared; null if they never were.';
+COMMENT ON COLUMN attachments.failed_at IS
+'When it could not be read at all, last; null if it could. It is tried again after a minute.';
+COMMENT ON COLUMN attachments.error IS 'Why it could not be read; null if it could.';
+COMMENT ON COLUMN attachments.remark IS 'What is wrong with it, beyond error; null if nothing is.';
+
+CREATE OR REPLACE VIEW unmapped WITH (security_invoker = true) AS
+SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
+       a.identity_columns, o.identity, o.key, o.reason, o.since, o.object_id IS NOT NULL AS is_kept
+FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)
+WHERE o.reason IS NOT NULL;
+
+COMMENT ON VIEW unmapped IS 'Rows of attached tables that are no objects, or not as they are now, and why.';
+COMMENT ON COLUMN unmapped.scene IS 'Name of the scene.';
+COMMENT ON COLUMN unmapped.attachment_id IS 'Number of the attachment.';
+COMMENT ON COLUMN unmapped."table" IS 'The table, as SCHEMA.TABLE.';
+COMMENT ON COLUMN unmapped.identity_columns IS 'The columns that tell its objects apart.';
+COMMENT ON COLUMN unmapped.identity IS 'What they hold in this row, as texts of an array.';
+COMMENT ON COLUMN unmapped.key IS 'The key that the object would have; null if there is none.';
+COMMENT ON COLUMN unmapped.reason IS 'Why it could not be made.';
+COMMENT ON COLUMN unmapped.since IS 'Since when that is so.';
+COMMENT ON COLUMN unmapped.is_kept IS
+'Whether the scene still holds the object as it last was: it stays until the row can be mapped again, or is gone.';
