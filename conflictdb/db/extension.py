@@ -60,6 +60,15 @@ END
 $$;
 """
 
+# Files that need no name of PostGIS find none in its schema, where users may have put some.
+_WITHOUT_POSTGIS: Final = """
+SELECT pg_catalog.set_config('conflictdb.path'::text, pg_catalog.current_setting('search_path'::text), true);
+SET LOCAL search_path = conflictdb, pg_temp;
+"""
+_WITH_POSTGIS: Final = """
+SELECT pg_catalog.set_config('search_path'::text, pg_catalog.current_setting('conflictdb.path'::text), true);
+"""
+
 # Functions of attached tables are made anew with the routines, which a script may only do with what belongs to it;
 # they belong to the database, which dumps them.
 _NOTES: Final = """
@@ -142,14 +151,17 @@ def install_directory(pg_config: str) -> Path:
 
 def _install_script() -> str:
     command = _ONLY_AS_EXTENSION.format(command="CREATE EXTENSION conflictdb")
-    return "".join([command, _REFUSE_BESIDE_INIT, _prepare(), schema.structure_sql(), _routines(), _DUMP_CONTENTS])
+    structure = schema.structure_sql()
+    refusals = [_REFUSE_BESIDE_INIT, schema.REFUSE_FOREIGN_SCHEMA]
+    return "".join([command, *refusals, _prepare(), structure, _routines(), _DUMP_CONTENTS])
 
 
 def _update_script(earlier: str) -> str:
     command = _ONLY_AS_EXTENSION.format(command=f"ALTER EXTENSION conflictdb UPDATE TO '{version()}'")
     notes = [_NOTES.format(action=action) for action in ("ADD", "DROP")]
     structure = schema.structure_sql(earlier)
-    return "".join([command, _prepare(), structure, notes[0], _routines(), notes[1], _DUMP_CONTENTS])
+    parts = [_prepare(), structure, notes[0], _routines(), notes[1], _DUMP_CONTENTS]
+    return "".join([command, schema.REFUSE_FOREIGN_SCHEMA, *parts])
 
 
 def _prepare() -> str:
@@ -158,4 +170,8 @@ def _prepare() -> str:
 
 
 def _routines() -> str:
-    return "\n".join([*(file.read_text(encoding="utf-8") for file in schema.routine_files()), schema.comment_sql()])
+    parts = []
+    for file in schema.routine_files():
+        text = file.read_text(encoding="utf-8")
+        parts += [_WITHOUT_POSTGIS, text, _WITH_POSTGIS] if schema.needs_no_postgis(file) else [text]
+    return "\n".join([*parts, schema.REFUSE_FOREIGN_NAMES, schema.comment_sql()])

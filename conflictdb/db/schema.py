@@ -45,7 +45,7 @@ WHERE a.pid <> pg_backend_pid()
   AND EXISTS (SELECT FROM pg_catalog.pg_locks l LEFT JOIN pg_catalog.pg_class c ON c.oid = l.relation
               WHERE l.pid = a.pid AND l.granted
                 AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
-                AND (c.relnamespace = to_regnamespace('conflictdb')
+                AND (c.relnamespace = to_regnamespace('conflictdb')::oid
                      OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
 ORDER BY a.xact_start, a.pid
 """
@@ -57,18 +57,132 @@ DECLARE
 BEGIN
     FOR v_one IN
         SELECT i.type, i.identity
-        FROM (SELECT 'pg_proc'::regclass AS class, p.oid FROM pg_catalog.pg_proc p
-              WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname !~ '^_note_[0-9]+$'
+        FROM (SELECT 'pg_proc'::regclass::oid AS class, p.oid FROM pg_catalog.pg_proc p
+              WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname::text !~ '^_note_[0-9]+$'::text
               UNION ALL
-              SELECT 'pg_class'::regclass, c.oid FROM pg_catalog.pg_class c
-              WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'v') o
+              SELECT 'pg_class'::regclass::oid, c.oid FROM pg_catalog.pg_class c
+              WHERE c.relnamespace = 'conflictdb'::regnamespace::oid AND c.relkind = 'v'::"char") o
         CROSS JOIN LATERAL pg_catalog.pg_identify_object(o.class, o.oid, 0) i
         WHERE NOT EXISTS (SELECT FROM pg_catalog.pg_depend d
-                          WHERE d.classid = o.class AND d.objid = o.oid AND d.deptype = 'e') LOOP
-        EXECUTE format('ALTER EXTENSION conflictdb ADD %s %s', v_one.type, v_one.identity);
+                          WHERE d.classid = o.class AND d.objid = o.oid AND d.deptype = 'e'::"char") LOOP
+        EXECUTE pg_catalog.format('ALTER EXTENSION conflictdb ADD %s %s', v_one.type, v_one.identity);
     END LOOP;
 END
 $$
+"""
+# Whoever owns a schema can put functions into it, and so can whoever may create there; routines that run as another
+# role would call them. Both sides of each operator have the same type: no operator that a user made fits better.
+REFUSE_FOREIGN_SCHEMA: Final = """
+DO $refuse$
+DECLARE
+    v_schema record;
+    v_found text;
+    v_remedy text;
+BEGIN
+    SELECT n.oid, n.nspacl, n.nspowner, r.rolname, r.rolsuper INTO v_schema
+        FROM pg_catalog.pg_namespace n JOIN pg_catalog.pg_roles r ON r.oid = n.nspowner
+        WHERE n.nspname = 'conflictdb'::name;
+    IF v_schema.oid IS NULL THEN
+        RETURN;
+    END IF;
+    IF v_schema.rolname <> current_user::name AND NOT v_schema.rolsuper THEN
+        v_found := pg_catalog.concat('belongs to role '::text, pg_catalog.quote_ident(v_schema.rolname::text));
+        v_remedy := 'Connect as that role, or drop the schema or give it away: ALTER SCHEMA conflictdb OWNER TO ...';
+    END IF;
+    IF v_found IS NULL THEN
+        SELECT pg_catalog.concat('lets '::text, pg_catalog.string_agg(
+                   CASE x.grantee WHEN 0::pg_catalog.oid THEN 'PUBLIC'::text
+                   ELSE pg_catalog.concat('role '::text, pg_catalog.quote_ident(r.rolname::text)) END, ', '::text),
+                   ' create objects'::text)
+            INTO v_found FROM pg_catalog.aclexplode(v_schema.nspacl) x LEFT JOIN pg_catalog.pg_roles r
+                ON r.oid = x.grantee
+            WHERE x.privilege_type = 'CREATE'::text AND x.grantee <> v_schema.nspowner AND r.rolsuper IS NOT TRUE
+            HAVING pg_catalog.bool_or(true);
+        v_remedy := 'Drop it, or run: REVOKE CREATE ON SCHEMA conflictdb FROM ...';
+    END IF;
+    IF v_found IS NULL THEN
+        SELECT pg_catalog.concat('has an object of role '::text, pg_catalog.quote_ident(r.rolname::text), ': '::text,
+                                 pg_catalog.pg_describe_object(o.classid, o.objid, 0))
+            INTO v_found FROM pg_catalog.pg_depend o JOIN pg_catalog.pg_shdepend s
+                ON s.classid = o.classid AND s.objid = o.objid AND s.deptype = 'o'::"char"
+                JOIN pg_catalog.pg_database d ON d.oid = s.dbid AND d.datname = pg_catalog.current_database()
+                JOIN pg_catalog.pg_roles r ON r.oid = s.refobjid
+            WHERE o.refobjid = v_schema.oid AND s.refobjid <> v_schema.nspowner
+                  AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
+                  AND NOT (r.rolsuper AND v_schema.rolsuper)
+            ORDER BY o.classid, o.objid LIMIT 1;
+        v_remedy := 'Drop the object, or give it to the owner of the schema: ALTER ... OWNER TO ...';
+    END IF;
+    IF v_found IS NULL AND pg_catalog.to_regclass('conflictdb.alembic_version'::text) IS NULL THEN
+        SELECT pg_catalog.concat('has objects that are none of ours: '::text,
+                                 pg_catalog.pg_describe_object(o.classid, o.objid, 0))
+            INTO v_found FROM pg_catalog.pg_depend o
+            WHERE o.refobjid = v_schema.oid
+                  AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
+            ORDER BY o.classid, o.objid LIMIT 1;
+        v_remedy := 'Drop or rename the schema.';
+    END IF;
+    IF v_found IS NOT NULL THEN
+        RAISE EXCEPTION 'database %: schema conflictdb % (must be created by %, and by nobody else)',
+                        pg_catalog.quote_ident(pg_catalog.current_database()::text), v_found,
+                        pg_catalog.quote_ident(current_user::text)
+            USING ERRCODE = 'duplicate_schema', HINT = v_remedy;
+    END IF;
+END
+$refuse$;
+"""
+# A view or function in SQL is bound to what its names meant when it was created. What it is bound to must be ours,
+# PostgreSQL's or an extension's: in PostGIS's schema users may have put names that fit better.
+REFUSE_FOREIGN_NAMES: Final = """
+DO $refuse$
+DECLARE
+    v_ours pg_catalog.oid := 'conflictdb'::pg_catalog.regnamespace::pg_catalog.oid;
+    v_found text;
+    v_user text;
+BEGIN
+    SELECT pg_catalog.pg_describe_object(d.refclassid, d.refobjid, 0),
+           pg_catalog.pg_describe_object(d.classid, d.objid, 0)
+        INTO v_found, v_user
+        FROM pg_catalog.pg_depend d
+        LEFT JOIN pg_catalog.pg_proc p
+            ON d.refclassid = 'pg_catalog.pg_proc'::pg_catalog.regclass::pg_catalog.oid AND p.oid = d.refobjid
+        LEFT JOIN pg_catalog.pg_operator o
+            ON d.refclassid = 'pg_catalog.pg_operator'::pg_catalog.regclass::pg_catalog.oid AND o.oid = d.refobjid
+        LEFT JOIN pg_catalog.pg_type t
+            ON d.refclassid = 'pg_catalog.pg_type'::pg_catalog.regclass::pg_catalog.oid AND t.oid = d.refobjid
+        LEFT JOIN pg_catalog.pg_proc f
+            ON d.classid = 'pg_catalog.pg_proc'::pg_catalog.regclass::pg_catalog.oid AND f.oid = d.objid
+        LEFT JOIN pg_catalog.pg_rewrite r
+            ON d.classid = 'pg_catalog.pg_rewrite'::pg_catalog.regclass::pg_catalog.oid AND r.oid = d.objid
+        LEFT JOIN pg_catalog.pg_constraint k
+            ON d.classid = 'pg_catalog.pg_constraint'::pg_catalog.regclass::pg_catalog.oid AND k.oid = d.objid
+        LEFT JOIN pg_catalog.pg_policy y
+            ON d.classid = 'pg_catalog.pg_policy'::pg_catalog.regclass::pg_catalog.oid AND y.oid = d.objid
+        LEFT JOIN pg_catalog.pg_attrdef a
+            ON d.classid = 'pg_catalog.pg_attrdef'::pg_catalog.regclass::pg_catalog.oid AND a.oid = d.objid
+        LEFT JOIN pg_catalog.pg_trigger g
+            ON d.classid = 'pg_catalog.pg_trigger'::pg_catalog.regclass::pg_catalog.oid AND g.oid = d.objid
+        LEFT JOIN pg_catalog.pg_class c
+            ON c.oid = coalesce(r.ev_class, k.conrelid, y.polrelid, a.adrelid, g.tgrelid,
+                                CASE WHEN d.classid = 'pg_catalog.pg_class'::pg_catalog.regclass::pg_catalog.oid
+                                     THEN d.objid END)
+        WHERE coalesce(f.pronamespace, c.relnamespace) = v_ours
+              AND coalesce(p.pronamespace, o.oprnamespace, t.typnamespace) <> v_ours
+              AND NOT EXISTS (SELECT FROM pg_catalog.pg_depend e
+                              WHERE e.classid = d.refclassid AND e.objid = d.refobjid
+                                    AND e.deptype IN ('e'::"char", 'i'::"char"))
+              AND coalesce(p.pronamespace, o.oprnamespace, t.typnamespace)
+                  NOT IN ('pg_catalog'::pg_catalog.regnamespace::pg_catalog.oid,
+                          'pg_toast'::pg_catalog.regnamespace::pg_catalog.oid)
+        ORDER BY d.classid, d.objid LIMIT 1;
+    IF v_found IS NOT NULL THEN
+        RAISE EXCEPTION 'database %: % is found in place of a name of PostgreSQL or PostGIS (by %)',
+                        pg_catalog.quote_ident(pg_catalog.current_database()::text), v_found, v_user
+            USING ERRCODE = 'duplicate_object',
+                  HINT = 'Drop it, and see that nobody may create objects in that schema: REVOKE CREATE ON SCHEMA ...';
+    END IF;
+END
+$refuse$;
 """
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
 
@@ -76,6 +190,11 @@ _PACKAGE: Final = Path(__file__).resolve().parents[1]
 def routine_files() -> list[Path]:
     """Return the files of sql/ in the order they are applied."""
     return sorted(_folder("sql").glob("[0-9][0-9]_*.sql"))
+
+
+def needs_no_postgis(file: Path) -> bool:
+    """Return whether a file of sql/ creates no function, and so runs without PostGIS's schema on the path."""
+    return "CREATE OR REPLACE FUNCTION" not in file.read_text(encoding="utf-8")
 
 
 def routines_sha256() -> str:
@@ -165,6 +284,7 @@ def upgrade(dsn: str) -> str:
         found = revision(conn)
         if found is not None:
             _check_known(found, conn.info.dbname)
+        _refuse_foreign_schema(conn)
         if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
             return found
         store.require_writable(conn)
@@ -234,7 +354,8 @@ def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
     with store.translated(), conn.transaction():
         where = _one(
             conn,
-            "SELECT quote_ident(n.nspname) FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace "
+            "SELECT pg_catalog.quote_ident(n.nspname) FROM pg_extension e "
+            "JOIN pg_namespace n ON n.oid = e.extnamespace "
             "WHERE e.extname = 'postgis' AND NOT has_schema_privilege('conflictdb_reader', n.oid, 'USAGE')",
         )
     return None if where is None else f"GRANT USAGE ON SCHEMA {where} TO conflictdb_reader"
@@ -248,6 +369,7 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     if conn.info.server_version < MIN_SERVER_VERSION:
         raise ServerError(f"PostgreSQL {MIN_SERVER_VERSION // 10000} or newer is needed; this is {_server(conn)}")
     _lock_out_others(conn)
+    _refuse_foreign_schema(conn)
     for extension in ("postgis", "btree_gist"):
         try:
             conn.execute(sql.SQL("CREATE EXTENSION IF NOT EXISTS {}").format(sql.Identifier(extension)))
@@ -262,7 +384,9 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
         raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
     try:
-        conn.execute("CREATE SCHEMA IF NOT EXISTS conflictdb")
+        # Not IF NOT EXISTS, which asks for the right to create schemas in any case.
+        if _one(conn, "SELECT to_regnamespace('conflictdb') IS NULL") is True:
+            conn.execute("CREATE SCHEMA conflictdb")
     except psycopg.errors.InsufficientPrivilege as error:
         grant = sql.SQL("GRANT CREATE ON DATABASE {} TO {}")
         wanted = grant.format(sql.Identifier(conn.info.dbname), sql.Identifier(conn.info.user)).as_string(conn)
@@ -271,6 +395,19 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
             f"{wanted}"
         ) from error
     _set_search_path(conn)
+
+
+def _refuse_foreign_schema(conn: psycopg.Connection[Any]) -> None:
+    """Raise ServerError if the schema conflictdb is there, and anybody but the current role may put objects into it."""
+    _refuse(conn, REFUSE_FOREIGN_SCHEMA, psycopg.errors.DuplicateSchema)
+
+
+def _refuse(conn: psycopg.Connection[Any], refusal: str, kind: type[psycopg.Error]) -> None:
+    """Raise ServerError where a statement refuses the database."""
+    try:
+        conn.execute(refusal.encode())
+    except kind as error:
+        raise ServerError(f"{error.diag.message_primary}. {error.diag.message_hint}") from error
 
 
 def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
@@ -297,10 +434,15 @@ def _holders(conn: psycopg.Connection[Any]) -> str:
 
 def apply_routines(conn: psycopg.Connection[Any]) -> None:
     """Run all of sql/ in the transaction of `conn`, whose schema must be at head."""
-    _set_search_path(conn)
     for file in routine_files():
+        if needs_no_postgis(file):
+            conn.execute("SET LOCAL search_path = conflictdb, pg_temp")
+        else:
+            _set_search_path(conn)
         # As bytes and without parameters, so that neither % nor : means anything.
         conn.execute(file.read_bytes())
+    _set_search_path(conn)
+    _refuse(conn, REFUSE_FOREIGN_NAMES, psycopg.errors.DuplicateObject)
     conn.execute(comment_sql().encode())
 
 
@@ -314,10 +456,11 @@ def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
     armed = _one(
         conn,
         """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
-           WHERE c.relnamespace = 'conflictdb'::regnamespace AND NOT t.tgisinternal
-             AND t.tgenabled = CASE WHEN t.tgname ~ '_replicated$' THEN 'R'
-                                    WHEN t.tgname ~ '_(inserted|updated|deleted|removed)$' THEN 'O'
-                                    WHEN t.tgname = 'scene_holds_objects' THEN 'O' ELSE 'A' END""",
+           WHERE c.relnamespace = 'conflictdb'::regnamespace::oid AND NOT t.tgisinternal
+             AND t.tgenabled = CASE WHEN t.tgname::text ~ '_replicated$'::text THEN 'R'::"char"
+                                    WHEN t.tgname::text ~ '_(inserted|updated|deleted|removed)$'::text THEN 'O'::"char"
+                                    WHEN t.tgname = 'scene_holds_objects'::name THEN 'O'::"char"
+                                    ELSE 'A'::"char" END""",
     )
     return armed == len(made)
 

@@ -38,15 +38,16 @@ _Row = TypeVar("_Row")
 # Whether a user may use the schema, a routine of it, and temporary tables, and which role may call that routine: each
 # role can do what those before it can (sql/05_roles.sql). Nobody who has no role could ask a routine.
 _RIGHTS: Final = """
-SELECT quote_ident(current_user), quote_ident(current_database()), has_schema_privilege('conflictdb', 'USAGE'),
+SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_database()),
+       has_schema_privilege('conflictdb', 'USAGE'),
        coalesce((SELECT bool_and(has_function_privilege(p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                 WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname = %(routine)s), true),
+                 WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name), true),
        has_database_privilege(current_database(), 'TEMPORARY'),
        (SELECT r.rolname FROM pg_catalog.pg_roles r
         WHERE r.rolname IN ('conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker')
               AND (SELECT bool_and(has_function_privilege(r.oid, p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                   WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname = %(routine)s)
-        ORDER BY array_position(ARRAY['conflictdb_reader', 'conflictdb_editor'], r.rolname::text) LIMIT 1)
+                   WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name)
+        ORDER BY pg_catalog.array_position(ARRAY['conflictdb_reader', 'conflictdb_editor'], r.rolname::text) LIMIT 1)
 """
 
 
@@ -221,7 +222,7 @@ def require_writable(conn: psycopg.Connection[Any]) -> None:
 
 def require_detecting(conn: psycopg.Connection[Any]) -> None:
     """Raise ReadOnlyDatabase if this connection's user may not write what a detection finds."""
-    asked = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), quote_ident(current_user)"
+    asked = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), pg_catalog.quote_ident(current_user)"
     with translated(), conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
         row = cursor.execute(asked, prepare=False).fetchone()
     if row is not None and not row[0]:
