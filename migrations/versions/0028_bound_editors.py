@@ -53,7 +53,7 @@ BEGIN
 END
 $$;
 DELETE FROM conflictdb.change WHERE object_id NOT BETWEEN 1 AND {LARGEST_ID}
-"""
+"""  # noqa: S608 - a number of this file
 NUMBERS = tuple(
     f"ALTER TABLE conflictdb.{table} ADD CONSTRAINT {table}_{column}_in_range "
     f"CHECK ({column} BETWEEN 1 AND {LARGEST_ID})"
