@@ -1,5 +1,6 @@
 """Columns of Arrow as values of JSON: what properties and members of objects are made of."""
 
+from collections.abc import Iterator
 from datetime import UTC, date, datetime
 from decimal import Decimal
 from itertools import pairwise
@@ -13,6 +14,7 @@ from conflictdb.arrays.arrow.columns import lists, numbers
 from conflictdb.arrays.arrow.forms import Array
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
+from conflictdb.io import wkb
 from conflictdb.io.instants import format_instant
 
 
@@ -52,6 +54,25 @@ def plain(name: str, column: Array) -> list[Any]:
         return [_text(value) for value in column.to_pylist()]
     except (ValueError, OverflowError, pa.ArrowException) as error:
         raise InvalidInput("file", f"column {name}", f"cannot be read: {error}") from error
+
+
+def leaves(name: str, of: "pa.Schema | pa.DataType") -> Iterator[str]:
+    """Yield a name for each column of simple values: a struct has as many as it has members."""
+    if isinstance(of, pa.Schema | pa.StructType):
+        for member in of:
+            yield from leaves(member.name, member.type)
+    elif isinstance(of, pa.ListType | pa.LargeListType | pa.FixedSizeListType):
+        yield from leaves(name, of.value_type)
+    else:
+        yield name
+
+
+def check_wkb(name: str, column: Array, first_row: int) -> None:
+    """Raise InvalidInput for a column of bytes that GEOS must not decode."""
+    try:
+        wkb.check(column.to_pylist(), first_row)
+    except ValueError as error:
+        raise InvalidInput("file", f"column {name}", f"holds what is no geometry in WKB: {error}") from error
 
 
 def _instants(name: str, column: Array) -> list[Any]:

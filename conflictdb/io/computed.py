@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.columns import numbers
-from conflictdb.arrays.arrow.found import COMPUTED, kinds, to_conflicts
+from conflictdb.arrays.arrow.found import COMPUTED, FOUND, GEOMETRIES, kinds, to_conflicts
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
+from conflictdb.io.arrow_values import check_wkb
 from conflictdb.io.parquet_process import decoded
 from conflictdb.io.scene_file import scene_of, settings_of
 from conflictdb.model import Scene
@@ -85,7 +86,7 @@ def read_computed(path: Path) -> Computed:
         )
     except InvalidInput as refused:
         raise refused.at(str(states)) from refused.__cause__
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInput("file", "settings", "must be JSON", str(states)) from error
 
 
@@ -98,6 +99,9 @@ def read_conflicts(path: Path, pairs: int) -> Iterator[tuple[Conflicts, Polygons
     try:
         with decoded(path, MAX_COMPUTED_MB) as rows:
             for batch in rows.batches:
+                columns = FOUND.columns(batch, count)
+                for name in GEOMETRIES:
+                    check_wkb(name, columns[name], count)
                 count += batch.num_rows
                 yield to_conflicts(batch)
         if count != pairs:

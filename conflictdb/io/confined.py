@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Timer
 from typing import IO, Final
 
 from conflictdb.errors import InvalidInput
@@ -17,6 +18,11 @@ _HERE: Final = Path(__file__).parent
 # What Python and a library need to be there at all.
 _LEAST_SECONDS: Final = 30.0
 _LEAST_MEMORY: Final = 2 << 30
+# Bytes of an answer for each byte that a file may hold: a geometry is two digits a byte, a number up to 26 characters.
+_ANSWER_BYTES: Final = 4
+_LEAST_ANSWER: Final = 1 << 20
+# Bytes of what a program says of a mistake that are read; an honest one says less.
+_MOST_SAID: Final = 1 << 16
 # Of all programs; threads of their own take address space each.
 _SETTINGS: Final = {"LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -80,12 +86,16 @@ class Running:
 
     def answer(self) -> bytes:
         """Return all that it writes; raises InvalidInput where it refuses the file, or takes too much or too long."""
+        most = _LEAST_ANSWER + int(_ANSWER_BYTES * self.max_file_mb * 1e6)
+        clock = Timer(self.longest_s, self.child.kill)
+        clock.start()
         try:
-            written, said = self.child.communicate(timeout=self.longest_s)
-        except subprocess.TimeoutExpired:
-            raise self._refusal(b"") from None
-        if self.child.returncode != 0:
-            raise self._refusal(said)
+            written = self.stream.read(most)
+            if len(written) == most:
+                raise self._refusal(b"")
+            self.check_end()
+        finally:
+            clock.cancel()
         return written
 
     def check_end(self) -> None:
@@ -96,7 +106,7 @@ class Running:
     def refusal(self) -> InvalidInput:
         """Return why it ended before all was written."""
         assert self.child.stderr is not None  # noqa: S101
-        return self._refusal(self.child.stderr.read())
+        return self._refusal(self.child.stderr.read(_MOST_SAID))
 
     def _refusal(self, said: bytes) -> InvalidInput:
         """Return why a file cannot be read, from what the program said: nothing if a limit ended it, or it crashed."""

@@ -1,7 +1,8 @@
 """What a file holds, and what of it was left out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from types import TracebackType
 from typing import Final, NamedTuple, Protocol
 
 from conflictdb.errors import InvalidInput, Refusals
@@ -11,6 +12,33 @@ from conflictdb.model import Area, Scene, Track
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 # Of a file that holds more than is allowed: what to do.
 TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
+# Columns of a file; every object has a value of each. PostgreSQL has 1,600 at most, SQLite 2,000.
+MAX_COLUMNS: Final = 2_000
+# A mistake takes a kilobyte, and of a hostile file every third byte may be one.
+MAX_MISTAKES: Final = 100_000
+
+
+class FileRefusals(Refusals):
+    """Refusals of a file, or of an object of it: reading ends with an InvalidInput where they become too many."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        is_kept = super().__exit__(kind, error, trace)
+        self._raise_if_many()
+        return is_kept
+
+    def extend(self, found: Iterable[InvalidInput]) -> None:
+        """Keep further refusals."""
+        for refused in found:
+            self.found.append(refused)
+            self._raise_if_many()
+
+    def _raise_if_many(self) -> None:
+        if len(self.found) > MAX_MISTAKES:
+            found, self.found = self.found, []
+            rule = f"has more than {MAX_MISTAKES:,} mistakes, and is not read any further; the first ones follow"
+            raise InvalidInput("file", "", rule, also=found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +97,7 @@ class Parts:
 
     settings: Scene | None
     each: Iterator[tuple[list[Area], list[Track]]]
-    refusals: Refusals = field(default_factory=Refusals)
+    refusals: FileRefusals = field(default_factory=FileRefusals)
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
 
@@ -92,6 +120,13 @@ def given_twice(item: str, where: str) -> InvalidInput:
 def rows_apart(first: int, row: int) -> str:
     """Return where two rows are that have the same id."""
     return f"rows {first} and {row} (from 0)"
+
+
+def check_columns(who: str, names: Sequence[str]) -> None:
+    """Raise InvalidInput for more columns than are read."""
+    if len(names) > MAX_COLUMNS:
+        rule = f"has {len(names):,} columns; at most {MAX_COLUMNS:,} are read: leave out those that say nothing here"
+        raise InvalidInput(who, "columns", rule)
 
 
 def left_out(source: str, refusals: Refusals) -> list[Skipped]:

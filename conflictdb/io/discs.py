@@ -13,6 +13,7 @@ length, and curves by the geodesic curvature m' / m of the circle and by the gra
 lies deeper within the curve than that is within the polygon, and what lies further outside is not.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -30,6 +31,8 @@ MAX_RADIUS_M: Final = 5e6  # beyond, a circle on the earth has little in common 
 _ROUNDING_M: Final = 1e-7  # of longitudes and latitudes in float64, and of the steps to them
 _LEAST_CORNERS: Final = 64
 _MOST_CORNERS: Final = 4096
+# Of all circles of a file: 800 MB. Some 300,000 honest circles have as many.
+MAX_CORNERS: Final = 50_000_000
 # How much the reduced length changes by the azimuth on the ellipsoid, as a share of it: below 0.002 (R / a)^3, from
 # its equation m'' = -K m and the gradient of the curvature K, 0.03 / a^3 at most.
 _UNEVEN: Final = 0.01
@@ -37,13 +40,34 @@ _UNEVEN: Final = 0.01
 _WEST_DEG: Final = -360.0
 
 
-def disc(who: str, lon_deg: float, lat_deg: float, radius_m: float, scene: Scene) -> shapely.MultiPolygon:
-    """Return a polygon (longitude, latitude, degrees) that contains a circle; raises InvalidInput."""
+@dataclass(slots=True)
+class Corners:
+    """How many corners the circles of a file have; a hundred bytes of it may be a circle of 4,096."""
+
+    made: int = 0
+
+    def add(self, who: str, count: int) -> None:
+        """Count corners; raises InvalidInput where they become too many."""
+        if self.made + count > MAX_CORNERS:
+            rule = f"is a circle too many: those of a file have at most {MAX_CORNERS:,} corners; split the file"
+            raise InvalidInput(who, "radius_m", rule)
+        self.made += count
+
+
+def disc(
+    who: str, lon_deg: float, lat_deg: float, radius_m: float, scene: Scene, made: Corners | None = None
+) -> shapely.MultiPolygon:
+    """Return a polygon (longitude, latitude, degrees) that contains a circle; raises InvalidInput.
+
+    made : counts the corners of a file
+    """
+    made = made or Corners()
     if not 0.0 < radius_m <= MAX_RADIUS_M:
         rule = f"must be a number of metres, more than 0 and at most {MAX_RADIUS_M:,.0f}; got {radius_m:g}"
         raise InvalidInput(who, "radius_m", rule)
     if scene.motion == Motion.GREAT_CIRCLE:
         corners = int(np.ceil(np.pi / np.arccos(1.0 / (1.0 + 0.5 * EXCESS))))
+        made.add(who, corners)
         angle = radius_m / MEAN_RADIUS_M
         wider_m = MEAN_RADIUS_M * float(np.arctan(np.tan(angle) / np.cos(np.pi / corners))) + _ROUNDING_M
         return _ring(*_at(lon_deg, lat_deg, wider_m, corners, EarthModel.SPHERE), lat_deg, wider_m)
@@ -51,6 +75,7 @@ def disc(who: str, lon_deg: float, lat_deg: float, radius_m: float, scene: Scene
     while corners <= _MOST_CORNERS:
         margin_m = _margin_m(who, lon_deg, lat_deg, radius_m, corners, scene.earth)
         if margin_m <= 0.5 * EXCESS * radius_m:
+            made.add(who, corners)
             lon, lat = _at(lon_deg, lat_deg, radius_m + margin_m + _ROUNDING_M, corners, scene.earth)
             return _ring(lon, lat, lat_deg, 0.0)
         corners *= 2

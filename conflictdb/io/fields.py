@@ -4,7 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.errors import InvalidInput
+from conflictdb.io.contents import FileRefusals
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_storable, check_text
 
@@ -21,7 +22,7 @@ class Fields:
         The object, as the user knows it: ``track 'T1'``.
     values : Mapping
         Its members. None counts as absent.
-    refusals : Refusals
+    refusals : FileRefusals
         What is wrong with them, kept until `raise_found`, so that all of it can be told.
     """
 
@@ -29,7 +30,7 @@ class Fields:
         self.who = who
         self.values = values
         self.known: set[str] = set()
-        self.refusals = Refusals()
+        self.refusals = FileRefusals()
 
     def get(self, name: str) -> Any:
         """Return a member as it is, None if absent."""

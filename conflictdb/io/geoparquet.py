@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.arrow.columns import lists, numbers
 from conflictdb.arrays.arrow.forms import Array
 from conflictdb.errors import InvalidInput
+from conflictdb.io import wkb
 from conflictdb.io.reference import ToDegrees, of_name
 
 VERSION: Final = "1.1.0"
@@ -56,14 +57,14 @@ CRS84: Final[Mapping[str, Any]] = {
     "bbox": {"south_latitude": -90, "west_longitude": -180, "north_latitude": 90, "east_longitude": 180},
     "id": {"authority": "OGC", "code": "CRS84"},
 }
-# Encodings of GeoArrow, by how deep the coordinates lie in lists.
+# Encodings of GeoArrow: the kind of geometry, and how deep its coordinates lie in lists.
 _NATIVE: Final = {
-    "point": shapely.GeometryType.POINT,
-    "linestring": shapely.GeometryType.LINESTRING,
-    "polygon": shapely.GeometryType.POLYGON,
-    "multipoint": shapely.GeometryType.MULTIPOINT,
-    "multilinestring": shapely.GeometryType.MULTILINESTRING,
-    "multipolygon": shapely.GeometryType.MULTIPOLYGON,
+    "point": (shapely.GeometryType.POINT, 0),
+    "linestring": (shapely.GeometryType.LINESTRING, 1),
+    "polygon": (shapely.GeometryType.POLYGON, 2),
+    "multipoint": (shapely.GeometryType.MULTIPOINT, 1),
+    "multilinestring": (shapely.GeometryType.MULTILINESTRING, 2),
+    "multipolygon": (shapely.GeometryType.MULTIPOLYGON, 3),
 }
 
 
@@ -114,15 +115,15 @@ class Layout:
             is_spherical=column.get("edges") == "spherical",
         )
 
-    def shapes(self, column: Array) -> NDArray[np.object_]:
-        """Return the geometries of a column (n,), None where there is none; raises InvalidInput for what is none."""
+    def shapes(self, column: Array, first_row: int) -> NDArray[np.object_]:
+        """Return the geometries of a column (n,), None where there is none; raises InvalidInput for what is none.
+
+        first_row : number of the first row in messages
+        """
         try:
             if self.encoding != "WKB":
-                return _native(column, _NATIVE[self.encoding])
-            held = np.empty(len(column), dtype=object)
-            held[:] = column.to_pylist()
-            with np.errstate(invalid="ignore"):  # coordinates that are no numbers are refused with their object
-                return np.asarray(shapely.from_wkb(held), dtype=object)
+                return _native(column, *_NATIVE[self.encoding])
+            return wkb.decoded(column.to_pylist(), first_row)
         except (
             shapely.errors.GEOSException,
             TypeError,
@@ -153,13 +154,15 @@ def _covering(column: Mapping[str, Any]) -> frozenset[str]:
     return frozenset(path[0] for path in paths if isinstance(path, list) and path and isinstance(path[0], str))
 
 
-def _native(column: Array, kind: shapely.GeometryType) -> NDArray[np.object_]:
+def _native(column: Array, kind: shapely.GeometryType, depth: int) -> NDArray[np.object_]:
     """Return the geometries of a column of GeoArrow with separate coordinates."""
     known = numbers(column.is_valid())
     inner, bounds = column.drop_null(), []
     while isinstance(inner, pa.ListArray | pa.LargeListArray):
         inner, offset = lists(inner)
         bounds.append(offset)
+    if len(bounds) != depth or not pa.types.is_struct(inner.type):
+        raise ValueError(f"its type must be {depth} lists of structs of x and y; got {column.type}")
     names = [field.name for field in inner.type]
     ordinates = [name for name in ("x", "y", "z") if name in names]
     coordinates = np.column_stack([numbers(inner.field(name)).astype(np.float64) for name in ordinates])

@@ -59,7 +59,7 @@ def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDAr
     if not isinstance(moving, dict) or moving.get("type") != _POINT:
         kind = moving.get("type") if isinstance(moving, dict) else moving
         raise fields.refusal(f"{where}.type", f"must be {_POINT}; got {kind!r:.60}")
-    fields.refusals.found += misnamed(f"{fields.who}: {where}", moving, _MEMBERS, foreign=setting.foreign)
+    fields.refusals.extend(misnamed(f"{fields.who}: {where}", moving, _MEMBERS, foreign=setting.foreign))
     check_trs(fields.who, moving)
     _check_interpolation(fields, where, moving)
     sequences = moving.get("sequences")
@@ -69,7 +69,7 @@ def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDAr
             raise fields.refusal(f"{where}.sequences", rule)
         moving, where = sequences[0], f"{where}.sequences[0]"
     positions = line(fields.who, f"{where}.coordinates", moving.get("coordinates"))
-    to_degrees = reference.of_member(fields.who, moving, setting.to_degrees)
+    to_degrees = reference.of_member(fields.who, moving, setting.to_degrees, setting.systems)
     if to_degrees is not None:
         positions = to_degrees(positions)
     return positions, _instants(fields, f"{where}.datetimes", moving.get("datetimes"))

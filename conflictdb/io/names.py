@@ -43,6 +43,8 @@ _INSTANTS: Final = frozenset({"start", "end", "times", "datetimes"})
 # What takes a number, or a list of them; the rest is no instant either, and takes what it likes.
 _NUMBERS: Final = re.compile(".*_(m|nmi|mps|kn)|lon|lat")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+# Characters of a name; a longer one is not meant to be one of ours, and costs time and memory.
+_LONGEST: Final = 200
 # Squashed names of fewer letters than these may differ by no letter, and by one.
 _ONE_SLIP: Final = 5
 _TWO_SLIPS: Final = 9
@@ -63,6 +65,7 @@ def misnamed(
     elsewhere : names that mean something at another place, and what to say of them
     foreign : names that the file says mean nothing here
     """
+    meanings = (*known, *SETTINGS)
     for name, value in values.items():
         if name in known or name in foreign or value is None:
             continue
@@ -70,7 +73,7 @@ def misnamed(
         if rule is not None:
             yield InvalidInput(who, name, rule)
             continue
-        meant = look_alike(name, (*known, *SETTINGS))
+        meant = look_alike(name, meanings)
         if meant is None or not can_be(value, meant) or _is_given(meant, values, known):
             continue
         if meant in SETTINGS:
@@ -79,22 +82,40 @@ def misnamed(
             yield InvalidInput(who, name, f"is not known; did you mean {meant}? {remedy}")
 
 
-@lru_cache(maxsize=4096)
 def look_alike(name: str, known: tuple[str, ...]) -> str | None:
     """Return the known name that an unknown one looks like, None if there is none."""
+    return _look_alike(name, known) if len(name) <= _LONGEST else None
+
+
+@lru_cache(maxsize=4096)
+def _look_alike(name: str, known: tuple[str, ...]) -> str | None:
     squashed, stem = _squash(name), stem_of(name)
     if not stem:
         return None
     best: tuple[int, str] | None = None
-    for other in known:
-        other_stem = stem_of(other)
-        slips = min(
-            _slips(squashed, _squash(other)),
-            0 if stem == other_stem or SYNONYMS.get(stem) == other_stem else _slips(stem, other_stem),
-        )
+    meant = SYNONYMS.get(stem)
+    letters, stem_letters = set(squashed), set(stem)
+    size, stem_size = len(squashed), len(stem)
+    for other, other_squashed, other_letters, other_stem, other_stem_letters in _forms(known):
+        if other_stem in (stem, meant):
+            slips = 0
+        else:
+            slips = 3
+            # A slip changes the length by one and the set by two letters at most: most names differ by more.
+            if -2 <= size - len(other_squashed) <= 2 and len(letters ^ other_letters) <= 4:
+                slips = _slips(squashed, other_squashed)
+            if -2 <= stem_size - len(other_stem) <= 2 and len(stem_letters ^ other_stem_letters) <= 4:
+                slips = min(slips, _slips(stem, other_stem))
         if slips <= 2 and (best is None or slips < best[0]):
             best = slips, other
     return None if best is None else best[1]
+
+
+@lru_cache(maxsize=64)
+def _forms(known: tuple[str, ...]) -> list[tuple[str, str, set[str], str, set[str]]]:
+    """Return known names, each squashed and as its stem, and the letters of both."""
+    forms = [(name, _squash(name), stem_of(name)) for name in known]
+    return [(name, squashed, set(squashed), stem, set(stem)) for name, squashed, stem in forms]
 
 
 def can_be(value: Any, meant: str) -> bool:
@@ -122,9 +143,10 @@ def stem_of(name: str) -> str:
     words = [word.lower() for word in _WORD.findall(name)]
     while len(words) > 1 and _QUALIFIER.fullmatch(words[-1]):
         words.pop()
-    while len(words) > 1 and _QUALIFIER.fullmatch(words[0]):
-        words.pop(0)
-    return "".join(words)
+    first = 0
+    while first < len(words) - 1 and _QUALIFIER.fullmatch(words[first]):
+        first += 1
+    return "".join(words[first:])
 
 
 def _squash(name: str) -> str:

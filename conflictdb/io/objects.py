@@ -4,7 +4,7 @@ Also the reading of havens and speeds that other formats share.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.inputs import all_certain, certain
-from conflictdb.io.discs import disc
+from conflictdb.io.discs import Corners, disc
 from conflictdb.io.fields import Fields, finite, instant
 from conflictdb.io.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
 from conflictdb.io.instants import format_instant
 from conflictdb.io.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
-from conflictdb.io.reference import ToDegrees
+from conflictdb.io.reference import Systems, ToDegrees
 from conflictdb.io.speeds import SLACK, too_fast
 from conflictdb.model import (
     MAX_LATITUDE_DEG,
@@ -66,12 +66,16 @@ class Setting:
     foreign : names of members that mean nothing here
     to_degrees : how coordinates become longitude and latitude
     remedy : what to do about a name that looks like a known one
+    systems : reference systems that it names
+    corners : of circles, all that were made
     """
 
     scene: Scene
     foreign: Collection[str] = ()
     to_degrees: ToDegrees = None
     remedy: str = RENAME_MEMBER
+    systems: Systems = field(default_factory=dict)
+    corners: Corners = field(default_factory=Corners)
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
@@ -97,7 +101,7 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> sh
     radius_m = fields.number("radius_m")
     if radius_m is None:
         return shapely.MultiPolygon()
-    return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene)
+    return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene, setting.corners)
 
 
 def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
@@ -112,7 +116,7 @@ def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # where it is the radius of a circle
     rest = setting.foreign, setting.remedy
-    fields.refusals.found += misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest)
+    fields.refusals.extend(misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest))
     return members
 
 
@@ -222,7 +226,7 @@ def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
         "properties": fields.rest(),
     }
     rest = setting.foreign, setting.remedy
-    fields.refusals.found += misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest)
+    fields.refusals.extend(misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest))
     return members
 
 

@@ -9,16 +9,27 @@ Other reference systems are transformed vertex by vertex to longitude and latitu
 scene's plane.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io import objects
-from conflictdb.io.contents import Contents, Remark, Skipped, given_twice, left_out, name_of
+from conflictdb.io import objects, wkb
+from conflictdb.io.contents import (
+    Contents,
+    FileRefusals,
+    Remark,
+    Skipped,
+    check_columns,
+    given_twice,
+    left_out,
+    name_of,
+)
 from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fixes import Fixes, track_of
 from conflictdb.io.instants import parse_instant
@@ -33,6 +44,7 @@ _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 # Of what is left out by geometry so many are named.
 _MOST_NAMED: Final = 10
 _GPX_POINTS: Final = "track_points"
+_POINT_BYTES: Final = 21  # of a point in WKB
 _GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points", _GPX_POINTS})
 
 
@@ -54,8 +66,8 @@ def read_objects(
         raise InvalidInput("file", "layer", f"there is no layer {unknown[0]!r}; the file has {', '.join(known)}")
     chosen = [layer for layer in layers if not names or layer.name in names]
     contents = Contents(None, [], [], [])
-    refusals = Refusals()
-    if set(known) == _GPX_LAYERS:
+    refusals = FileRefusals()
+    if _is_gpx(layers):
         _read_gpx(str(path), layers, chosen, max_speed_kn, contents)
     else:
         _read_features(str(path), chosen, len(layers) > 1, max_speed_kn, contents, refusals)
@@ -94,11 +106,9 @@ def _features(
     source: str, layer: Layer, prefix: str, scene: Scene, contents: Contents, refusals: Refusals
 ) -> Iterator[tuple[str, Area | Track | objects.TrackAtSpeed]]:
     """Yield where each object is in the file, and the object."""
-    who = f"layer {layer.name!r}"
-    try:
-        shapes = shapely.from_wkb(layer.shapes)
-    except shapely.errors.GEOSException as error:
-        raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
+    who = f"layer {layer.name!r:.100}"
+    check_columns(who, layer.fields)
+    shapes = _shapes(who, layer)
     if layer.crs is None:
         rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
         raise InvalidInput(who, "reference system", rule)
@@ -127,6 +137,30 @@ def _features(
         )
 
 
+def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
+    """Return the geometries of a layer; raises InvalidInput."""
+    try:
+        return wkb.decoded(layer.shapes)
+    except (ValueError, shapely.errors.GEOSException) as error:
+        raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
+
+
+def _is_gpx(layers: Sequence[Layer]) -> bool:
+    """Return whether layers are those of a GPX file, with the columns and geometries that OGR gives them."""
+    by_name = {layer.name: layer for layer in layers}
+    if set(by_name) != _GPX_LAYERS:
+        return False
+    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
+    column = dict(zip(points.fields, points.columns, strict=True))
+    kinds = (("time", str | None), ("track_fid", int), ("track_seg_id", int))
+    titles = dict(zip(tracks.fields, tracks.columns, strict=True)).get("name", [0])
+    return (
+        all(name in column and all(isinstance(one, kind) for one in column[name]) for name, kind in kinds)
+        and all(isinstance(one, str | None) for one in titles)
+        and all(shape is not None and len(shape) == _POINT_BYTES for shape in points.shapes)
+    )
+
+
 def _read_gpx(
     source: str, layers: Sequence[Layer], chosen: Sequence[Layer], max_speed_kn: float, contents: Contents
 ) -> None:
@@ -142,14 +176,15 @@ def _read_gpx(
     points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
     column = dict(zip(points.fields, points.columns, strict=True))
     titles = dict(zip(tracks.numbers, dict(zip(tracks.fields, tracks.columns, strict=True))["name"], strict=True))
-    places = shapely.get_coordinates(shapely.from_wkb(points.shapes))
+    places = shapely.get_coordinates(_shapes(f"layer {_GPX_POINTS!r}", points))
+    keys = _gpx_keys(list(zip(column["track_fid"], column["track_seg_id"], strict=True)), titles)
     segments: dict[tuple[int, int], Fixes] = {}
     missing: dict[tuple[str, str], list[int]] = defaultdict(list)
     for i, when in enumerate(column["time"]):
         segment = column["track_fid"][i], column["track_seg_id"][i]
         own = segments.setdefault(segment, Fixes())
         if when is None:
-            missing[_gpx_key(segment, titles, column), "no time"].append(i + 1)
+            missing[keys[segment], "no time"].append(i + 1)
             continue
         try:
             own.times_us.append(parse_instant(when, naive_is_utc=True))
@@ -158,7 +193,7 @@ def _read_gpx(
         own.positions_deg.append((float(places[i, 0]), float(places[i, 1])))
         own.lines.append(i + 1)
     for segment, own in segments.items():
-        key = _gpx_key(segment, titles, column)
+        key = keys[segment]
         title = titles.get(segment[0])
         own.constant["name"] = title
         track = track_of(key, own, (), max_speed_kn, missing)
@@ -171,12 +206,15 @@ def _read_gpx(
         contents.remarks = [Remark(source, "file", "says nothing of sizes: all tracks are points")]
 
 
-def _gpx_key(segment: tuple[int, int], titles: Mapping[int, Any], column: Mapping[str, Sequence[Any]]) -> str:
-    """Return the key of a segment: the name of its track if no other has it, else its number; and which segment."""
-    number, part = segment
-    title = titles.get(number)
-    is_name = isinstance(title, str) and title and list(titles.values()).count(title) == 1
-    several = any(
-        fid == number and other != part for fid, other in zip(column["track_fid"], column["track_seg_id"], strict=True)
-    )
-    return (str(title) if is_name else str(number + 1)) + (f".{part + 1}" if several else "")
+def _gpx_keys(segments: Sequence[tuple[int, int]], titles: Mapping[int, Any]) -> dict[tuple[int, int], str]:
+    """Return the key of each segment: the name of its track if no other has it, else its number; and which segment."""
+    keys = {}
+    different = dict.fromkeys(segments)
+    parts = Counter(number for number, _ in different)
+    same = Counter(titles.values())
+    for number, part in different:
+        title = titles.get(number)
+        is_name = bool(title) and same[title] == 1
+        segment = f".{part + 1}" if parts[number] > 1 else ""
+        keys[number, part] = (str(title) if is_name else str(number + 1)) + segment
+    return keys

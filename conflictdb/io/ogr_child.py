@@ -46,11 +46,18 @@ def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
             "columns": [[_plain(value) for value in column] for column in columns],
         }
         size += sum(len(shape) for shape in shapes if shape is not None)
-        size += sum(len(value) for column in layer["columns"] for value in column if isinstance(value, str))
+        size += sum(_size(value) for column in layer["columns"] for value in column)
         if size > most_bytes:
             raise MemoryError
         layers.append(layer)
     stream.write(json.dumps(layers).encode())
+
+
+def _size(value: Any) -> int:
+    """Return the bytes of a value of a column; what is no text takes at least a reference."""
+    if isinstance(value, str):
+        return len(value.encode("utf-8", "replace"))
+    return 8 + (sum(map(_size, value)) if isinstance(value, list) else 0)
 
 
 def _plain(value: Any) -> Any:

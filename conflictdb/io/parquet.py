@@ -28,13 +28,14 @@ from conflictdb.arrays.arrow.forms import METADATA_KEY, told
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
-from conflictdb.io.arrow_values import plain
+from conflictdb.io.arrow_values import check_wkb, leaves, plain
 from conflictdb.io.contents import (
     TOO_LARGE,
     Contents,
     Parts,
     Remark,
     Skipped,
+    check_columns,
     given_twice,
     left_out,
     name_of,
@@ -139,6 +140,7 @@ def parquet_parts(
     source = str(path)
     with decoded(path, most_mb[0]) as rows:
         schema = rows.schema
+        check_columns("file", list(leaves("", schema)))
         said = told("file", schema)
         settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
         parts = Parts(settings, iter(()))
@@ -237,7 +239,8 @@ def _of_form(found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str,
     known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
-        OBJECTS.columns(batch, row)  # what does not fit is wrong with all of them
+        columns = OBJECTS.columns(batch, row)  # what does not fit is wrong with all of them
+        check_wkb("geometry", columns["geometry"], row)
         try:
             _add_checked(found, batch, row)
         except InvalidInput:
@@ -274,7 +277,7 @@ def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None
 
 def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: objects.Setting) -> None:
     """Add the objects of some rows, the first of which has this number."""
-    shapes = layout.shapes(batch.column(layout.geometry))
+    shapes = layout.shapes(batch.column(layout.geometry), row)
     names, columns = _values(batch, {layout.geometry, *layout.aside})
     has_times = not _WHEN.isdisjoint(name.lower() for name in names)
     measured = shapely.has_m(shapes)
@@ -340,7 +343,7 @@ def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
         return False
     if layout.geometry is None:
         return all(lower.intersection(COLUMNS[name]) for name in ("lon", "lat"))
-    kinds = shapely.get_type_id(layout.shapes(first.column(layout.geometry)))
+    kinds = shapely.get_type_id(layout.shapes(first.column(layout.geometry), 0))
     return bool(np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]).all() and (kinds >= 0).any())
 
 
@@ -367,7 +370,7 @@ def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
 
 
 def _places(layout: Layout, batch: "pa.RecordBatch", row: int) -> list[list[Any]]:
-    shapes = layout.shapes(batch.column(layout.geometry))
+    shapes = layout.shapes(batch.column(layout.geometry), row)
     kinds = shapely.get_type_id(shapes)
     strange = np.flatnonzero(~np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]))
     if strange.size:

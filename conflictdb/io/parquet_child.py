@@ -9,6 +9,8 @@ import json
 from pathlib import Path
 from typing import IO, Any, Final
 
+# Bytes of a value at least, as a reference of Python takes them: nulls and truths of Arrow take next to none.
+VALUE_BYTES: Final = 8
 # What is decoded at once, but for a row that is larger: enough to be quick, little in memory.
 ROWS_AT_ONCE: Final = 8_192
 BYTES_AT_ONCE: Final = 16_000_000
@@ -36,7 +38,7 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
                             for column, field in zip(batch.columns, plain, strict=True)
                         ]
                         held = pa.RecordBatch.from_arrays(columns, schema=plain)
-                        size += held.nbytes
+                        size += max(held.nbytes, VALUE_BYTES * held.num_rows * held.num_columns)
                         if size > most_bytes:
                             raise MemoryError
                         writer.write_batch(held)
@@ -73,6 +75,7 @@ def _plain(of: Any) -> Any:
 def _rows_at_once(file: Any) -> int:
     groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
     row_bytes = max((of.total_byte_size // max(of.num_rows, 1) for of in groups), default=0)
+    row_bytes = max(row_bytes, VALUE_BYTES * file.metadata.num_columns)
     return min(ROWS_AT_ONCE, max(1, BYTES_AT_ONCE // max(row_bytes, 1)))
 
 

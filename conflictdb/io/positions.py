@@ -13,15 +13,15 @@ objects without a size, and objects with a single fix. What is not a position fi
 import csv
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from io import StringIO
 from typing import Final
 
 import numpy as np
 
-from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io.contents import Contents, Remark, Skipped
+from conflictdb.errors import InvalidInput
+from conflictdb.io.contents import Contents, FileRefusals, Remark, Skipped, check_columns
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
 from conflictdb.io.instants import parse_instant
@@ -53,6 +53,8 @@ _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
     "is read from scene files only: positions have a size, as length or as sides",
 )
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
+# Of a file; each takes a kilobyte, however little the file says of it.
+MAX_OBJECTS: Final = 1_000_000
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
 _NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
@@ -112,7 +114,10 @@ class _Reader:
         header_line = text.partition("\n")[0]
         separator = max(",;\t", key=header_line.count)
         self.rows = csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True)
-        self.header = [name.strip() for name in next(self.rows, [])]
+        self.refusals = FileRefusals()
+        self.header = [name.strip() for name in next(self._each(), [])]
+        self.refusals.raise_found()
+        check_columns("file", self.header)
         self.left_out: dict[tuple[str, str], list[int]] = defaultdict(list)
         lower = [name.lower() for name in self.header]
         self.at: dict[str, int] = {}
@@ -120,7 +125,6 @@ class _Reader:
             found = [name for name in names if name in lower]
             if found:
                 self.at[column] = lower.index(found[0])
-        self.refusals = Refusals()
         for column in REQUIRED:
             with self.refusals:
                 if column not in self.at:
@@ -156,15 +160,25 @@ class _Reader:
         # AIS knows no other time than UTC; the package's own column `time` must say its offset.
         naive_is_utc = self.is_ais("time")
         fixes: dict[str, Fixes] = {}
-        try:
-            for row in self.rows:
-                with self.refusals:
-                    if row:
-                        self._take(row, self.rows.line_num, fixes, naive_is_utc)
-        except csv.Error as error:
+        for row in self._each():
             with self.refusals:
-                raise InvalidInput("file", f"line {self.rows.line_num}", f"is not CSV: {error}") from None
+                if row:
+                    self._take(row, self.rows.line_num, fixes, naive_is_utc)
+            if len(fixes) > MAX_OBJECTS:
+                rule = f"names another object after {MAX_OBJECTS:,}, the most that a file may have: split the file"
+                raise InvalidInput("file", f"line {self.rows.line_num}", rule)
         return fixes
+
+    def _each(self) -> Iterator[list[str]]:
+        """Yield the rows that follow, until one is not CSV, which is among the refusals."""
+        try:
+            yield from self.rows
+        except csv.Error as error:
+            rule = f"is not CSV: {error}"
+            if "field limit" in str(error):
+                rule = f"has a cell of more than {csv.field_size_limit():,} characters: is a quotation mark not closed?"
+            with self.refusals:
+                raise InvalidInput("file", f"line {self.rows.line_num}", rule) from None
 
     def _take(self, row: list[str], line: int, fixes: dict[str, Fixes], naive_is_utc: bool) -> None:
         if len(row) != len(self.header):
@@ -228,7 +242,7 @@ class _Reader:
         """Refuse a column whose name looks like a known one, once a cell of it can be what that one takes."""
         values = {**dict.fromkeys(self.at, "given"), self.suspects[i]: value}
         found = list(misnamed("file", values, _GUARDED, _ELSEWHERE, remedy=RENAME_COLUMN))
-        self.refusals.found += [InvalidInput("file", f"column {refused.field}", refused.rule) for refused in found]
+        self.refusals.extend(InvalidInput("file", f"column {refused.field}", refused.rule) for refused in found)
         if found:
             del self.suspects[i]
 
@@ -255,7 +269,7 @@ def _instant_us(text: str, naive_is_utc: bool) -> int:
     seconds = Decimal(text)
     if not EARLIEST_S <= seconds < LATEST_S:
         rule = f"a number is seconds since 1970, from {EARLIEST_S} to {LATEST_S}"
-        raise ValueError(f"must be ISO 8601, such as 2026-03-01T06:00:00Z, or a number; {rule}; got {text!r}")
+        raise ValueError(f"must be ISO 8601, such as 2026-03-01T06:00:00Z, or a number; {rule}; got {text!r:.60}")
     return int((seconds * 1_000_000).to_integral_value())
 
 

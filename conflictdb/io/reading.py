@@ -3,6 +3,13 @@
 `read` either returns everything that the file holds or raises one InvalidInput that names the file and, for every
 mistake in it, the object, the field and the rule. A further format is a module that returns `Contents`, and a case in
 `_read`.
+
+Files may come from anybody. Libraries that parse files in C run in a process of their own (`confined`: GDAL, Parquet).
+This process parses only
+- JSON and CSV, with Python's own parsers: linear in time, nesting and cells bounded by Python, the size by MAX_FILE_MB;
+- WKB, with GEOS, after a check of its structure (`wkb`);
+- the text of reference systems, with PROJ, which bounds nesting itself; `reference` bounds the rest.
+Numbers of columns, mistakes, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
 """
 
 import codecs
@@ -96,7 +103,7 @@ def _summed_up(
     for areas, tracks in each:
         summary.add([*areas, *tracks])
         yield areas, tracks
-    parts.refusals.found.extend(summary.twice())
+    parts.refusals.extend(summary.twice())
     parts.remarks += [*(() if len(summary) else (_empty(source),)), *summary.remarks(source)]
 
 

@@ -1,8 +1,12 @@
 """Reference systems of files: longitude and latitude on WGS84 as they are, all others transformed vertex by vertex.
 
 Edges are then straight in the scene's plane, whatever they were in the file's.
+
+PROJ parses the text of a reference system in this process. Its parsers limit nesting themselves; length, number and
+references to files are limited here.
 """
 
+import json
 import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -11,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.io.json_text import check_text
 
 Floats = NDArray[np.float64]
 # From coordinates (n, 2) of a file to longitude and latitude in degrees; None leaves them as they are.
@@ -20,6 +25,12 @@ EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
 _LONGITUDE_LATITUDE: Final = re.compile(
     r"(?:.*[:/])?(CRS84h?|EPSG[:/](?:[\d.]*[:/])?(?:4326|4979))|WGS ?84", re.IGNORECASE
 )
+# Characters of a name, WKT or PROJJSON: PROJ's own longest is a third of it.
+MAX_CHARACTERS: Final = 50_000
+# Of one file. Each takes PROJ some 20 ms.
+MAX_SYSTEMS: Final = 20
+# A path or an address: PROJ would open grids and definitions there, and wait for a pipe.
+_ELSEWHERE: Final = re.compile(r"""(?:^|[=,"'@\s|])(?:~|\.{1,2})?/\S|["'@=,]\w+://(?!proj\.org/|www\.opengis\.net/)""")
 _RULE: Final = "must name a reference system, or be left out: longitude and latitude on WGS84, as RFC 7946 says"
 
 
@@ -27,6 +38,7 @@ def of_name(who: str, name: str, field: str = "reference system") -> ToDegrees:
     """Return how coordinates of a named system become longitude and latitude; raises InvalidInput if it is unknown."""
     if _LONGITUDE_LATITUDE.fullmatch(name):
         return None
+    name = _harmless(who, name, field)
     try:
         import pyproj
     except ImportError:
@@ -42,8 +54,31 @@ def of_name(who: str, name: str, field: str = "reference system") -> ToDegrees:
     return to_degrees
 
 
-def of_member(who: str, holder: Mapping[str, Any], outer: ToDegrees) -> ToDegrees:
-    """Return what the member `crs` of GeoJSON of 2008 says, `outer` where there is none; raises InvalidInput."""
+def _harmless(who: str, name: str, field: str) -> str:
+    """Return the text of a reference system that PROJ may parse; raises InvalidInput for any other."""
+    check_text(who, field, name)
+    if len(name) > MAX_CHARACTERS:
+        rule = f"has {len(name):,} characters; at most {MAX_CHARACTERS:,} are read: give its code, such as EPSG:25832"
+        raise InvalidInput(who, field, rule)
+    if name.lstrip().startswith("{"):
+        try:
+            name = json.dumps(json.loads(name), ensure_ascii=False)  # without escapes that hide a path
+        except (ValueError, RecursionError):
+            raise InvalidInput(who, field, f"is neither PROJJSON nor a name: {name:.60}") from None
+    if _ELSEWHERE.search(name):
+        raise InvalidInput(who, field, f"refers to a file or an address, which is not opened: {name:.60}")
+    return name
+
+
+# Reference systems that a file names: how their coordinates become degrees, or why they are refused.
+Systems = dict[str, ToDegrees | InvalidInput]
+
+
+def of_member(who: str, holder: Mapping[str, Any], outer: ToDegrees, systems: Systems) -> ToDegrees:
+    """Return what the member `crs` of GeoJSON of 2008 says, `outer` where there is none; raises InvalidInput.
+
+    systems : those of the file that were looked up; this one is added
+    """
     if "crs" not in holder:
         return outer
     crs = holder["crs"]
@@ -53,4 +88,15 @@ def of_member(who: str, holder: Mapping[str, Any], outer: ToDegrees) -> ToDegree
         name = f"EPSG:{properties['code']}"
     if not isinstance(name, str):
         raise InvalidInput(who, "crs", f"{_RULE}; got {crs!r:.60}")
-    return of_name(who, name, "crs")
+    if name not in systems:
+        if len(systems) == MAX_SYSTEMS:
+            rule = f"is another one than {MAX_SYSTEMS} before it, the most that a file may name"
+            raise InvalidInput(who, "crs", f"{rule}: transform it to longitude and latitude first")
+        try:
+            systems[name] = of_name(who, name, "crs")
+        except InvalidInput as refused:
+            systems[name] = refused
+    found = systems[name]
+    if isinstance(found, InvalidInput):
+        raise InvalidInput(who, found.field, found.rule) from found.__cause__
+    return found

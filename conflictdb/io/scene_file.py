@@ -13,7 +13,7 @@ import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import moving_features, names, objects, reference
-from conflictdb.io.contents import Contents, given_twice, left_out, name_of
+from conflictdb.io.contents import Contents, FileRefusals, given_twice, left_out, name_of
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.geometry import TRACK_TYPE, geometry_type
@@ -61,17 +61,18 @@ def read_scene(
     if document.get("type") != "FeatureCollection":
         got = document.get("type")
         raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
-    refusals = Refusals()
+    refusals = FileRefusals()
     to_degrees: reference.ToDegrees = None
+    systems: reference.Systems = {}
     with refusals:
-        to_degrees = reference.of_member("file", document, None)
+        to_degrees = reference.of_member("file", document, None, systems)
     with refusals:
         moving_features.check_trs("file", document)
     foreign: Collection[str] = ()
     with refusals:
         foreign = _foreign(document.get("foreign"))
     known = ("scene", "features", "crs", "trs", "foreign")
-    refusals.found += names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign)
+    refusals.extend(names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign))
     scene = None
     with refusals:
         scene = scene_of(document["scene"], stem) if "scene" in document else None
@@ -82,8 +83,8 @@ def read_scene(
         refusals.raise_found()
         raise AssertionError
     in_scene = scene or Scene(stem)
-    setting = objects.Setting(in_scene, foreign, to_degrees)
-    of_objects = Refusals()
+    setting = objects.Setting(in_scene, foreign, to_degrees, systems=systems)
+    of_objects = FileRefusals()
     items: dict[int, Area | Track | objects.TrackAtSpeed] = {}
     for i, feature in enumerate(features):
         with of_objects:
@@ -164,12 +165,13 @@ def _object(i: int, feature: Any, setting: objects.Setting) -> Area | Track | ob
     key = checked_key(who, "id", number_as_key(key))
     if not isinstance(properties, dict):
         raise InvalidInput(f"feature {key!r}", "properties", f"must be an object; got {properties!r:.60}")
-    refusals = Refusals()
+    refusals = FileRefusals()
     who = f"feature {key!r}"
-    refusals.found += names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, setting.foreign)
+    refusals.extend(names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, setting.foreign))
     item: Area | Track | objects.TrackAtSpeed | None = None
     with refusals:
-        own = replace(setting, to_degrees=reference.of_member(who, feature, setting.to_degrees))
+        to_degrees = reference.of_member(who, feature, setting.to_degrees, setting.systems)
+        own = replace(setting, to_degrees=to_degrees)
         if feature.get("temporalGeometry") is not None:
             item = moving_features.track(key, feature, properties, own)
         else:
@@ -194,8 +196,9 @@ def _plain(
             rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
             raise fields.refusal("kind", rule)
     with fields.refusals:
-        setting = replace(setting, to_degrees=reference.of_member(fields.who, geometry, setting.to_degrees))
-    fields.refusals.found += names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, setting.foreign)
+        to_degrees = reference.of_member(fields.who, geometry, setting.to_degrees, setting.systems)
+        setting = replace(setting, to_degrees=to_degrees)
+    fields.refusals.extend(names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, setting.foreign))
     return objects.track(key, geometry, fields, setting) if is_track else objects.area(key, geometry, fields, setting)
 
 
@@ -208,7 +211,7 @@ def scene_of(settings: Any, stem: str) -> Scene:
     """Return a scene of its settings as files have them; raises InvalidInput with all that is wrong with them."""
     if not isinstance(settings, dict):
         raise InvalidInput("scene", "", f"must be an object of settings; got {settings!r:.60}")
-    refusals = Refusals()
+    refusals = FileRefusals()
     for name in (name for name in settings if name not in _SETTINGS):
         meant = names.look_alike(name, _SETTINGS)
         hint = f"did you mean {meant}?" if meant else f"known are {', '.join(_SETTINGS)}"

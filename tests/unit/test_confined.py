@@ -71,3 +71,12 @@ def test_a_program_ends_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with program.running([], 3.0) as running, pytest.raises(InvalidInput, match="takes too much to read"):
         running.answer()
     assert running.child.returncode is not None
+
+
+@pytest.mark.parametrize(
+    "body", ["while True: stream.write(bytes(1 << 20))", "while True: os.write(2, bytes(1 << 20))"]
+)
+def test_an_answer_without_end_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
+    monkeypatch.setattr(confined, "_LEAST_SECONDS", 1.0)
+    with written(tmp_path, body).running([], 3.0) as running, pytest.raises(InvalidInput, match="holds more than 3 MB"):
+        running.answer()

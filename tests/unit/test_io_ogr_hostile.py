@@ -16,7 +16,7 @@ import shapely
 
 from conflictdb import io
 from conflictdb.errors import InvalidInput
-from conflictdb.io import confined, ogr_process
+from conflictdb.io import confined, ogr, ogr_process
 
 pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
 
@@ -220,3 +220,61 @@ def test_settings_of_the_caller_do_not_reach_ogr(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("GDAL_SKIP", "GPKG")
     monkeypatch.setenv("OGR_SKIP", "GPKG")
     assert len(io.read(geopackage(tmp_path / "areas.gpkg")).areas) == 1
+
+
+def test_points_without_a_time_are_told_in_no_time(tmp_path: Path) -> None:
+    path = tmp_path / "plan.gpx"
+    points = '<trkpt lat="1" lon="1"/>' * 30_000
+    path.write_text(
+        '<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">'
+        f"<trk><trkseg>{points}</trkseg></trk></gpx>"
+    )
+    began = time.monotonic()
+    (skipped,) = io.read(path).skipped
+    assert time.monotonic() - began < LONGEST_S
+    assert len(skipped.lines) == 30_000
+
+
+def test_layers_that_are_called_as_those_of_gpx_are_read_as_others(tmp_path: Path) -> None:
+    path = tmp_path / "areas.gpkg"
+    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
+    for layer in ("waypoints", "routes", "tracks", "route_points", "track_points"):
+        pyogrio.raw.write(
+            path,
+            geometry=shape,
+            field_data=[np.array([7])],
+            fields=np.array(["time"]),
+            geometry_type="Polygon",
+            crs="EPSG:4326",
+            layer=layer,
+            append=path.exists(),
+        )
+    assert len(io.read(path).areas) == 5
+
+
+def test_many_columns_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "areas.fgb"
+    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
+    names = np.array([f"c{i}" for i in range(2_001)])
+    values = [np.array([1]) for _ in names]
+    pyogrio.raw.write(path, geometry=shape, field_data=values, fields=names, geometry_type="Polygon", crs="EPSG:4326")
+    assert "columns: has 2,001 columns; at most 2,000 are read" in refusal(path)
+
+
+def test_missing_values_count_as_what_they_take(tmp_path: Path) -> None:
+    path = tmp_path / "areas.fgb"
+    shapes = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))] * 1_000, dtype=object)
+    names = np.array([f"c{i}" for i in range(200)])
+    values = [np.array([None] * 1_000, dtype=object) for _ in names]
+    pyogrio.raw.write(path, geometry=shapes, field_data=values, fields=names, geometry_type="Polygon", crs="EPSG:4326")
+    with pytest.raises(InvalidInput, match=r"holds more than 1 MB"):
+        io.read(path, max_file_mb=1.0)
+    assert len(io.read(path, max_file_mb=3.0).areas) == 1_000
+
+
+def test_geometries_in_geometries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the process that reads says, it does not reach GEOS."""
+    deep = b"\1\7\0\0\0\1\0\0\0" * 100_000
+    layer = ogr_process.Layer("a", "EPSG:4326", [], [1], np.array([deep], dtype=object), [])
+    monkeypatch.setattr(ogr, "read_layers", lambda path, most: [layer])
+    assert "row 0 nests geometries more than 32 deep" in refusal(geopackage(tmp_path / "areas.gpkg"))

@@ -1,0 +1,156 @@
+"""GeoParquet as attackers write it: no crash, bounded time and memory, one message."""
+
+import json
+import os
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import shapely
+
+from conflictdb import io
+from conflictdb.arrays.arrow.found import FOUND
+from conflictdb.arrays.arrow.objects import OBJECTS
+from conflictdb.errors import InvalidInput
+from conflictdb.io import contents
+from conflictdb.io.computed import read_conflicts
+
+LONGEST_S = 20.0
+SQUARE = shapely.box(4, 57, 5, 58).wkb
+LINE = shapely.LineString([(4, 57), (5, 58)]).wkb
+ROW = {"kind": ["area"], "id": ["a"]}
+DEEP = 200_000
+
+
+def nested(kind: int) -> pa.Array:
+    """Geometries in geometries: GEOS overflows the stack long before so many."""
+    return pa.array([struct.pack("<BII", 1, kind, 1) * 100_000 + struct.pack("<BII", 1, kind, 0)], pa.binary())
+
+
+def of_scene(**columns: Any) -> pa.Table:
+    return pa.table({**ROW, **columns}).replace_schema_metadata(OBJECTS.schema.metadata)
+
+
+def of_others(encoding: str = "WKB", crs: Any = None, **columns: Any) -> pa.Table:
+    column = {"encoding": encoding, "geometry_types": [], **({"crs": crs} if crs else {})}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    return pa.table(columns).replace_schema_metadata({"geo": json.dumps(geo)})
+
+
+def refusal(path: Path, table: pa.Table) -> str:
+    pq.write_table(table, path)
+    began = time.monotonic()
+    with pytest.raises(InvalidInput) as caught:
+        io.read(path)
+    message = str(caught.value)
+    assert time.monotonic() - began < LONGEST_S
+    assert message.startswith(str(path))
+    assert len(message) < 4_000
+    return message
+
+
+def bits(count: int) -> dict[str, pa.Array]:
+    return {f"c{i}": pa.nulls(1, pa.bool_()) for i in range(count)}
+
+
+TABLES = {
+    "collections in collections": (of_others(geometry=nested(7)), "row 0 nests geometries more than 32 deep"),
+    "polygons in polygons": (of_others(geometry=nested(6)), "row 0 has a geometry of kind 6 where only kind 3 may be"),
+    "of a scene": (of_scene(geometry=nested(7)), "row 0 nests geometries more than 32 deep"),
+    "in hexadecimal": (
+        of_others(geometry=pa.array([nested(7)[0].as_py().hex()])),
+        "row 0 nests geometries more than 32 deep",
+    ),
+    "at a time": (
+        of_others(geometry=nested(7), id=["a"], time=["2026-01-01T00:00:00Z"]),
+        "row 0 nests geometries more than 32 deep",
+    ),
+    "lines that are points": (
+        of_others("linestring", geometry=pa.array([{"x": 1.0, "y": 2.0, "m": 3.0}])),
+        "its type must be 1 lists of structs of x and y",
+    ),
+    "points that are lines": (
+        of_others("point", geometry=pa.array([[{"x": 1.0, "y": 2.0}]])),
+        "its type must be 0 lists of structs of x and y",
+    ),
+    "columns": (of_others(geometry=pa.array([SQUARE]), **bits(2_001)), "2,002 columns; at most 2,000 are read"),
+    "members": (
+        of_others(
+            geometry=pa.array([SQUARE]), x=pa.StructArray.from_arrays(list(bits(2_001).values()), [*bits(2_001)])
+        ),
+        "2,002 columns; at most 2,000 are read",
+    ),
+    "lists in JSON": (of_others(geometry=pa.array([LINE]), times=["[" * DEEP]), "times: must be a list of dates"),
+    "digits in JSON": (of_others(geometry=pa.array([LINE]), times=[f"[{'1' * DEEP}]"]), "times: must be a list of da"),
+    "lists in properties": (
+        of_scene(geometry=pa.array([SQUARE]), properties=['{"x":' + "[" * DEEP]),
+        "properties: must be a JSON object",
+    ),
+    "digits in properties": (
+        of_scene(geometry=pa.array([SQUARE]), properties=[f'{{"x":{"1" * DEEP}}}']),
+        "properties: must be a JSON object",
+    ),
+    "a long value": (
+        of_others(geometry=pa.array([LINE]), times=["x" * 5_000_000]),
+        "times: must be a list of dates and times, one per waypoint; got 'xxx",
+    ),
+    "a reference system of many letters": (
+        of_others(geometry=pa.array([SQUARE]), crs="COMPOUNDCRS[" * 10_000),
+        "has 120,000 characters",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(TABLES))
+def test_hostile_columns_are_refused_at_once(tmp_path: Path, name: str) -> None:
+    table, rule = TABLES[name]
+    assert rule in refusal(tmp_path / "plan.parquet", table)
+
+
+def test_hostile_conflicts_are_refused(tmp_path: Path) -> None:
+    """They are decoded by another way than objects."""
+    columns = {field.name: pa.nulls(1, field.type) for field in FOUND.schema}
+    columns["region"] = nested(7)
+    for field in (field for field in FOUND.schema if not field.nullable):
+        value = [] if pa.types.is_list(field.type) else "x" if pa.types.is_string(field.type) else 1
+        columns[field.name] = pa.array([value], field.type)
+    pq.write_table(pa.table(columns), tmp_path / "part.parquet")
+    with pytest.raises(InvalidInput, match="column region: holds what is no geometry in WKB: row 0 nests geometries"):
+        list(read_conflicts(tmp_path, 1))
+
+
+def test_nulls_count_as_what_they_take(tmp_path: Path) -> None:
+    """Of a type that has none but nulls a billion rows are a small file, and no bytes of Arrow."""
+    path = tmp_path / "fixes.parquet"
+    pq.write_table(pa.table({name: pa.nulls(100_000) for name in ("id", "time", "lon", "lat")}), path)
+    with pytest.raises(InvalidInput, match="holds more than 3 MB"):
+        io.read(path, max_file_mb=3.0)
+    assert io.read(path, max_file_mb=4.0).skipped
+
+
+def test_mistakes_without_end_are_not_all_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contents, "MAX_MISTAKES", 100)
+    table = of_others(geometry=pa.nulls(50_000, pa.binary()))
+    message = refusal(tmp_path / "plan.parquet", table)
+    assert "has more than 100 mistakes, and is not read any further" in message
+    with pytest.raises(InvalidInput, match="more than 100 mistakes"):
+        io.read(tmp_path / "plan.parquet", skip_invalid=True)
+
+
+def test_a_reference_system_opens_no_file(tmp_path: Path) -> None:
+    """PROJ would wait for ever for what a pipe says."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    escaped = json.dumps({"type": "x", "file": str(pipe)}).replace("/", "\\u002f")
+    for crs in (
+        f"+proj=longlat +ellps=bessel +nadgrids=@{pipe}",
+        f"+init={pipe}:x",
+        f"+init=../{pipe.name}:x",
+        escaped,
+    ):
+        message = refusal(tmp_path / "plan.parquet", of_others(geometry=pa.array([SQUARE]), crs=crs))
+        assert "refers to a file or an address, which is not opened" in message
