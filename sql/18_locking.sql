@@ -27,7 +27,7 @@ END
 $$;
 COMMENT ON FUNCTION _lift_limits(double precision) IS
 'Lifts the limits of time that a role or database sets, until the transaction ends: a detection takes as long as it '
-'takes. Locks are waited for no longer than the given seconds; null and 0 are for ever. If the '
+'takes. It waits for a lock no longer than the given seconds; null and 0 are for ever. If the '
 'client is gone, a statement that is under way ends within a second.';
 
 CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS boolean

@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 
 @contextmanager
 def database(args: argparse.Namespace) -> Iterator[Database]:
-    """Open the database of a command, and close it at the end."""
+    """Open the database of a command, and close it at the end; --lock-timeout holds for all that the command does."""
     with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
         warnings.simplefilter("ignore", IncompleteWarning)  # commands say so in their own words
-        yield opened
+        with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
+            yield opened
 
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:

@@ -36,7 +36,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
-from conflictdb.waiting import answer_of, begun_aside
+from conflictdb.waiting import answer_of, begun_aside, end_aside
 
 __all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
@@ -106,8 +106,9 @@ def detect(
     full : compute everything again, also what did not change
     jobs : threads that stage 4 may use; None is one per processor
     progress : told now and then how many pairs stage 4 has decided, and of how many
-    lock_timeout_s : wait no longer than this, seconds, for another detection of the scene or any other lock; None waits
-        for as long as it takes
+    lock_timeout_s : wait no longer than this, seconds, for another detection of the scene, or for any other lock; None
+        waits for another detection as long as it takes, and 300 s for any other lock; 0 waits for no other detection,
+        and 10 s for any other lock
     say : told after 5 s of waiting for another detection who that is
     memory_mb : of this process, megabytes, that the detection keeps below; with less it works in smaller parts
 
@@ -121,7 +122,8 @@ def detect(
         The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
     """
     way = _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb))
-    return _run(conn, scene, full, way)
+    with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
+        return _run(conn, scene, full, way)
 
 
 def detect_pending(
@@ -129,11 +131,13 @@ def detect_pending(
 ) -> Run | None:
     """Do as `detect`, but never wait for another detection of the scene, and do nothing where nothing changed.
 
-    Returns None if nothing was to do. Raises LockTimeout if another detection is at work, which says who that is.
+    Returns None if nothing was to do. Raises LockTimeout if another detection is at work, or if somebody keeps another
+    lock for 10 s; it says who that is.
     """
+    way = _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
     try:
-        way = _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
-        return _run(conn, scene, False, way)
+        with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(way.lock_timeout_s)):
+            return _run(conn, scene, False, way)
     except _NothingPending:
         return None
 
@@ -174,12 +178,14 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
                 # Another detection came in between, or other settings: whatever is still marked becomes ours now.
                 pending = _pending(conn, scene_id, way)
                 settings, record = refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
-        writing = _Aside(partial(store.begin_write, conn, scene_id, record))
+        writing = _Aside(conn, partial(store.begin_write, conn, scene_id, record))
         source = SceneSource(conn, scene_id, way.memory, writing.start)
         return _refresh_conflicts(conn, writing.result, source, settings, record, way, started)
     except BaseException as error:
         # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
         is_removed = False
+        with suppress(psycopg.Error):
+            end_aside(conn, conn.cancel_safe)
         with suppress(ConflictDBError, psycopg.Error):
             conn.rollback()
             if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
@@ -292,14 +298,14 @@ def _made_pieces(
 class _Aside:
     """The beginning of a write-back, done by another thread while pairs are solved here."""
 
-    def __init__(self, work: Callable[[], store.Staged]) -> None:
-        self._work = work
+    def __init__(self, conn: psycopg.Connection[Any], work: Callable[[], store.Staged]) -> None:
+        self._conn, self._work = conn, work
         self._begun: Future[store.Staged] | None = None
 
     def start(self) -> None:
         """Begin, unless that was done."""
         if self._begun is None:
-            self._begun = begun_aside(self._work)
+            self._begun = begun_aside(self._conn, self._work)
 
     def result(self) -> store.Staged:
         """Return it; raises what the work did."""

@@ -86,7 +86,8 @@ def write_back(
     started = time.perf_counter()
     store.require_idle(conn, "a write-back")
     store.require_writable(conn)
-    scene_id = store.scene_id(conn, scene)
+    with store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
+        scene_id = store.scene_id(conn, scene)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
     try:
         store.begin_locked(conn, scene_id, scene, lock_timeout_s, say)

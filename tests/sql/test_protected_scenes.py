@@ -395,3 +395,16 @@ def test_scenes_without_protection_are_everybodys(conn: Conn, capsys: pytest.Cap
     assert "1 of the scenes belong to no role yet" in run("protect").err
     with acting(conn, "conflictdb_reader"):
         assert count(conn, "scenes") == 1
+
+
+def test_only_the_owner_says_how_long_history_is_kept(protected: Conn, stage: Stage) -> None:
+    """A shorter time prunes it, which roles that it is shared with may not."""
+    kept = "UPDATE conflictdb.scene SET history_kept = {} WHERE scene_id = {}"
+    share(protected, stage, stage.bob, "write")
+    with acting(protected, stage.bob):
+        assert "owner of the scene" in refused(protected, kept.format("'0'", stage.hers), "42501")
+        protected.execute(kept.format("history_kept, tolerance_m = 3", stage.hers).encode())
+        protected.execute("UPDATE conflictdb.scene SET history_kept = '1 day' WHERE name = 'his'")
+    for role in (stage.alice, stage.worker):
+        with acting(protected, role):
+            assert protected.execute(kept.format(f"'{len(role)} days'", stage.hers).encode()).rowcount == 1

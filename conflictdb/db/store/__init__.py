@@ -16,6 +16,8 @@ from conflictdb.db.store.attached import (
     unmapped,
 )
 from conflictdb.db.store.connection import (
+    LOCK_WAIT_S,
+    Holder,
     begin_snapshot,
     connect,
     join,
@@ -26,6 +28,7 @@ from conflictdb.db.store.connection import (
     snapshot,
     transaction,
     translated,
+    waiting_at_most,
 )
 from conflictdb.db.store.detection import (
     Pending,
@@ -38,7 +41,7 @@ from conflictdb.db.store.detection import (
 )
 from conflictdb.db.store.elsewhere import ObjectStates, cover, object_states
 from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
-from conflictdb.db.store.locking import SAY_AFTER_S, Holder, Say, begin_locked
+from conflictdb.db.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s
 from conflictdb.db.store.objects import (
     LoadCounts,
     Numbered,
@@ -111,6 +114,7 @@ from conflictdb.db.store.writing import (
 )
 
 __all__ = [
+    "LOCK_WAIT_S",
     "SAY_AFTER_S",
     "TILES",
     "WORKER_NAME",
@@ -175,6 +179,7 @@ __all__ = [
     "keys_of",
     "list_scenes",
     "listen",
+    "longest_wait_s",
     "map_areas",
     "map_conflicts",
     "map_dsn",
@@ -190,12 +195,12 @@ __all__ = [
     "pending",
     "pieces_meeting",
     "plan_of",
-    "probe_failed",
-    "read_probe",
     "preview_attachment",
+    "probe_failed",
     "protect_scenes",
     "put_pieces",
     "query",
+    "read_probe",
     "read_scene",
     "read_settings",
     "record_failure",
@@ -231,6 +236,7 @@ __all__ = [
     "wait_for_change",
     "wait_for_probe",
     "wait_until_current",
+    "waiting_at_most",
     "waiting_scenes",
     "worker_dsn",
     "writers_notify",

@@ -2,8 +2,12 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import count
+from math import ceil
 from typing import Any, Final, TypeVar
+from weakref import WeakKeyDictionary
 
 import psycopg
 from psycopg.pq import TransactionStatus
@@ -33,6 +37,33 @@ _ENCODING: Final = "UTF8"
 _ROWS_AT_ONCE: Final = 2_000
 _CURSORS: Final = count()  # names of cursors that no two have
 
+# Who may delete rows of a table may lock it: connections of this program wait no longer than this for any lock, unless
+# the role or database has a limit of its own.
+LOCK_WAIT_S: Final = 300.0
+# How long transactions that begin on a connection wait for a lock, seconds.
+_WAITS: Final[WeakKeyDictionary[psycopg.Connection[Any], float]] = WeakKeyDictionary()
+# Sessions whose lock of a table of ours keeps others from writing to it. Types on both sides of operators are the same.
+_LOCK_HOLDERS: Final = """
+SELECT a.pid, a.application_name, coalesce(a.usename, ''::name)::text, a.xact_start
+FROM pg_catalog.pg_stat_activity a
+WHERE a.pid <> pg_backend_pid()
+  AND EXISTS (SELECT FROM pg_catalog.pg_locks l JOIN pg_catalog.pg_class c ON c.oid = l.relation
+              WHERE l.pid = a.pid AND l.granted AND c.relnamespace = to_regnamespace('conflictdb')::oid
+                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
+                AND l.mode IN ('ShareLock', 'ShareRowExclusiveLock', 'ExclusiveLock', 'AccessExclusiveLock'))
+ORDER BY a.xact_start, a.pid
+"""
+
+# What the encoding and PostgreSQL's type text have room for.
+_TEXT_RULE: Final = "must have no NUL character and no unpaired surrogate"
+# SQLSTATE of what ends a session: admin_shutdown, crash_shutdown, idle_in_transaction_session_timeout,
+# idle_session_timeout; and the class of connection exceptions.
+_SESSION_ENDS: Final = ("57P01", "57P02", "25P03", "57P05")
+_CONNECTION_CLASS: Final = "08"
+_BREAK: Final = "\n"
+_LOST: Final = "the connection to the database is lost"
+_LOST_BEFORE: Final = ("the connection is lost", "the connection is closed")  # as psycopg says, without the reason
+
 _Row = TypeVar("_Row")
 
 # Whether a user may use the schema, a routine of it, and temporary tables, and which role may call that routine: each
@@ -51,11 +82,28 @@ SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_data
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Whoever holds a lock, as far as the server shows it to us; as a text, for people."""
+
+    pid: int
+    application: str
+    role: str
+    since: datetime | None
+
+    def __str__(self) -> str:
+        since = f", since {self.since.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if self.since else ""
+        application = f", {self.application!r}" if self.application else ""
+        return f"process {self.pid} of the server (user {self.role!r}{application}{since})"
+
+
 def connect(dsn: str) -> psycopg.Connection[Any]:
     """Return a connection whose sessions show instants in UTC and ISO 8601; raises StoreError if it cannot be made.
 
     A pooler may give each of its transactions another session: statements are not prepared, and nothing is set but what
     poolers keep for each client (PgBouncer: TimeZone, DateStyle, client_encoding), and what does others no harm:
+
+    Its transactions (`transaction`, `begin_snapshot`) wait LOCK_WAIT_S for a lock, or as the role or database says.
 
     If this process is killed, the server notices within a second and gives up what it was doing; on systems where it
     cannot (before version 15 all but Linux), it notices when it has an answer.
@@ -63,7 +111,12 @@ def connect(dsn: str) -> psycopg.Connection[Any]:
     with translated():
         conn = psycopg.connect(dsn, client_encoding=_ENCODING, prepare_threshold=None)
         try:
-            conn.execute("SELECT set_config('TimeZone', 'UTC', false), set_config('DateStyle', 'ISO', false)")
+            row = conn.execute(
+                "SELECT current_setting('lock_timeout'), set_config('TimeZone', 'UTC', false), "
+                "set_config('DateStyle', 'ISO', false)"
+            ).fetchone()
+            if row is not None and row[0] == "0":
+                _WAITS[conn] = LOCK_WAIT_S
             with suppress(psycopg.errors.InvalidParameterValue), conn.transaction():
                 conn.execute("SELECT set_config('client_connection_check_interval', '1s', false)")
             conn.commit()
@@ -75,7 +128,7 @@ def connect(dsn: str) -> psycopg.Connection[Any]:
 
 @contextmanager
 def translated(routine: str = "") -> Iterator[None]:
-    """Turn psycopg's errors into InvalidInput (the database refused a row) or StoreError (anything else).
+    """Turn psycopg's errors into InvalidInput (it refuses a row or a text) or StoreError (anything else).
 
     routine : of the schema conflictdb that is called, for `naming_grants`
     """
@@ -83,13 +136,27 @@ def translated(routine: str = "") -> Iterator[None]:
         yield
     except psycopg.Error as error:
         raise _translation(error, routine) from error
+    except UnicodeEncodeError as error:  # of a parameter: half of a surrogate pair
+        raise InvalidInput("", "text", _TEXT_RULE) from error
 
 
 @contextmanager
 def naming_grants(conn: psycopg.Connection[Any]) -> Iterator[None]:
-    """Have NotPermitted name the grant that is missing, where that is known; what fails within must be rolled back."""
+    """Have NotPermitted name the missing grant, and LockTimeout the holders of locks, where these are known.
+
+    What fails within must be rolled back.
+    """
     try:
         yield
+    except LockTimeout as timeout:
+        if not isinstance(timeout.__cause__, psycopg.errors.LockNotAvailable) or "; locked by: " in str(timeout):
+            raise
+        holders: list[Holder] = []
+        with suppress(psycopg.Error):
+            holders = _lock_holders(conn)
+        if not holders:
+            raise
+        raise LockTimeout(f"{timeout}; locked by: {' and '.join(map(str, holders))}") from timeout.__cause__
     except NotPermitted as refused:
         missing, cause = None, refused.__cause__
         if isinstance(cause, psycopg.Error) and refused.routine is not None:
@@ -123,6 +190,14 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
     if may_have_tables or not is_of_table:
         return None
     return user, f"GRANT TEMPORARY ON DATABASE {database} TO {user}"
+
+
+def _lock_holders(conn: psycopg.Connection[Any]) -> list[Holder]:
+    """Return who holds a lock of a table of ours, as far as the server shows it; reads no table of ours."""
+    if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
+        return []
+    with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+        return [Holder(*row) for row in cursor.execute(_LOCK_HOLDERS.encode(), prepare=False, binary=True)]
 
 
 def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tuple[Any, ...]:
@@ -177,11 +252,34 @@ def query_of(routine: str, arguments: Sequence[object]) -> bytes:
 @contextmanager
 def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
     """Do everything inside or nothing; an open transaction of the caller's goes on, otherwise none stays open."""
+    is_own = conn.info.transaction_status == TransactionStatus.IDLE
     with naming_grants(conn), translated(), conn.transaction():
+        if is_own and conn in _WAITS:
+            conn.execute(_limit(_WAITS[conn]), prepare=False)
         former = _use_utf8(conn)
         yield
         if former is not None:
             _set_encoding(conn, former)
+
+
+@contextmanager
+def waiting_at_most(conn: psycopg.Connection[Any], lock_timeout_s: float | None) -> Iterator[None]:
+    """Have transactions that begin inside wait no longer for any lock, seconds; None leaves the limit as it is."""
+    former = _WAITS.get(conn)
+    if lock_timeout_s is not None:
+        _WAITS[conn] = lock_timeout_s
+    try:
+        yield
+    finally:
+        if former is None:
+            _WAITS.pop(conn, None)
+        else:
+            _WAITS[conn] = former
+
+
+def _limit(lock_timeout_s: float) -> bytes:
+    """Return the statement that limits how long the open transaction waits for a lock; 0 s is not for ever."""
+    return f"SET LOCAL lock_timeout = {min(max(1, ceil(1000 * lock_timeout_s)), 2**31 - 1)}; ".encode()
 
 
 @contextmanager
@@ -233,7 +331,9 @@ def require_detecting(conn: psycopg.Connection[Any]) -> None:
 
 
 def require_idle(conn: psycopg.Connection[Any], what: str) -> None:
-    """Raise StoreError if a transaction is open."""
+    """Raise StoreError if a transaction is open, or the connection is lost."""
+    if conn.closed:
+        raise StoreError(_LOST)
     if conn.info.transaction_status != TransactionStatus.IDLE:
         raise StoreError(f"{what} needs a connection without an open transaction: commit or roll back first")
 
@@ -252,13 +352,19 @@ def begin_snapshot(conn: psycopg.Connection[Any], first: str = "", routine: str 
     routine : that it calls
     """
     require_idle(conn, "a snapshot")
-    begin = "BEGIN" if conn.autocommit else "SET TRANSACTION"
+    begin = b"BEGIN" if conn.autocommit else b"SET TRANSACTION"
+    limit = _limit(_WAITS[conn]) if conn in _WAITS else b""
     with translated(routine):
-        conn.execute(f"{begin} ISOLATION LEVEL REPEATABLE READ; {first}".encode(), prepare=False)
+        conn.execute(begin + b" ISOLATION LEVEL REPEATABLE READ; " + limit + first.encode(), prepare=False)
         _use_utf8(conn)
 
 
 def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
+    if isinstance(error, psycopg.DataError) and error.sqlstate is None and "NUL" in str(error):
+        return InvalidInput("", "text", _TEXT_RULE)
+    if _is_loss(error):
+        reason = str(error).strip().partition(_BREAK)[0]
+        return StoreError(_LOST if reason in _LOST_BEFORE else f"{_LOST}: {reason}")
     if error.sqlstate in (NOT_CURRENT, NOT_ANSWERED):
         return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
@@ -275,3 +381,12 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
         return NotPermitted(told, None if error.diag.table_name else routine)
     kind = LockTimeout if isinstance(error, psycopg.errors.LockNotAvailable) else StoreError
     return kind(told)
+
+
+def _is_loss(error: psycopg.Error) -> bool:
+    """Return whether a connection that was there is lost."""
+    if not isinstance(error, psycopg.OperationalError | psycopg.InternalError) or error.pgconn is not None:
+        return False  # pgconn: it could not be made
+    if error.sqlstate is None:
+        return isinstance(error, psycopg.OperationalError)
+    return error.sqlstate in _SESSION_ENDS or error.sqlstate.startswith(_CONNECTION_CLASS)

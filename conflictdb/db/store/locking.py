@@ -7,13 +7,19 @@ by the server (SQLSTATE 40001), and that transaction begins again.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
 
 import psycopg
 
-from conflictdb.db.store.connection import begin_snapshot, call, call_many, transaction
+from conflictdb.db.store.connection import (
+    LOCK_WAIT_S,
+    Holder,
+    begin_snapshot,
+    call,
+    call_many,
+    transaction,
+    waiting_at_most,
+)
 from conflictdb.errors import LockTimeout, StoreError
 
 _T = TypeVar("_T")
@@ -21,21 +27,15 @@ Say = Callable[[str], object]
 
 # A detection that waits for another one says so after this time, and looks whether it is still the same one.
 SAY_AFTER_S: Final = 5.0
+# How long a detection that waits for no other one waits for all other locks: another scene may be free.
+_IN_PASSING_S: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class Holder:
-    """Whoever holds a lock, as far as the server shows it to us; as a text, for people."""
-
-    pid: int
-    application: str
-    role: str
-    since: datetime | None
-
-    def __str__(self) -> str:
-        since = f", since {self.since.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if self.since else ""
-        application = f", {self.application!r}" if self.application else ""
-        return f"process {self.pid} of the server (user {self.role!r}{application}{since})"
+def longest_wait_s(lock_timeout_s: float | None) -> float:
+    """Return how long a detection waits for any lock but that of its scene, seconds: never for ever."""
+    if lock_timeout_s is None:
+        return LOCK_WAIT_S
+    return lock_timeout_s if lock_timeout_s > 0.0 else _IN_PASSING_S
 
 
 def begin_locked(
@@ -47,7 +47,8 @@ def begin_locked(
     of time that the role or the database sets do not hold for the transaction. `say` is told after 5 s who holds the
     lock, and again when that is somebody else.
 
-    Raises LockTimeout, without an open transaction, if somebody else keeps it for `lock_timeout_s` (None: no limit).
+    Raises LockTimeout, without an open transaction, if somebody else keeps it for `lock_timeout_s` (None: no limit), or
+    any other lock for `longest_wait_s(lock_timeout_s)`.
     """
 
     def take(wait_s: float) -> int | None:
@@ -72,17 +73,19 @@ def begin_taking(
     """
     start = time.monotonic()
     said = ""
+    longest_s = longest_wait_s(lock_timeout_s)
     while True:
         left_s = SAY_AFTER_S if lock_timeout_s is None else max(0.0, start + lock_timeout_s - time.monotonic())
-        taken = _begin(conn, take, min(SAY_AFTER_S, left_s), lock_timeout_s)
+        taken = _begin(conn, take, min(SAY_AFTER_S, left_s), longest_s)
         if taken is not None:
             return taken
-        key = scene_id()
-        with transaction(conn):
-            (had_none,) = call(conn, "_add_scene_lock", key)
-        if had_none:
-            continue
-        holder = _holder(conn, key)
+        with waiting_at_most(conn, longest_s):
+            key = scene_id()
+            with transaction(conn):
+                (had_none,) = call(conn, "_add_scene_lock", key)
+            if had_none:
+                continue
+            holder = _holder(conn, key)
         waited_s = time.monotonic() - start
         if lock_timeout_s is not None and waited_s >= lock_timeout_s:
             waited = f"waited {lock_timeout_s:g} s: " if lock_timeout_s > 0.0 else ""
@@ -94,29 +97,35 @@ def begin_taking(
 
 
 def _begin(
-    conn: psycopg.Connection[Any],
-    take: Callable[[float], _T | None],
-    wait_s: float,
-    lock_timeout_s: float | None,
+    conn: psycopg.Connection[Any], take: Callable[[float], _T | None], wait_s: float, longest_s: float
 ) -> _T | None:
-    """Begin the transaction; returns None, with none open, if somebody else keeps the lock for `wait_s`."""
+    """Begin the transaction; returns None, with none open, if somebody else keeps the lock for `wait_s`.
+
+    longest_s : to wait for any other lock, from the first statement to the end of the transaction
+    """
     while True:
         # First, and by itself: a limit that is changed holds from the next statement on.
-        limit = "NULL" if lock_timeout_s is None else f"'{float(lock_timeout_s)!r}'"
+        limits = f"SELECT conflictdb._lift_limits('{longest_s!r}')"
         try:
-            begin_snapshot(conn, f"SELECT conflictdb._lift_limits({limit})", "_lift_limits")
+            with waiting_at_most(conn, longest_s):
+                begin_snapshot(conn, limits, "_lift_limits")
             taken = take(wait_s)
-        except LockTimeout:
-            conn.rollback()
-            return None
         except StoreError as error:
             conn.rollback()
+            if isinstance(error, LockTimeout) and _is_of_scene(error):
+                return None
             if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
                 continue  # somebody had the lock, and gave it back, since the snapshot
             raise
         if taken is None:
             conn.rollback()
         return taken
+
+
+def _is_of_scene(timeout: LockTimeout) -> bool:
+    """Return whether the lock of a scene was waited for, and no other one: servers translate all but the routine."""
+    cause = timeout.__cause__
+    return isinstance(cause, psycopg.Error) and "_take_scene(" in (cause.diag.context or "")
 
 
 def _holder(conn: psycopg.Connection[Any], scene_id: int) -> str:
