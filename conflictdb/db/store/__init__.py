@@ -87,7 +87,16 @@ from conflictdb.db.store.reading import (
     scene_state,
     wait_until_current,
 )
-from conflictdb.db.store.service import WORKER_NAME, Service, listen, map_dsn, service, wait_for_change, worker_dsn
+from conflictdb.db.store.service import (
+    WORKER_NAME,
+    Service,
+    listen,
+    map_dsn,
+    service,
+    wait_for_change,
+    worker_dsn,
+    writers_notify,
+)
 from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
 from conflictdb.db.store.showing import (
     TILES,
