@@ -119,6 +119,8 @@ BEGIN
             INTO v_found FROM pg_catalog.pg_depend o
             WHERE o.refobjid = v_schema.oid
                   AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
+                  -- CREATE EXTENSION puts the extension into the schema before it runs the script.
+                  AND o.classid <> 'pg_catalog.pg_extension'::pg_catalog.regclass::pg_catalog.oid
             ORDER BY o.classid, o.objid LIMIT 1;
         v_remedy := 'Drop or rename the schema.';
     END IF;

@@ -56,7 +56,7 @@ DELETE FROM conflictdb.change WHERE object_id NOT BETWEEN 1 AND {LARGEST_ID}
 """  # noqa: S608 - a number of this file
 NUMBERS = tuple(
     f"ALTER TABLE conflictdb.{table} ADD CONSTRAINT {table}_{column}_in_range "
-    f"CHECK ({column} BETWEEN 1 AND {LARGEST_ID})"
+    f"CHECK ({column} BETWEEN 1 AND {LARGEST_ID});"
     for table, column in (("scene", "scene_id"), ("area", "area_id"), ("track", "track_id"), ("change", "object_id"))
 )
 
