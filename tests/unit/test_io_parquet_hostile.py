@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from conflictdb import io
-from conflictdb.arrays.arrow.found import FOUND
+from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
 from conflictdb.io import contents
@@ -111,15 +111,16 @@ def test_hostile_columns_are_refused_at_once(tmp_path: Path, name: str) -> None:
     assert rule in refusal(tmp_path / "plan.parquet", table)
 
 
-def test_hostile_conflicts_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_hostile_conflicts_are_refused(tmp_path: Path, name: str) -> None:
     """They are decoded by another way than objects."""
     columns = {field.name: pa.nulls(1, field.type) for field in FOUND.schema}
-    columns["region"] = nested(7)
+    columns[name] = nested(7)
     for field in (field for field in FOUND.schema if not field.nullable):
         value = [] if pa.types.is_list(field.type) else "x" if pa.types.is_string(field.type) else 1
         columns[field.name] = pa.array([value], field.type)
     pq.write_table(pa.table(columns), tmp_path / "part.parquet")
-    with pytest.raises(InvalidInput, match="column region: holds what is no geometry in WKB: row 0 nests geometries"):
+    with pytest.raises(InvalidInput, match=f"column {name}: holds what is no geometry in WKB: row 0 nests"):
         list(read_conflicts(tmp_path, 1))
 
 
