@@ -2,18 +2,36 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, Final, TypeVar
+from weakref import WeakKeyDictionary
 
 _T = TypeVar("_T")
+# The last work that another thread began with a connection.
+_ASIDE: Final[WeakKeyDictionary[Any, Future[Any]]] = WeakKeyDictionary()
 
 
-def begun_aside(work: Callable[[], _T]) -> Future[_T]:
-    """Begin work in a thread of its own, which ends with it; a program that ends waits for it."""
+def begun_aside(connection: object, work: Callable[[], _T]) -> Future[_T]:
+    """Begin work with a connection in a thread of its own, which ends with it; a program that ends waits for it."""
     thread = ThreadPoolExecutor(1)
-    begun = thread.submit(work)
+    begun = _ASIDE[connection] = thread.submit(work)
     thread.shutdown(wait=False)
     return begun
+
+
+def end_aside(connection: object, cancel: Callable[[], object]) -> None:
+    """Cancel the work that another thread does with a connection, and wait until the connection is free.
+
+    The work's result and its errors are dropped.
+    """
+    begun = _ASIDE.pop(connection, None)
+    if begun is not None and not begun.done():
+        try:
+            cancel()
+        finally:
+            with suppress(Exception):
+                answer_of(begun)
 
 
 def answer_of(future: Future[_T]) -> _T:

@@ -15,7 +15,7 @@ from typing import Final
 from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED, USAGE
 from conflictdb.cli.commands import build
 from conflictdb.cli.output import Formatter, remark
-from conflictdb.cli.termination import Terminated, termination_as_interrupt
+from conflictdb.cli.termination import Terminated, interrupt_behind, termination_as_interrupt
 from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, SchemaError, ServerError
 
 _CODES: Final = (
@@ -40,7 +40,12 @@ def _run(args: Namespace) -> int:
     args.dsn = args.dsn or os.environ.get("CONFLICTDB_DSN") or None
     try:
         with termination_as_interrupt():
-            code = int(args.run(args))
+            try:
+                code = int(args.run(args))
+            except Exception as error:
+                if (interrupt := interrupt_behind(error)) is not None:
+                    raise interrupt from None
+                raise
         sys.stdout.flush()
     except ConflictDBError as error:
         return _failed(error, next((code for kind, code in _CODES if isinstance(error, kind)), FAILED), args.debug)
@@ -55,6 +60,8 @@ def _run(args: Namespace) -> int:
     except OSError as error:
         return _failed(error, FAILED, args.debug)
     except Exception as error:  # a mistake of this program: say so, and how to see more
+        if (known := _database_error(error)) is not None:
+            return _failed(error, FAILED, args.debug, str(known))
         name = type(error).__name__
         return _failed(error, FAILED, args.debug, f"{name}: {error} (a mistake of this program; --debug shows where)")
     return code
@@ -80,6 +87,19 @@ def _logging(debug: bool) -> Iterator[None]:
     finally:
         root.setLevel(level)
         root.removeHandler(handler)
+
+
+def _database_error(error: Exception) -> ConflictDBError | None:
+    """Return an error of psycopg as one of this package, None for any other error."""
+    if not type(error).__module__.startswith("psycopg"):
+        return None
+    from conflictdb.db.store import translated  # imports psycopg, which takes long
+
+    try:
+        with translated():
+            raise error
+    except ConflictDBError as known:
+        return known
 
 
 def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:

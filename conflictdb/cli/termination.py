@@ -48,6 +48,14 @@ def termination_as_interrupt() -> Iterator[None]:
         os.close(heard)
 
 
+def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """Return the interrupt during whose cleanup an error was raised, None if there is none."""
+    behind: BaseException | None = error
+    while behind is not None and not isinstance(behind, KeyboardInterrupt):
+        behind = behind.__context__
+    return behind
+
+
 def _end_late(heard: int) -> None:
     """End the process some seconds after SIGTERM; return when nobody tells of signals any more."""
     end_at_s: float | None = None

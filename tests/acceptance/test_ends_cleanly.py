@@ -48,10 +48,10 @@ def load(dsn: str, method: Method, area_count: int, track_count: int) -> None:
 
 
 @contextmanager
-def detection(dsn: str) -> Iterator["subprocess.Popen[str]"]:
+def detection(dsn: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
     """Run the command with two threads to solve in; whatever is left of it in the end is killed."""
     heeded = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored, and inherited
-    program = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "detect", "--scene", "s", "--jobs", "2"]
+    program = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "detect", "--scene", "s", "--jobs", "2", *options]
     try:
         process = subprocess.Popen(
             program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -132,6 +132,24 @@ def test_nothing_is_left_of_a_detection_that_waits_in_the_database(
             end(process, number, conn)
     with detection(dsn) as process:
         assert process.communicate(timeout=PATIENCE_S)[0].count("conflict") >= 5
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_nothing_is_left_of_a_detection_whose_other_thread_waits_in_the_database(
+    dsn: str, conn: psycopg.Connection[Any], number: signal.Signals
+) -> None:
+    """The thread that reads what is known waits for a lock: its statement is cancelled before the transaction ends."""
+    load(dsn, Method.EXACT, 2, 2)
+    with psycopg.connect(dsn, application_name="blocker") as blocker:
+        blocker.execute("LOCK conflictdb.conflict")
+        with detection(dsn, "--full") as process:
+            waits = [("Lock", True)]
+            until(
+                lambda: [(kind, "_known_conflicts" in query) for kind, query in sessions(conn)] == waits,
+                PATIENCE_S,
+                "it waits for the lock",
+            )
+            end(process, number, conn)
 
 
 @pytest.mark.parametrize("number", ENDS)

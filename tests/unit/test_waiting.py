@@ -3,10 +3,11 @@
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import pytest
 
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import answer_of, begun_aside, end_aside
 
 # Of thousands of interrupts, some microseconds after a wait began, those that are told as something else: of
 # Future.result itself five in a thousand are. In a process of its own, for they come again until one is noticed.
@@ -42,6 +43,27 @@ def test_what_another_thread_returns_or_raises_is_told() -> None:
         assert answer_of(pool.submit(lambda: 3)) == 3
         with pytest.raises(ZeroDivisionError):
             answer_of(pool.submit(lambda: 1 // 0))
+
+
+def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
+    """Once: what it raises is dropped, and a connection without such work needs no cancelling."""
+
+    class Connection:
+        """Something that work is done with."""
+
+    connection, is_cancelled, ended = Connection(), Event(), []
+
+    def work() -> None:
+        is_cancelled.wait(60.0)
+        ended.append(True)
+        raise ZeroDivisionError
+
+    begun_aside(connection, work)
+    end_aside(connection, is_cancelled.set)
+    assert ended == [True]
+    is_cancelled.clear()
+    end_aside(connection, is_cancelled.set)
+    assert not is_cancelled.is_set()
 
 
 def test_an_interrupt_while_it_waits_is_that_interrupt() -> None:

@@ -197,7 +197,7 @@ def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Pol
         rows, rest = np.flatnonzero(is_new), np.flatnonzero(~is_new)
         new = part if not len(rest) else part.take(rows)
         finished = finish_new(staged.new, new.conflicts, new.digest, region if not len(rest) else region.take(rows))
-        _send_aside(staged, lambda: copy_new(conn, finished))
+        _send_aside(conn, staged, lambda: copy_new(conn, finished))
         part, region = part.take(rest), region.take(rest)
     if len(part.rows):
         columns = columns_of(part.conflicts, region)
@@ -228,14 +228,14 @@ def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: Columns) -> No
         _await_sent(staged)
         arrays = _taken(staged.held)
         staged.held.clear()
-        _send_aside(staged, lambda: _send(conn, staged, arrays, staged.run.as_json(), is_last=False)[0])
+        _send_aside(conn, staged, lambda: _send(conn, staged, arrays, staged.run.as_json(), is_last=False)[0])
     staged.held.append(columns)
 
 
-def _send_aside(staged: Staged, work: Callable[[], int]) -> None:
+def _send_aside(conn: psycopg.Connection[Any], staged: Staged, work: Callable[[], int]) -> None:
     """Have another thread send something, which returns the run, once what it sends now is sent."""
     _await_sent(staged)
-    staged.sending = begun_aside(work)
+    staged.sending = begun_aside(conn, work)
 
 
 def _await_sent(staged: Staged) -> None:
