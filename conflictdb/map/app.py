@@ -5,13 +5,14 @@ from contextlib import asynccontextmanager, contextmanager
 from importlib.resources import files
 from pathlib import Path
 from queue import LifoQueue
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+import psycopg
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
@@ -22,11 +23,8 @@ from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.live import Changes
 
-if TYPE_CHECKING:
-    import psycopg
-
-    Connection = psycopg.Connection[Any]
-    Connect = Callable[[], Connection]
+Connection = psycopg.Connection[Any]
+Connect = Callable[[], Connection]
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
 _TYPES: Final = {
@@ -42,6 +40,9 @@ _CONNECTIONS: Final = 4
 _MOST_TILES: Final = 1_000
 # Bytes of a request that changes something: a reason is at most 10,000.
 _MOST_BYTES: Final = 65_536
+# Digits of a tile's number, and the number that a parameter of the database may have.
+_MOST_DIGITS: Final = 10
+_MOST_NUMBER: Final = 2**31 - 1
 
 
 def assets() -> dict[str, tuple[str, bytes]]:
@@ -58,14 +59,14 @@ def assets() -> dict[str, tuple[str, bytes]]:
 class Connections:
     """A few connections that never write, made when they are needed, kept while they work."""
 
-    def __init__(self, connect: "Connect") -> None:
+    def __init__(self, connect: Connect) -> None:
         self._connect = connect
         self._free: LifoQueue[Connection | None] = LifoQueue()
         for _ in range(_CONNECTIONS):
             self._free.put(None)
 
     @contextmanager
-    def one(self) -> "Iterator[Connection]":
+    def one(self) -> Iterator[Connection]:
         """Lend one, waiting until one is free; raises StoreError if it cannot be made."""
         connection = self._free.get()
         try:
@@ -90,7 +91,7 @@ class Connections:
 class Answers:
     """What the page of one scene asks for, one method each; they run in threads, but for `events`."""
 
-    def __init__(self, scene: str, connect: "Connect", access: Access) -> None:
+    def __init__(self, scene: str, connect: Connect, access: Access) -> None:
         self.changes = Changes(scene, connect)
         self.connections = Connections(connect)
         self._scene = scene
@@ -127,18 +128,17 @@ class Answers:
 
     def pair(self, request: Request) -> Response:
         """Return why two objects are in conflict."""
-        asked = Pair(request.query_params.get("a", ""), request.query_params.get("b", ""))
+        asked = Pair(_parameter(request, "a") or "", _parameter(request, "b") or "")
         with self.connections.one() as connection:
             return _json(content.pair(connection, self._scene, asked))
 
     def tile(self, request: Request) -> Response:
         """Return a vector tile."""
         kind = request.path_params["kind"]
-        place = tuple(int(request.path_params[name]) for name in "zxy")
-        z, x, y = place
-        key = (self.changes.version, kind, z, x, y)
         if kind not in store.TILES:
             raise HTTPException(404, "no such tiles")
+        z, x, y = (_number(name, request.path_params[name]) for name in "zxy")
+        key = (self.changes.version, kind, z, x, y)
         with self.connections.one() as connection:
             if (tile := self._tiles.get(key)) is not None:
                 store.scene_id(connection, self._scene)  # it may be shared no longer
@@ -155,10 +155,8 @@ class Answers:
         detail = request.path_params["detail"]
         if detail not in (land.COARSE, land.FINE):
             raise HTTPException(404, "no such land")
-        given = request.query_params
-        box = _box(given["box"]) if "box" in given else land.WORLD
-        but = _box(given["but"]) if "but" in given else None
-        return Response(land.geojson(detail, box, but), media_type="application/geo+json")
+        box, but = (None if (text := _parameter(request, name)) is None else _box(text) for name in ("box", "but"))
+        return Response(land.geojson(detail, box or land.WORLD, but), media_type="application/geo+json")
 
     def acknowledge(self, request: Request, asked: Mapping[str, Any]) -> Response:
         """Take note of a conflict, or take that back (no reason)."""
@@ -174,7 +172,7 @@ class Answers:
         return _json({})
 
 
-def application(scene: str, connect: "Connect", access: Access) -> Starlette:
+def application(scene: str, connect: Connect, access: Access) -> Starlette:
     """Return the application that shows a scene, over connections that `connect` makes, to who has access."""
     answers = Answers(scene, connect, access)
     known = assets()
@@ -207,15 +205,30 @@ def application(scene: str, connect: "Connect", access: Access) -> Starlette:
             Route("/api/pair", answers.pair),
             Route("/api/events", events),
             Route("/api/acknowledge", acknowledge, methods=["POST"]),
-            Route("/tiles/{kind}/{z:int}/{x:int}/{y:int}", answers.tile),
+            Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
             Route("/land/{detail}", answers.land),
         ],
         middleware=[Middleware(Guard, access=access)],
-        exception_handlers={ConflictDBError: _failed, HTTPException: _refused},
+        exception_handlers={ConflictDBError: _failed, psycopg.Error: _failed, HTTPException: _refused},
         lifespan=lifespan,
     )
     app.state.changes = answers.changes
     return app
+
+
+def _parameter(request: Request, name: str) -> str | None:
+    """Return a query parameter, None if it is not given."""
+    given = request.query_params.getlist(name)
+    if len(given) > 1:
+        raise HTTPException(400, f"{name}: must be given once")
+    return given[0] if given else None
+
+
+def _number(name: str, text: str) -> int:
+    """Return a number of a tile's path; the database checks its range."""
+    if not (text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS and int(text) <= _MOST_NUMBER):
+        raise HTTPException(400, f"{name}: must be a whole number from 0 to {_MOST_NUMBER}")
+    return int(text)
 
 
 def _box(text: str) -> land.Box:
@@ -231,10 +244,13 @@ def _box(text: str) -> land.Box:
 async def _body(request: Request) -> Mapping[str, Any]:
     """Return the JSON object of a request."""
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > _MOST_BYTES:
-            raise HTTPException(413, "too long")
+    try:
+        async for part in request.stream():
+            body += part
+            if len(body) > _MOST_BYTES:
+                raise HTTPException(413, "too long")
+    except ClientDisconnect:
+        raise HTTPException(400, "ended early") from None
     try:
         value = content.from_json(body)
     except ValueError:

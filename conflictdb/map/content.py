@@ -112,5 +112,8 @@ def to_json(value: object) -> bytes:
 
 
 def from_json(text: bytes) -> Any:
-    """Return the value of a JSON text; raises ValueError for what is none."""
-    return json.loads(text)
+    """Return the value of a JSON text; raises ValueError for text that is not JSON or too deeply nested."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("too deeply nested") from None

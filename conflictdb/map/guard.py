@@ -12,9 +12,10 @@ from typing import Final
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+HTTP_PORT: Final = 80
 SECRET_HEADER: Final = "x-conflictdb-secret"  # noqa: S105 (its name)
 
 _POLICY: Final = "; ".join((
@@ -58,9 +59,15 @@ class Access:
         return "conflictdb_map"
 
 
-def local_hosts(port: int) -> frozenset[str]:
-    """Return what the Host header says of a page that a browser of this machine asks for at a port."""
-    return frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+def local_hosts(port: int, *more: str) -> frozenset[str]:
+    """Return the Host headers of a page that a browser of this machine opens at a port, by these and more names.
+
+    more : names and addresses that the server listens at
+    """
+    names = {"127.0.0.1", "localhost", "::1", *(name.lower() for name in more)}
+    shown = [f"[{name}]" if ":" in name else name for name in names]
+    # Browsers leave out the port of http.
+    return frozenset(f"{name}:{port}" for name in shown).union(shown if port == HTTP_PORT else [])
 
 
 class Guard:
@@ -87,7 +94,7 @@ class Guard:
                     sent.append("Set-Cookie", f"{self._access.cookie}={self._access.token}; HttpOnly; SameSite=Strict")
             await send(message)
 
-        answer = self._app if refusal is None else PlainTextResponse(f"{refusal}\n", 403)
+        answer = self._app if refusal is None else JSONResponse({"error": refusal}, 403)
         await answer(scope, receive, guarded)
 
     def _refusal(self, scope: Scope, headers: Headers) -> str | None:

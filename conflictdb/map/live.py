@@ -7,13 +7,12 @@ import math
 import time
 from collections.abc import AsyncIterator, Callable
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
+
+import psycopg
 
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, NotPermitted
-
-if TYPE_CHECKING:
-    import psycopg
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +35,7 @@ class Changes:
     version : grows with each change; what was read before is not of it
     """
 
-    def __init__(self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]") -> None:
+    def __init__(self, scene: str, connect: Callable[[], psycopg.Connection[Any]]) -> None:
         self.version = 0
         self._scene = scene
         self._connect = connect
@@ -102,11 +101,11 @@ class Changes:
                         self.tell(OBJECTS)
                     is_first = False
                     self._hear(connection)
-            except ConflictDBError as error:
+            except (ConflictDBError, psycopg.Error) as error:
                 _log.debug("listening: %s", error)
                 self._ends.wait(_PAUSE_S)
 
-    def _hear(self, connection: "psycopg.Connection[Any]") -> None:
+    def _hear(self, connection: psycopg.Connection[Any]) -> None:
         looked_s = -math.inf
         while not self._ends.is_set():
             said = set(filter(None, map(self._meaning, store.changes(connection, _PAUSE_S))))
@@ -124,7 +123,7 @@ class Changes:
                 # What objects are new is asked together with their conflicts.
                 self.tell(OBJECTS if OBJECTS in said else CONFLICTS)
 
-    def _sees(self, connection: "psycopg.Connection[Any]") -> bool:
+    def _sees(self, connection: psycopg.Connection[Any]) -> bool:
         """Return whether the scene is there, for who asks."""
         try:
             return store.scene_settings(connection, self._scene) is not None
@@ -135,7 +134,7 @@ class Changes:
         """Return what a notification means for the scene: of a run it names it, unless scenes are protected."""
         try:
             run = json.loads(payload) if payload else None
-        except ValueError:
+        except (ValueError, RecursionError):  # everybody may notify
             return None
         if not isinstance(run, dict):
             return OBJECTS

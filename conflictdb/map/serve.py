@@ -26,10 +26,11 @@ class PageServer(uvicorn.Server):
     def __init__(self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]", host: str, port: int) -> None:
         self._listener = _listening(host, port)
         bound, port = self._listener.getsockname()[:2]
-        token = None if ipaddress.ip_address(bound).is_loopback else secrets.token_urlsafe(24)
+        host = host or bound
+        token = None if _is_local(bound) else secrets.token_urlsafe(24)
         shown = f"[{host}]" if ":" in host else host
         self.address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
-        app = application(scene, connect, Access(local_hosts(port), token))
+        app = application(scene, connect, Access(local_hosts(port, host, bound), token))
         self._end_streams = app.state.changes.end
         super().__init__(
             uvicorn.Config(
@@ -66,6 +67,12 @@ class PageServer(uvicorn.Server):
         super().handle_exit(sig, frame)
 
 
+def _is_local(bound: str) -> bool:
+    """Return whether an address is a loopback address; an IPv4 address within an IPv6 one has too many spellings."""
+    address = ipaddress.ip_address(bound)
+    return address.is_loopback and getattr(address, "ipv4_mapped", None) is None
+
+
 def _listening(host: str, port: int) -> socket.socket:
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -77,6 +84,6 @@ def _listening(host: str, port: int) -> socket.socket:
         except OSError:
             listener.close()
             raise
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # UnicodeError: a label of the name is empty or too long
         raise ConflictDBError(f"cannot listen on {host}, port {port}: {error}") from error
     return listener

@@ -11,9 +11,11 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from http.client import HTTPConnection
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import psycopg
@@ -26,11 +28,20 @@ from piecework import load
 from tiles import decode
 
 import conflictdb
+from conflictdb.db import store
+from conflictdb.errors import ConflictDBError
 from conflictdb.map import land
+from conflictdb.map.guard import local_hosts
+from conflictdb.map.live import CONFLICTS, Changes
 from conflictdb.model import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
 HOSTILE = "<img src=x onerror=alert(1)>"
+# z, x and y that are no numbers, or too large for the database or for Python.
+BAD_TILES = [
+    f"{bad}/0/0" for bad in ("-1", "1.5", "NaN", "%D9%A1", "%00", "1e1", "31", str(2**31), "9" * 30, "9" * 5_000)
+]
+BAD_TILES += [f"0/{'9' * 30}/0", f"0/0/{'9' * 30}", "0/0/-1"]
 READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/overview", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
 READS += ["/tiles/areas/0/0/0", "/land/50m", "/page/app.js", "/vendor/maplibre-gl.css", "/api/events"]
 
@@ -124,11 +135,22 @@ def test_mistakes_are_told(strait: Client) -> None:
         ("/vendor/vendor.json", 404),
         ("/tiles/havens/0/0/0", 404),
         ("/tiles/areas/2/9/0", 400),
+        *((f"/tiles/areas/{place}", 400) for place in BAD_TILES),
+        ("/api/pair?a=%00&b=SUB-1", 400),
+        ("/api/pair?a=CABLE&b=SUB-1%00", 400),
+        ("/api/pair?a=%ED%A0%80&b=SUB-1", 400),
+        ("/api/pair?a=CABLE&a=CABLE&b=SUB-1", 400),
+        ("/api/pair?b=SUB-1", 400),
+        (f"/api/pair?a={'x' * 50_000}&b=SUB-1", 400),
         ("/land/1m", 404),
         ("/land/50m?box=1,2,3", 400),
         ("/land/50m?box=1,2,inf,nan", 400),
+        ("/land/50m?box=1,2,3,4&box=1,2,3,4", 400),
+        ("/land/50m?but=%00", 400),
+        (f"/land/50m?box={'9' * 5_000},0,1,1", 400),
     ]:
-        assert strait.ask("GET", path)[0] == status, path
+        found, body, _ = strait.ask("GET", path)
+        assert (found, list(json.loads(body))) == (status, ["error"]), path[:80]
 
 
 def test_another_site_reads_nothing(strait: Client) -> None:
@@ -199,8 +221,16 @@ def test_only_the_page_acknowledges(strait: Client, dsn: str) -> None:
         ({**asked, "reason": " "}, 400),
         ({**asked, "a": "nobody"}, 400),
         (b" " * 70_000, 413),
+        (b"[" * 30_000, 400),
+        (b'{"a":' * 5_000 + b"1" + b"}" * 5_000, 400),
+        (b'{"a": "CABLE", "b": "SUB-1", "reason": ' + b"9" * 6_000 + b"}", 400),
+        *(({**asked, name: text}, 400) for name in asked for text in ("\0", "x\ud800")),
+        ({"a": "\ud800", "b": "SUB-1"}, 400),
+        (b'{"a": "CABLE", "b": "SUB-1", "reason": "\xed\xa0\x80"}', 400),
+        (b"\xff", 400),
     ]:
-        assert strait.ask("POST", "/api/acknowledge", body, **good)[0] == status, body
+        found, told, _ = strait.ask("POST", "/api/acknowledge", body, **good)
+        assert (found, list(json.loads(told))) == (status, ["error"]), str(body)[:80]
     assert reasons() == []
     assert strait.ask("POST", "/api/acknowledge", asked, **good)[0] == 200
     assert reasons() == [HOSTILE]
@@ -313,6 +343,61 @@ def test_elsewhere_the_page_needs_its_token(dsn: str, conn: psycopg.Connection[A
         assert client.ask("GET", "/api/scene", Cookie=cookie, Host="ship.example:80")[0] == 200
         assert client.ask("GET", "/api/scene", Cookie=cookie, Origin="http://evil.example")[0] == 403
         assert client.ask("GET", "/api/scene", Cookie=cookie[:-1])[0] == 403
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "127.0.0.2", "127.1", "localhost", "LOCALHOST", "::1", "0:0:0:0:0:0:0:1"]
+)
+def test_the_printed_address_of_this_machine_works(dsn: str, conn: psycopg.Connection[Any], host: str) -> None:
+    """As it is printed, and as browsers write it; no other name does, though it leads to the same address."""
+    load(conn, Scene("s"), [Area("A", shapely.box(0, 0, 1, 1))], [])
+    conn.commit()
+    try:
+        with served_page(dsn, "s", host=host) as address:
+            url = urlsplit(address)
+            written = {url.netloc, f"{'[::1]' if ':' in host else host}:{url.port}".lower()}
+            for name, status in [*((name, 200) for name in sorted(written)), (f"evil.example:{url.port}", 403)]:
+                connection = HTTPConnection(url.hostname or "", url.port, timeout=30.0)
+                connection.request("GET", "/api/scene", headers={"Host": name})
+                assert connection.getresponse().status == status, name
+                connection.close()
+    except ConflictDBError as error:
+        if ":" in host and "cannot listen" in str(error):
+            pytest.skip(f"no IPv6 here: {error}")
+        raise
+
+
+def test_names_of_this_machine() -> None:
+    """At the port of http browsers leave it out."""
+    assert local_hosts(80, "Ship") >= {"ship", "ship:80", "127.0.0.1", "localhost", "[::1]", "[::1]:80"}
+    assert "ship" not in local_hosts(81, "ship")
+
+
+def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
+    """Everybody may notify: what cannot be read must not end the thread that listens."""
+    changes = Changes("s", lambda: pytest.fail("it does not connect"))
+    assert changes._meaning("[" * 7_900) is None
+    assert changes._meaning('{"scene": "s"}') == CONFLICTS
+
+
+def test_a_host_that_is_no_name_is_refused(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    done = runner(dsn, capsys)("map", "--port", "0", "--host", "a..b")
+    assert done.code == 1
+    assert "cannot listen on a..b" in done.err
+
+
+def test_a_lost_database_is_told_as_such(strait: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By 503, whatever the driver raises."""
+
+    def connect(_: str) -> None:
+        raise psycopg.OperationalError("the connection is lost")
+
+    secret = strait.read("/api/scene")["secret"]
+    monkeypatch.setattr(store, "connect", connect)
+    asked = {"a": "CABLE", "b": "SUB-1", "reason": "none"}
+    headers = {"X_Conflictdb_Secret": secret, "Content_Type": "application/json"}
+    status, body, _ = strait.ask("POST", "/api/acknowledge", asked, **headers)
+    assert (status, json.loads(body)) == (503, {"error": "the connection is lost"})
 
 
 def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
