@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5fab7ed74af5eb5cfeffd304d3bfe50dffbdb337a064811caa2d874ef2ea8327"
+routines_sha256 = "04499f712ddef976db4cbdb8be374ccb5cdd8f0854f2ce264bdd463620197076"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.

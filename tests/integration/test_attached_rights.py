@@ -1,4 +1,4 @@
-"""Attached tables are read with the rights of who attached them; what that role's code does stays without effect."""
+"""Only sessions of the role that attached a table read it; nobody else runs that role's code."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ import pytest
 from psycopg import sql
 
 from conflictdb import connect
-from conflictdb.db import attached, store
+from conflictdb.db import attached, detect, store
 from conflictdb.errors import InvalidInput, StoreError
 
 Conn = psycopg.Connection[Any]
@@ -73,7 +73,7 @@ def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str])
     with acting(conn, roles["writer"]):
         conn.execute(f"INSERT INTO mission.ops VALUES (2, {AREA})")
         conn.execute("UPDATE mission.ops SET id = 3 WHERE id = 1")
-    follow(conn, roles["keeper"])
+    follow(conn, roles["planner"])
     assert keys(conn) == ["2", "3"]
     with acting(conn, roles["keeper"]):
         with pytest.raises(psycopg.errors.InsufficientPrivilege):
@@ -88,7 +88,31 @@ def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str])
     assert conn.execute("SELECT to_regnamespace('conflictdb_attached') IS NULL").fetchone() == (True,)
 
 
-def test_the_tables_of_others_are_compared_or_refused(conn: Conn, roles: dict[str, str]) -> None:
+@pytest.mark.parametrize("role", ["keeper", "other", None])
+def test_other_roles_pass_a_table_over_and_say_so(conn: Conn, roles: dict[str, str], role: str | None) -> None:
+    """A worker, another editor, a superuser: the scene is not current until its role has followed the table."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.attach("s", "area", "mission.ops", MAP)
+    name = roles[role] if role else str(conn.info.user)
+    follow(conn, name)
+    assert keys(conn) == []
+    if role != "other":
+        with acting(conn, name):
+            assert detect.detect(conn, "s", jobs=1).conflicts == 0
+            assert store.waiting_scenes(conn) == {}, "nothing that it could do"
+    with conn.transaction():
+        state = store.scene_state(conn, "s")
+    assert not state.is_current
+    assert f"changes wait for role {roles['planner']}" in str(state.remark)
+    follow(conn, roles["planner"])
+    assert keys(conn) == ["1"]
+    with acting(conn, roles["keeper"]):
+        detect.detect(conn, "s", jobs=1)
+        assert store.scene_state(conn, "s").is_current
+
+
+def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None:
+    """Functions of a view, of row-level security and of indexes would run with the rights of who reads."""
     with acting(conn, roles["other"]), connect(conn) as db, pytest.raises(StoreError, match="schema mission"):
         db.attach("s", "area", "mission.ops", MAP)
     with acting(conn, roles["planner"]):
@@ -96,21 +120,30 @@ def test_the_tables_of_others_are_compared_or_refused(conn: Conn, roles: dict[st
     with acting(conn, roles["other"]), connect(conn) as db, pytest.raises(InvalidInput, match="cannot be read by role"):
         db.attach("s", "area", "mission.ops", MAP)
     with acting(conn, roles["planner"]):
-        conn.execute(sql.SQL("GRANT SELECT ON mission.ops TO {}").format(sql.Identifier(roles["other"])))
+        conn.execute("CREATE VIEW mission.seen AS SELECT * FROM mission.ops")
+        grant = sql.SQL("GRANT SELECT ON mission.ops, mission.seen TO {}")
+        conn.execute(grant.format(sql.Identifier(roles["other"])))
     with acting(conn, roles["other"]), connect(conn) as db:
-        with pytest.raises(InvalidInput, match=r"only its owner may give .* does not own mission.ops"):
-            db.attach("s", "area", "mission.ops", MAP)
-        db.attach("s", "area", "mission.ops", MAP, every_s=60)
-    follow(conn, roles["keeper"])
+        for table, every_s in (("mission.ops", None), ("mission.ops", 60.0), ("mission.seen", None)):
+            with pytest.raises(InvalidInput, match="must belong to the role that attaches it"):
+                db.attach("s", "area", table, MAP, every_s=every_s)
+    # A superuser could run code as anybody: its views are as good as one's own.
+    conn.execute("CREATE SCHEMA shared; CREATE VIEW shared.seen AS SELECT * FROM mission.ops")
+    conn.execute("GRANT USAGE ON SCHEMA shared TO PUBLIC; GRANT SELECT ON shared.seen TO PUBLIC")
+    conn.commit()
+    with acting(conn, roles["other"]), connect(conn) as db:
+        db.attach("s", "area", "shared.seen", MAP)
+    follow(conn, roles["other"])
     assert keys(conn) == ["1"]
     # Rights that are taken away are gone here too.
-    with acting(conn, roles["planner"]):
-        conn.execute(sql.SQL("REVOKE SELECT ON mission.ops FROM {}").format(sql.Identifier(roles["other"])))
+    conn.execute("REVOKE SELECT ON shared.seen FROM PUBLIC")
     conn.execute("UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 hour'")
     conn.commit()
-    follow(conn, roles["keeper"])
+    follow(conn, roles["other"])
     with connect(conn) as db:
-        assert "permission denied for table ops" in str(db.attachments()[0].error)
+        (one,) = db.attachments()
+    assert "permission denied for view seen" in str(one.error)
+    assert "was compared last" in str(one.remark)
     assert keys(conn) == ["1"]
 
 
@@ -118,21 +151,33 @@ def test_row_level_security_that_hides_rows_is_refused(conn: Conn, roles: dict[s
     """Also when it comes later: rows that are hidden are not gone."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         db.attach("s", "area", "mission.ops", MAP)
-    follow(conn, roles["keeper"])
+    follow(conn, roles["planner"])
     with acting(conn, roles["planner"]):
         conn.execute("ALTER TABLE mission.ops ENABLE ROW LEVEL SECURITY")
         conn.execute("UPDATE mission.ops SET id = 2")
-    follow(conn, roles["keeper"])
+    follow(conn, roles["planner"])
     assert keys(conn) == ["2"], "its owner sees all"
     with acting(conn, roles["planner"]):
         conn.execute("ALTER TABLE mission.ops FORCE ROW LEVEL SECURITY")
         conn.execute("TRUNCATE mission.ops")
-    follow(conn, roles["keeper"])
+    follow(conn, roles["planner"])
     with connect(conn) as db:
         assert "would be affected by row-level security" in str(db.attachments()[0].error)
     assert keys(conn) == ["2"]
     with acting(conn, roles["planner"]), connect(conn) as db, pytest.raises(InvalidInput, match="hides rows from role"):
         db.attach("s", "area", "mission.ops", MAP)
+
+
+def test_a_table_that_has_another_owner_can_be_detached(conn: Conn, roles: dict[str, str]) -> None:
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.attach("s", "area", "mission.ops", MAP)
+        conn.execute(sql.SQL("GRANT USAGE ON SCHEMA mission TO {}").format(sql.Identifier(roles["other"])))
+    conn.execute(sql.SQL("ALTER TABLE mission.ops OWNER TO {}").format(sql.Identifier(roles["other"])))
+    conn.commit()
+    with acting(conn, roles["other"]), connect(conn) as db:
+        db.detach("s", "mission.ops")
+    left = "SELECT count(*) FROM pg_trigger WHERE tgrelid = 'mission.ops'::regclass"
+    assert conn.execute(left.encode()).fetchone() == (0,)
 
 
 @pytest.mark.parametrize(
@@ -147,72 +192,174 @@ def test_what_is_no_table_of_a_mission_is_refused(conn: Conn, table: str) -> Non
         db.attach("s", "area", table, MAP)
 
 
-TROJAN = """
-CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{number}(text[], text) RETURNS SETOF conflictdb.attached_row
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER AS $$
-BEGIN
-    BEGIN
-        {attempt};
-    EXCEPTION WHEN OTHERS THEN
-        RAISE WARNING '%', SQLERRM;
-    END;
-    RETURN;
-END $$
+# Ways to have code of the planner run when the attached relation is read: each notes as whom it ran.
+EVIL = """
+CREATE TABLE mission.caught (by_role name, by_session name);
+GRANT INSERT, SELECT ON mission.caught TO PUBLIC; GRANT USAGE ON SCHEMA mission TO PUBLIC;
+CREATE FUNCTION mission.evil() RETURNS boolean LANGUAGE plpgsql AS
+    $$ BEGIN INSERT INTO mission.caught VALUES (current_user, session_user); RETURN true;
+       EXCEPTION WHEN read_only_sql_transaction THEN RETURN true; END $$;
+CREATE FUNCTION mission.evil_text(text) RETURNS text LANGUAGE plpgsql IMMUTABLE AS
+    $$ BEGIN PERFORM mission.evil(); RETURN $1; END $$;
 """
+WAYS = {
+    "function that reads": """
+        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_row
+        LANGUAGE plpgsql VOLATILE AS $$ BEGIN PERFORM mission.evil(); RETURN; END $$""",
+    "function that reads, as its owner": """
+        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_row
+        LANGUAGE plpgsql VOLATILE SECURITY DEFINER AS $$ BEGIN PERFORM mission.evil(); RETURN; END $$""",
+    "view": """
+        ALTER TABLE mission.ops RENAME TO hidden;
+        CREATE VIEW mission.ops AS SELECT id, shape FROM mission.hidden WHERE mission.evil()""",
+    "cast": """
+        CREATE TYPE mission.mood AS (word text);
+        CREATE FUNCTION mission.as_text(mission.mood) RETURNS text LANGUAGE sql AS 'SELECT mission.evil()::text';
+        CREATE CAST (mission.mood AS text) WITH FUNCTION mission.as_text(mission.mood) AS IMPLICIT;
+        ALTER TABLE mission.ops ALTER COLUMN id TYPE mission.mood USING ROW(id::text)::mission.mood""",
+    "operator": """
+        CREATE OPERATOR mission.= (LEFTARG = integer, RIGHTARG = integer, FUNCTION = mission.evil_equal);
+        ALTER ROLE {planner} SET search_path = mission, pg_catalog""",
+    "column default": """
+        ALTER TABLE mission.ops ADD COLUMN note text DEFAULT mission.evil_text('x');
+        INSERT INTO mission.ops (id, shape) SELECT 7, shape FROM mission.ops LIMIT 1""",
+    "domain check": """
+        CREATE DOMAIN mission.number AS integer CHECK (mission.evil_text(VALUE::text) IS NOT NULL);
+        ALTER TABLE mission.ops ALTER COLUMN id TYPE mission.number""",
+    "index expression": "CREATE INDEX ON mission.ops ((mission.evil_text('const') || id))",
+    "row-security policy": """
+        CREATE POLICY evil ON mission.ops USING (mission.evil());
+        ALTER TABLE mission.ops ENABLE ROW LEVEL SECURITY""",
+    "trigger": """
+        CREATE FUNCTION mission.spring() RETURNS trigger LANGUAGE plpgsql AS
+            $$ BEGIN PERFORM mission.evil(); RETURN NULL; END $$;
+        CREATE TRIGGER spring AFTER INSERT OR UPDATE ON mission.ops
+            FOR EACH STATEMENT EXECUTE FUNCTION mission.spring();
+        UPDATE mission.ops SET id = id""",
+}
 
 
-@pytest.mark.parametrize(
-    "attempt",
-    [
-        "PERFORM set_config('search_path', 'evil, pg_catalog', false)",
-        "PERFORM set_config('session_replication_role', 'replica', false)",
-        "SET ROLE NONE",
-        "RESET SESSION AUTHORIZATION",
-        "CREATE TEMPORARY TABLE staged_attached (x integer)",
-        "CREATE TEMPORARY TABLE attached_item (x integer)",
-        "INSERT INTO mission.trap VALUES (1)",
-        "LISTEN evil",
-        "INSERT INTO conflictdb.attached_change (attachment_id) VALUES (999)",
-        "DELETE FROM conflictdb.area",
-        "PREPARE evil AS SELECT 1",
-        "EXECUTE 'DECLARE evil CURSOR WITH HOLD FOR SELECT 1'",
-    ],
-)
-def test_code_of_who_attached_has_no_effect_on_the_worker(conn: Conn, roles: dict[str, str], attempt: str) -> None:
-    """It owns the function that reads its table, and may replace it with any other."""
+@pytest.mark.parametrize("way", WAYS)
+def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, str], way: str) -> None:
+    """Whatever the planner makes of the table, the worker and the superuser never run it."""
+    planner = roles["planner"]
+    with acting(conn, planner), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+    follow(conn, planner)
+    with acting(conn, planner):
+        conn.execute(EVIL)
+        conn.execute(
+            """CREATE FUNCTION mission.evil_equal(integer, integer) RETURNS boolean LANGUAGE sql AS
+               'SELECT mission.evil() AND $1 OPERATOR(pg_catalog.=) $2'"""
+        )
+    conn.execute(WAYS[way].format(n=number, planner=planner).encode()) if way == "operator" else None
+    conn.commit()
+    if way != "operator":
+        with acting(conn, planner):
+            conn.execute(WAYS[way].format(n=number).encode())
+    conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
+    conn.execute("DELETE FROM mission.caught")
+    conn.commit()
+    superuser = str(conn.info.user)
+    for role in (roles["keeper"], superuser):
+        with acting(conn, role):
+            attached.follow(conn, "s", again=True)
+            detect.detect(conn, "s", jobs=1)
+            detect.detect_pending(conn, "s", jobs=1)
+            conn.execute("SELECT * FROM conflictdb.attachments; SELECT * FROM conflictdb.scenes")
+            conn.execute("SELECT * FROM conflictdb.follow_attached('s')")
+    assert conn.execute("SELECT DISTINCT by_role FROM mission.caught").fetchall() == []
+    follow(conn, planner)
+    caught = {role for (role,) in conn.execute("SELECT DISTINCT by_role FROM mission.caught")}
+    assert caught <= {planner}
+
+
+def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
+    """An editor may create functions beside those that read: only one that belongs to the caller is called."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.attach("s", "area", "mission.ops", MAP)
-        conn.execute("CREATE TABLE mission.trap (x integer)")
-        conn.execute("CREATE TABLE mission.caught (who text)")
-        conn.execute("GRANT ALL ON mission.caught TO PUBLIC; GRANT USAGE ON SCHEMA mission TO PUBLIC")
+        conn.execute(EVIL)
+        conn.execute(f"DROP FUNCTION conflictdb_attached.rows_{number}(text[], text)".encode())
+    with acting(conn, roles["other"]):
+        conn.execute(WAYS["function that reads"].format(n=number).encode())
+    follow(conn, roles["planner"])
+    assert conn.execute("SELECT count(*) FROM mission.caught").fetchone() == (0,)
+
+
+def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: dict[str, str]) -> None:
+    """They run as the owner of conflictdb; an editor may put them on another table, without transition tables."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+        conn.execute(EVIL)
+        conn.execute("CREATE TABLE mission.bait (id integer)")
         conn.execute(
-            """CREATE FUNCTION mission.spring() RETURNS trigger LANGUAGE plpgsql AS
-               $$ BEGIN INSERT INTO mission.caught VALUES (current_user); RETURN NULL; END $$"""
+            f"""CREATE TEMPORARY VIEW new_rows AS SELECT 1 AS id WHERE mission.evil();
+                CREATE TEMPORARY VIEW old_rows AS SELECT 1 AS id WHERE mission.evil();
+                CREATE TRIGGER bait AFTER INSERT OR UPDATE OR DELETE ON mission.bait FOR EACH STATEMENT
+                    EXECUTE FUNCTION conflictdb._note_{number}()""".encode()
         )
-        conn.execute(
-            """CREATE CONSTRAINT TRIGGER spring AFTER INSERT ON mission.trap DEFERRABLE INITIALLY DEFERRED
-               FOR EACH ROW EXECUTE FUNCTION mission.spring()"""
-        )
-    follow(conn, roles["keeper"])
-    assert keys(conn) == ["1"]
-    with acting(conn, roles["planner"]):
-        conn.execute(TROJAN.format(number=number, attempt=attempt).encode())
-        conn.execute("UPDATE mission.ops SET id = 2")
-    state = "SELECT current_setting('search_path'), current_setting('session_replication_role'), current_user"
-    with acting(conn, roles["keeper"]):
-        before = conn.execute(state).fetchone()
-        conn.commit()
-        attached.follow(conn, "s", again=True)
-        assert conn.execute(state).fetchone() == before
-        assert conn.execute("SELECT pg_listening_channels()").fetchall() == []
-        assert conn.execute("SELECT count(*) FROM pg_cursors WHERE name = 'evil'").fetchone() == (0,)
-        conn.commit()
+        conn.execute("INSERT INTO mission.bait VALUES (1); UPDATE mission.bait SET id = 2; DELETE FROM mission.bait")
     assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
-    assert conn.execute("SELECT count(*) FROM conflictdb.attached_change").fetchone() == (0,)
+
+
+def test_notes_show_no_other_columns(conn: Conn, roles: dict[str, str]) -> None:
+    """What triggers write down is settled when a table is attached: another editor cannot ask for more of it."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+    with acting(conn, roles["other"]):
+        for statement in (
+            "UPDATE conflictdb.attachment SET identity_columns = '{shape}'",
+            "UPDATE conflictdb.attachment SET table_name = 'other'",
+            "UPDATE conflictdb.attachment SET map = '{}'",
+            f"""INSERT INTO conflictdb.attachment (attachment_id, scene_id, object_kind, table_schema, table_name, map,
+                    identity_columns, has_triggers, every) OVERRIDING SYSTEM VALUE
+                SELECT {number + 1}, scene_id, 0, 'mission', 'ops', '{{}}', '{{shape}}', true, '1 h'
+                FROM conflictdb.scene""",
+        ):
+            with pytest.raises(psycopg.DatabaseError) as refused:
+                conn.execute(statement.encode())
+            assert refused.value.sqlstate in ("ZC009", "55000", "42501")
+            conn.rollback()
+
+
+def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str, str]) -> None:
+    """An editor who writes numbers of other objects into attached_object removes and changes nothing elsewhere."""
+    conn.execute("SELECT conflictdb.create_scene('hers')")
+    conn.execute(f"SELECT conflictdb.put_area('hers', 'A', {AREA}), conflictdb.put_area('hers', '1', {AREA})")
     conn.commit()
-    if "PREPARE" not in attempt:  # names of statements last, but nothing uses any
-        assert conn.execute("SELECT count(*) FROM pg_prepared_statements").fetchone() == (0,)
-    assert keys(conn) == [], "by this function, it has no rows"
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.attach("s", "area", "mission.ops", MAP)
+    follow(conn, roles["planner"])
+    with acting(conn, roles["planner"]):
+        # Its own row, which then goes; and rows that never were.
+        conn.execute(
+            """UPDATE conflictdb.attached_object SET object_id = (SELECT area_id FROM conflictdb.area a
+               JOIN conflictdb.scene s USING (scene_id) WHERE s.name = 'hers' AND a.key = '1')"""
+        )
+        conn.execute(
+            """INSERT INTO conflictdb.attached_object (attachment_id, identity, hash, key, object_id, version)
+               SELECT attachment_id, '{99}', 0, 'A', (SELECT max(area_id) FROM conflictdb.area), 1
+               FROM conflictdb.attachment"""
+        )
+        conn.execute(
+            "INSERT INTO conflictdb.attached_change (attachment_id, identities) SELECT attachment_id, '{{99}}' "
+            "FROM conflictdb.attachment"
+        )
+        conn.execute("DELETE FROM mission.ops")
+    before = conn.execute(
+        "SELECT a.* FROM conflictdb.area a JOIN conflictdb.scene s USING (scene_id) WHERE s.name = 'hers' ORDER BY key"
+    ).fetchall()
+    conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
+    conn.commit()
+    follow(conn, roles["planner"])
+    after = conn.execute(
+        "SELECT a.* FROM conflictdb.area a JOIN conflictdb.scene s USING (scene_id) WHERE s.name = 'hers' ORDER BY key"
+    ).fetchall()
+    assert after == before
+    assert len(after) == 2
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.detach("s", "mission.ops")
+    assert conn.execute("SELECT count(*) FROM conflictdb.area WHERE key IN ('A', '1')").fetchone() == (2,)
 
 
 def test_a_function_that_does_not_end_is_given_up(
@@ -221,8 +368,8 @@ def test_a_function_that_does_not_end_is_given_up(
     monkeypatch.setattr("conflictdb.db.store.attached._READ_WITHIN", "200ms")
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.attach("s", "area", "mission.ops", MAP)
-        conn.execute(TROJAN.format(number=number, attempt="PERFORM pg_sleep(60)").encode())
-    follow(conn, roles["keeper"])
+        conn.execute(WAYS["function that reads"].format(n=number).replace("mission.evil()", "pg_sleep(60)").encode())
+    follow(conn, roles["planner"])
     with connect(conn) as db:
         assert "statement timeout" in str(db.attachments()[0].error)
         assert list(store.waiting_scenes(conn)) == []

@@ -1,6 +1,8 @@
 """Rows of attached tables become objects of a scene and follow the table, whatever happens to it."""
 
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import psycopg
@@ -8,7 +10,7 @@ import pytest
 
 from conflictdb import connect
 from conflictdb.database import Database
-from conflictdb.db import attached, store
+from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 
 OPS = """
@@ -510,36 +512,24 @@ def test_areas_across_the_seam_stay_whole(db: Database) -> None:
     ) == [("1", 179.0, 181.0), ("2", -170.0, 170.0), ("3", -10.0, 10.0)]
 
 
-def test_who_reads_at_the_same_time_takes_nothing_over_twice(db: Database, dsn: str) -> None:
-    """An older reading never replaces a newer one."""
+def test_sessions_that_follow_at_the_same_time_take_turns(db: Database, dsn: str) -> None:
+    """The second waits for the first, and then reads the table as it is."""
     db.attach("s", "area", "mission.ops", OPS_MAP)
     db.follow("s")
     do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
-    (number,) = store.attachments_to_follow(db.connection, "s", again=True)
-    with store.kept_rows() as rows:
-        work = store.read_attached(db.connection, number, rows, carefully=False)
+    with store.connect(dsn) as other, ThreadPoolExecutor(1) as pool:
+        other.execute("SELECT * FROM conflictdb.follow_attached('s')")
+        waiting = pool.submit(db.follow, "s")
         do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
-        with store.connect(dsn) as other:
-            attached.follow(other, "s", again=False)
-        rows.seek(0)
-        assert store.take_over_attached(db.connection, number, work, rows) is None
+        waits = "SELECT EXISTS (SELECT FROM pg_locks WHERE NOT granted AND pid = %s)"
+        until_s = time.monotonic() + 30
+        while other.execute(waits, [db.connection.info.backend_pid]).fetchone() != (True,):
+            assert time.monotonic() < until_s, "the second does not wait"
+            time.sleep(0.01)
+        other.commit()
+        waiting.result(timeout=30)
     assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-2 * 0.3048)]
-
-
-def test_changes_made_while_rows_are_read_are_not_lost(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
-    do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
-    (number,) = store.attachments_to_follow(db.connection, "s", again=True)
-    with store.kept_rows() as rows:
-        work = store.read_attached(db.connection, number, rows, carefully=False)
-        do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
-        rows.seek(0)
-        taken_over = store.take_over_attached(db.connection, number, work, rows)
-    assert taken_over is not None
-    assert taken_over.mapped == 1
-    db.follow("s")
-    assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-2 * 0.3048)]
+    assert ask(db, "SELECT count(*) FROM conflictdb.attached_change") == [0]
 
 
 def test_other_settings_of_the_scene_give_refused_rows_another_chance(db: Database) -> None:
@@ -555,8 +545,60 @@ def test_other_settings_of_the_scene_give_refused_rows_another_chance(db: Databa
 def test_a_scene_cannot_go_while_tables_are_attached(db: Database) -> None:
     db.attach("s", "area", "mission.ops", OPS_MAP)
     db.follow("s")
-    with pytest.raises(psycopg.errors.ForeignKeyViolation):
+    with pytest.raises(psycopg.DatabaseError, match="scene 's': tables: are attached to it: mission.ops") as refused:
         do(db, "DELETE FROM conflictdb.scene")
+    assert refused.value.sqlstate == "ZC009"
     assert db.detach("s", "mission.ops", keep=True) == 0
     assert keys(db) == ["1", "2", "3"]
     do(db, "UPDATE mission.ops SET depth_ft = 9", "DELETE FROM conflictdb.scene")
+
+
+def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Database) -> None:
+    do(
+        db,
+        """CREATE TABLE mission.odd (conflictdb_value text, conflictdb_one text, failure text, t text,
+                                     shape geometry(Polygon, 4326))""",
+        "INSERT INTO mission.odd VALUES ('A', 'b', 'c', 'now', ST_MakeEnvelope(0, 0, 1, 1, 4326))",
+        "INSERT INTO mission.odd VALUES ('B', 'b', 'c', '2026-03-01T06:00:00Z', NULL)",
+    )
+    mapped = {"key": "conflictdb_value", "footprint": "shape", "name": "conflictdb_one || failure"}
+    db.attach("s", "area", "mission.odd", mapped)
+    db.follow("s")
+    assert ask(db, "SELECT key || name FROM conflictdb.area") == ["Abc"]
+    assert [identity for identity, _ in reasons(db)] == ["{B}"]
+    for field, wrong, rule in (
+        ("start", "('now'::text)::timestamptz", "read an instant from text"),
+        ("start", "t.t::timestamptz", "read an instant from text"),
+        ("span", "('[' || t.t || ',)')::tstzrange", "read an instant from text"),
+        ("name", "current_setting('application_name')", "nothing but the row"),
+        ("name", "pg_get_userbyid(10)", "nothing but the row"),
+        ("name", "ctid", "system columns"),
+        ("name", "xmin::text", "system columns"),
+        ("name", "tableoid::regclass::text", "system columns"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            db.attach("s", "area", "mission.odd", {**mapped, field: wrong})
+    # What depends on settings alone is fixed by the function that reads.
+    db.detach("s", "mission.odd")
+    do(
+        db,
+        "DELETE FROM mission.odd WHERE t = 'now'",
+        "UPDATE mission.odd SET shape = ST_MakeEnvelope(0, 0, 1, 1, 4326)",
+    )
+    db.attach("s", "area", "mission.odd", {**mapped, "start": "conflictdb.instant(t.t) + interval '1 day'"})
+    db.follow("s")
+    assert ask(db, "SELECT lower(active_span) = '2026-03-02 06:00Z' FROM conflictdb.area") == [True]
+
+
+@pytest.mark.parametrize("harm", ["DISABLE TRIGGER ALL", "RENAME TO other", "DROP"])
+def test_a_scene_is_not_current_while_changes_go_unnoticed(db: Database, harm: str) -> None:
+    db.attach("s", "area", "mission.ops", OPS_MAP)
+    db.detect("s")
+    assert db.scenes()[0].is_current
+    do(db, "DROP TABLE mission.ops" if harm == "DROP" else f"ALTER TABLE mission.ops {harm}")
+    (state,) = db.scenes()
+    assert not state.is_current
+    with db.connection.transaction():
+        remark = store.scene_state(db.connection, "s").remark
+    assert "mission.ops: " in str(remark)
+    assert "detach" in str(remark)

@@ -267,7 +267,10 @@ def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
         assert seen == {"asker": (1, 1), "other": (0, 0), "worker": (1, 1)}
         assert refused(opened["other"], ANSWER, probe_id) == "ZC011"
         assert refused(opened["stranger"], ASK, "s") == "42501"
-        pretend = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, asked_by) SELECT scene_id, 0, %s FROM "
+        pretend = (
+            "INSERT INTO conflictdb.probe_request (scene_id, object_kind, footprint, asked_by) SELECT scene_id, 0, "
+        )
+        pretend += "ST_Multi(ST_MakeEnvelope(0, 0, 1, 1, 4326)), %s FROM "
         assert refused(opened["other"], pretend + "conflictdb.scene", users["asker"]) in ("42501", "23514")
         assert refused(opened["asker"], "UPDATE conflictdb.probe_request SET asked_at = now()") == "42501"
         assert refused(opened["asker"], "INSERT INTO conflictdb.probe_reply DEFAULT VALUES") == "42501"

@@ -98,9 +98,10 @@ def test_names_of_everything_are_data(conn: Conn, name: str, hostile_role: str) 
     conn.execute("SELECT * FROM conflictdb.preview_attachment(%s, 'area', %s, %s)", [name, qualified, mapped])
     conn.execute("SELECT conflictdb.attach(%s, 'area', %s, %s)", [name, qualified, mapped])
     conn.execute("SELECT conflictdb.share_scene(%s, %s, 'write')", [name, hostile_role])
-    conn.execute("RESET ROLE")
     conn.commit()
     attached.follow(conn, name, again=False)
+    conn.execute("RESET ROLE")
+    conn.commit()
     assert detect.detect(conn, name, jobs=1).conflicts == 3
     conn.execute(sql.SQL("SET ROLE {}").format(role))
     keys = {(name, name + "R"), (name + "R", name), (name, name + "T"), (name + "R", name + "T")}

@@ -108,7 +108,8 @@ ADDITIONS = [
     """INSERT INTO conflictdb.attachment (scene_id, object_kind, table_schema, table_name, map, identity_columns,
                                           has_triggers, every)
        VALUES ({hers}, 0, 'a', 'b', '{{}}', '{{}}', false, '1 h')""",
-    "INSERT INTO conflictdb.probe_request (scene_id, object_kind) VALUES ({hers}, 0)",
+    """INSERT INTO conflictdb.probe_request (scene_id, object_kind, footprint)
+       VALUES ({hers}, 0, 'SRID=4326;MULTIPOLYGON(((0 0, 1 0, 1 1, 0 1, 0 0)))')""",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', {alice})",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', NULL)",
 ]
@@ -148,8 +149,9 @@ def stage(_server: TestServer, template: str, worker_id: str) -> Iterator[Stage]
         with acting(conn, roles["bob"]):
             conn.execute("CREATE TABLE bobs.ops (id integer, shape public.geometry)")
             conn.execute("SELECT conflictdb.create_scene('his')")
-        with acting(conn, roles["worker"]):
+        with acting(conn, roles["alice"]):
             attached.follow(conn, "hers", again=False)
+        with acting(conn, roles["worker"]):
             detect.detect(conn, "hers", jobs=1)
         with acting(conn, roles["alice"]):
             conn.execute(LATER.encode())

@@ -293,7 +293,7 @@ def test_runs_count_the_conflicts_of_the_scene(conn: Conn, scene_id: int, many: 
     if many:
         conn.execute(
             """INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version)
-               SELECT %s, 0, -n, 1 FROM generate_series(1, 2000) n""",
+               SELECT %s, 0, 1000000 + n, 1 FROM generate_series(1, 2000) n""",
             [scene_id],
         )
         conn.commit()
