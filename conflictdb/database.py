@@ -18,7 +18,15 @@ import psycopg
 
 from conflictdb import inputs, loading
 from conflictdb.db import attached, schema, store
-from conflictdb.errors import IncompleteWarning, InvalidInput, SchemaMissing, SchemaOutdated, ServerError, StoreError
+from conflictdb.errors import (
+    IncompleteWarning,
+    InvalidInput,
+    NotPermitted,
+    SchemaMissing,
+    SchemaOutdated,
+    ServerError,
+    StoreError,
+)
 from conflictdb.io import scene_text, write_lines
 from conflictdb.io.reading import is_parquet
 from conflictdb.io.whole_files import whole_file
@@ -95,7 +103,7 @@ def connect(
 
         embedded = server.embedded(say=say)
         try:
-            return _opened(embedded.dsn, embedded.stop, create is not False, say)
+            return _opened(embedded.dsn, embedded.stop, create is not False, say, embedded.admin_dsn)
         except BaseException:
             embedded.stop()
             raise
@@ -104,19 +112,27 @@ def connect(
     return _borrowed(target)
 
 
-def _opened(dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None]) -> "Database":
+def _opened(
+    dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
+) -> "Database":
+    """Open a database; with `admin_dsn`, the embedded one, whose everyday user has no right to make the schema."""
     try:
         connection = store.connect(dsn)
     except StoreError as error:
-        raise ServerError(f"cannot connect: {error}") from error.__cause__
+        if admin_dsn is None or not create:
+            raise ServerError(f"cannot connect: {error}") from error.__cause__
+        schema.admit(admin_dsn, dsn)  # a cluster from before there was such a user
+        connection = store.connect(dsn)
     try:
         try:
             _check(connection)
-        except (SchemaMissing, SchemaOutdated) as unfit:
-            if not create:
+        except (SchemaMissing, SchemaOutdated, NotPermitted) as unfit:
+            if not create or (isinstance(unfit, NotPermitted) and admin_dsn is None):
                 raise
             say("creating the schema" if isinstance(unfit, SchemaMissing) else "upgrading the schema")
-            schema.upgrade(dsn)
+            schema.upgrade(admin_dsn or dsn)
+            if admin_dsn is not None:
+                schema.admit(admin_dsn, dsn)
             _check(connection)
     except BaseException:
         connection.close()

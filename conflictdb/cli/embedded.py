@@ -73,6 +73,8 @@ def psql(args: argparse.Namespace) -> int:
 def _become(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
     with store.translated():
         parts = conninfo.conninfo_to_dict(dsn)
+    if any(argument.startswith(("-U", "--username")) for argument in arguments):
+        del parts["user"]  # which would prevail
     password = parts.pop("password", None)  # arguments can be read by all users of a machine
     environ = {**os.environ, **psql.environ, **({"PGPASSWORD": str(password)} if password else {})}
     command = ["psql", "--dbname", conninfo.make_conninfo("", **parts), *arguments]

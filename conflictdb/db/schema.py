@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, LiteralString
 
 import psycopg
-from psycopg import sql
+from psycopg import conninfo, sql
 from psycopg.rows import tuple_row
 
 from conflictdb.db import store
@@ -320,6 +320,22 @@ def upgrade(dsn: str) -> str:
         raise LockTimeout(
             f"upgrading the schema waited {_UPGRADE_WAIT_S:g} s for locks; they are held by: {holders}"
         ) from error
+
+
+def admit(admin_dsn: str, dsn: str) -> None:
+    """Let the user of a connection string work in a database, with a schema of the same name for its own tables.
+
+    It becomes a worker of conflictdb, once the schema has made that role. Runs as an administrator (`admin_dsn`).
+    """
+    role = str(conninfo.conninfo_to_dict(dsn)["user"])
+    with store.translated(), store.connect(admin_dsn) as conn:
+        names = {"role": sql.Identifier(role), "database": sql.Identifier(conn.info.dbname)}
+        if _one(conn, "SELECT true FROM pg_roles WHERE rolname = %s", role) is None:
+            conn.execute(sql.SQL("CREATE ROLE {role} LOGIN").format(**names))
+        conn.execute(sql.SQL("GRANT CREATE, TEMPORARY ON DATABASE {database} TO {role}").format(**names))
+        conn.execute(sql.SQL("CREATE SCHEMA IF NOT EXISTS {role} AUTHORIZATION {role}").format(**names))
+        if _one(conn, "SELECT true FROM pg_roles WHERE rolname = 'conflictdb_worker'") is True:
+            conn.execute(sql.SQL("GRANT conflictdb_worker TO {role}").format(**names))
 
 
 def _is_extension(conn: psycopg.Connection[Any]) -> bool:

@@ -24,6 +24,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from conflictdb.server.cluster import Cluster, ServerStatus
+from conflictdb.server.configuration import ADMINISTRATOR
 from conflictdb.server.discovery import Psql, psql_of
 from conflictdb.server.settings import Settings
 
@@ -49,13 +50,15 @@ _STOP_S: Final = 60.0
 class EmbeddedServer:
     """The use of the embedded database by this process; the server runs at least until `stop`.
 
-    dsn : libpq connection string of the database `conflictdb` in it
+    dsn : libpq connection string of the database `conflictdb` in it, for its everyday user, who is no superuser
+    admin_dsn : the same for the superuser who owns the cluster
     """
 
     def __init__(self, cluster: Cluster) -> None:
         self._cluster = cluster
         self._alive: int | None = cluster.join()
         self.dsn: str = cluster.dsn()
+        self.admin_dsn: str = cluster.dsn(ADMINISTRATOR)
 
     @property
     def home(self) -> Path:

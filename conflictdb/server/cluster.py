@@ -130,9 +130,9 @@ class Cluster:
             return ServerStatus(self.home, running=False, pid=pid)
         return ServerStatus(self.home, True, held, configuration.dsn(socket_directory), self._described(), pid)
 
-    def dsn(self) -> str:
-        """Return how to connect to the running server."""
-        return configuration.dsn(self._postmaster()[2])
+    def dsn(self, user: str = configuration.PLANNER) -> str:
+        """Return how a user connects to the running server."""
+        return configuration.dsn(self._postmaster()[2], user)
 
     def programs(self) -> Path:
         """Return the directory of the programs of the running server."""

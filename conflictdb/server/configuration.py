@@ -8,6 +8,11 @@ from psycopg import conninfo, pq
 
 _SHM_WANTED_BYTES: Final = 512 * 2**20
 
+#: Who owns the cluster, a superuser: creates the schema and upgrades it.
+ADMINISTRATOR: Final = "postgres"
+#: Everybody else: a worker of conflictdb who may create schemas, and no superuser.
+PLANNER: Final = "planner"
+
 #: Connection options without a default of libpq, for which an empty value is as good as none.
 _EMPTY_IS_NONE: Final = frozenset({"hostaddr", "options", "require_auth", "passfile", "password"})
 
@@ -55,9 +60,9 @@ def initial(*, durable: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def dsn(socket_directory: str) -> str:
-    """Return the connection string, proof against what PG* variables of the user would change in it."""
-    parts = {"host": socket_directory, "port": "5432", "user": "postgres", "dbname": "conflictdb"}
+def dsn(socket_directory: str, user: str = PLANNER) -> str:
+    """Return the connection string of a user, proof against PG* variables of the environment."""
+    parts = {"host": socket_directory, "port": "5432", "user": user, "dbname": "conflictdb"}
     for option in pq.Conninfo.get_defaults():
         name = option.keyword.decode()
         if name not in parts and option.envvar and option.envvar.decode() in os.environ:

@@ -11,5 +11,6 @@ sync_option=
 "$bin/initdb" -D "$home/data.new" -A trust -U postgres -E UTF8 --locale=C $sync_option
 cat >data.new/conflictdb.conf
 echo "include = 'conflictdb.conf'" >>data.new/postgresql.conf
-echo 'CREATE DATABASE conflictdb' | "$bin/postgres" --single -D "$home/data.new" postgres
+printf '%s\n' 'CREATE DATABASE conflictdb' 'CREATE ROLE planner LOGIN' |
+    "$bin/postgres" --single -D "$home/data.new" postgres
 mv data.new data

@@ -168,6 +168,7 @@ def test_page_runs_as_printed(
     shell("./run psql -q -c 'DELETE FROM conflictdb.scene'", folder)
     background = []
     printed: str | None = None
+    as_whom = " -U postgres" if "`./run psql -U postgres`" in (ROOT / page).read_text() else ""
     try:
         for language, block in re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE):
             if language == "text" and printed is not None:
@@ -180,7 +181,7 @@ def test_page_runs_as_printed(
                 printed = shell(f"set -e\n{block}", folder)
             elif language == "sql":
                 (folder / "query.sql").write_text(f"\\pset footer off\n{block}")
-                printed = shell("./run psql -q -v ON_ERROR_STOP=1 -f query.sql", folder)
+                printed = shell(f"./run psql{as_whom} -q -v ON_ERROR_STOP=1 -f query.sql", folder)
             elif language == "python":
                 (folder / "example.py").write_text(block)
                 printed = shell("./run python example.py", folder)

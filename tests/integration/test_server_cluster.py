@@ -20,9 +20,10 @@ from typing import Any
 
 import psycopg
 import pytest
+from commands import STRAIT
 from patience import killed_after
 
-from conflictdb import server
+from conflictdb import connect, server
 from conflictdb.errors import ServerError
 from conflictdb.server.account import account_for
 
@@ -157,7 +158,7 @@ def test_new_home_is_private_and_serves_its_database(new_home: Path) -> None:
         assert query(embedded.dsn, "SELECT current_database()") == "conflictdb"
         expected = {"listen_addresses": "", "jit": "off", "fsync": "on", "TimeZone": "UTC", "server_encoding": "UTF8"}
         assert {name: query(embedded.dsn, f"SHOW {name}") for name in expected} == expected
-        assert query(embedded.dsn, "SHOW unix_socket_directories").strip('"') == str(new_home)
+        assert query(embedded.admin_dsn, "SHOW unix_socket_directories").strip('"') == str(new_home)
         assert query(embedded.dsn, "SELECT count(*) FROM pg_available_extensions WHERE name = 'postgis'") == 1
     assert stat.S_IMODE(new_home.stat().st_mode) == 0o700
     assert len([line for line in said if "PostgreSQL" in line and "PostGIS" in line and str(new_home) in line]) == 1
@@ -391,7 +392,7 @@ def test_variables_of_the_user_change_nothing(home: Path, monkeypatch: pytest.Mo
     for name, value in odd.items():
         monkeypatch.setenv(name, value)
     with server.embedded(home) as embedded:
-        assert query(embedded.dsn, "SELECT current_database() || ' ' || current_user") == "conflictdb postgres"
+        assert query(embedded.dsn, "SELECT current_database() || ' ' || current_user") == "conflictdb planner"
         assert query(embedded.dsn, "SHOW jit") == "off"
 
 
@@ -433,3 +434,22 @@ def test_home_out_of_reach_of_its_account_is_said() -> None:
     """As root, a home below a private directory is refused with the reason."""
     with tempfile.TemporaryDirectory() as private, pytest.raises(ServerError, match=r"cannot reach .* CONFLICTDB_HOME"):
         server.embedded(Path(private, "home"))
+
+
+def test_its_everyday_user_is_no_superuser(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in a cluster from before there was one, and it may do whatever commands do."""
+    monkeypatch.setenv("CONFLICTDB_HOME", str(home))
+    with server.embedded(home, durable=False) as embedded:
+        with psycopg.connect(embedded.admin_dsn, autocommit=True) as conn:
+            conn.execute("DROP ROLE planner")
+        for _ in range(2):
+            with connect() as db:
+                db.load(STRAIT)
+                assert db.detect("strait").conflicts == 7
+        with psycopg.connect(embedded.dsn) as conn:
+            query = (
+                "SELECT rolname, rolsuper OR rolcreaterole OR rolbypassrls FROM pg_roles WHERE rolname = current_user"
+            )
+            assert conn.execute(query).fetchone() == ("planner", False)
+            conn.execute("CREATE TABLE mine (id integer)")
+            assert conn.execute("SELECT 'planner.mine'::regclass").fetchone() is not None

@@ -179,15 +179,15 @@ def standby() -> Iterator[tuple[str, str]]:
     home.chmod(0o755)
     try:
         # What a server wrote before it knew of standbys (wal_level) cannot become one.
-        with server.embedded(home / "db", durable=False) as embedded, psycopg.connect(embedded.dsn) as conn:
+        with server.embedded(home / "db", durable=False) as embedded, psycopg.connect(embedded.admin_dsn) as conn:
             conn.autocommit = True
             conn.execute("ALTER SYSTEM SET wal_level = 'replica'")
         await_stop(home / "db")
         with server.embedded(home / "db") as embedded:
-            with connect(embedded.dsn, create=True) as db:
+            with connect(embedded.admin_dsn, create=True) as db:
                 db.load(STRAIT)
                 db.detect("strait")
-            with psycopg.connect(embedded.dsn, autocommit=True) as conn:
+            with psycopg.connect(embedded.admin_dsn, autocommit=True) as conn:
                 conn.execute("CREATE DATABASE empty")
         await_stop(home / "db")
         yield from running_standby(home / "db")

@@ -113,7 +113,7 @@ def test_server(run: str, worker: str) -> Iterator[TestServer]:
         except ServerError as error:
             pytest.fail(f"{error}\n  tests            export CONFLICTDB_TEST_DSN=... (a server to create databases on)")
     with embedded:
-        dsn = conninfo.make_conninfo(embedded.dsn, dbname="postgres")
+        dsn = conninfo.make_conninfo(embedded.admin_dsn, dbname="postgres")
         yield TestServer(dsn, "conflictdb_test", embedded.status().description)
 
 
