@@ -450,6 +450,6 @@ def test_its_everyday_user_is_no_superuser(home: Path, monkeypatch: pytest.Monke
             query = (
                 "SELECT rolname, rolsuper OR rolcreaterole OR rolbypassrls FROM pg_roles WHERE rolname = current_user"
             )
-            assert conn.execute(query).fetchone() == ("planner", False)
+            assert conn.execute(query.encode()).fetchone() == ("planner", False)
             conn.execute("CREATE TABLE mine (id integer)")
             assert conn.execute("SELECT 'planner.mine'::regclass").fetchone() is not None
