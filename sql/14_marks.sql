@@ -5,19 +5,25 @@
 --
 -- Writers only insert marks and a detection only touches marks it saw: they never wait for, or fail, each other.
 
-CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
+CREATE OR REPLACE FUNCTION _notify(p_channel text, p_payload text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     -- PREPARE TRANSACTION fails in a transaction that has notified, and a full queue fails COMMIT: a mission's own
     -- write must not. Workers look for marks by themselves, often where this stays silent (store.writers_notify).
     IF current_setting('max_prepared_transactions') = '0' AND pg_notification_queue_usage() < 0.5 THEN
-        PERFORM pg_notify('conflictdb_request', '');
+        PERFORM pg_notify(p_channel, p_payload);
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _wake_workers() IS
-'Wakes the workers (channel conflictdb_request) once the transaction commits, if the server has no prepared '
-'transactions.';
+COMMENT ON FUNCTION _notify(text, text) IS
+'Notifies a channel once the transaction commits, if the server allows no prepared transactions.';
+
+CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    SELECT _notify('conflictdb_request', '');
+END;
+COMMENT ON FUNCTION _wake_workers() IS 'Wakes the workers once the transaction commits; see _notify.';
 
 CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$

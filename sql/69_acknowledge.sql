@@ -26,9 +26,9 @@ CREATE OR REPLACE FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id b
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     -- Anybody who can connect may listen.
-    PERFORM pg_notify('conflictdb_acknowledgement',
-                      jsonb_build_object('scene', CASE WHEN NOT _is_protected() THEN p_scene END,
-                                         'conflict', p_conflict_id, 'acknowledged', p_holds)::text);
+    PERFORM _notify('conflictdb_acknowledgement',
+                    jsonb_build_object('scene', CASE WHEN NOT _is_protected() THEN p_scene END,
+                                       'conflict', p_conflict_id, 'acknowledged', p_holds)::text);
 END
 $$;
 COMMENT ON FUNCTION _notify_acknowledgement(text, bigint, boolean) IS

@@ -41,6 +41,7 @@ class Changes:
         self._connect = connect
         self._ends = Event()
         self._is_seen = True
+        self._writers_notify = True
         self._thread = Thread(target=self._listen, daemon=True, name="changes")
         self._subscribers: set[asyncio.Queue[str | None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -95,6 +96,7 @@ class Changes:
                 with self._connect() as connection:
                     store.never_write(connection)
                     store.hear_changes(connection)
+                    self._writers_notify = store.writers_notify(connection)
                     if is_first:
                         self._is_seen = self._sees(connection)
                     else:  # whatever happened meanwhile
@@ -138,5 +140,6 @@ class Changes:
             return None
         if not isinstance(run, dict):
             return OBJECTS
-        # Where scenes are protected, it says of none which it is.
-        return CONFLICTS if run.get("scene") in (self._scene, None) else None
+        # Where scenes are protected, it says of none which it is. Where writers do not notify, objects changed before a
+        # run.
+        return (CONFLICTS if self._writers_notify else OBJECTS) if run.get("scene") in (self._scene, None) else None

@@ -281,3 +281,94 @@ def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
             conn.execute(sql.SQL("DROP OWNED BY {0}").format(sql.Identifier(user)))
             conn.execute(sql.SQL("DROP ROLE {0}").format(sql.Identifier(user)))
         conn.commit()
+
+
+REQUEST = """INSERT INTO conflictdb.probe_request
+             (scene_id, object_kind, footprint, active_span, path, outline, {column})
+             SELECT scene_id, {kind}, {footprint}, {span}, {path}, {outline}, {value} FROM conflictdb.scene"""
+A_BOX = "ST_Multi(ST_MakeEnvelope(0, 0, 1, 1, 4326))"
+A_PATH = "'SRID=4326;LINESTRING M (0 0 1772323200, 1 1 1772409600)'::geometry"
+ENDLESS = "ST_SetSRID(ST_MakeLine(ST_MakePointM(0, 0, 0), ST_MakePointM(1, 1, 'infinity')), 4326)"
+AN_OUTLINE = "conflictdb.rectangle_outline(9, 9, 5, 5)"
+
+
+@pytest.mark.parametrize(
+    ("row", "state"),
+    [
+        ({"footprint": A_BOX, "span": "'[-infinity, infinity]'"}, None),
+        ({"footprint": A_BOX, "span": "'[infinity,)'"}, "ZC003"),
+        ({"footprint": A_BOX, "span": "'(,-infinity]'"}, "ZC003"),
+        ({"footprint": A_BOX, "span": "'empty'"}, "ZC003"),
+        ({"footprint": "'SRID=4326;MULTIPOLYGON EMPTY'"}, "ZC001"),
+        ({"footprint": A_BOX, "column": "floor_m", "value": "'NaN'"}, "ZC004"),
+        ({"footprint": A_BOX, "column": "answered_at", "value": "now()"}, "ZC013"),
+        ({"footprint": A_BOX, "column": "failures", "value": "-32768"}, "ZC013"),
+        ({"footprint": A_BOX, "column": "asked_at", "value": "'infinity'"}, None),
+        ({"kind": "1", "path": A_PATH, "outline": "'POLYGON EMPTY'"}, "ZC006"),
+        ({"kind": "1", "path": "'SRID=4326;LINESTRING M (0 0 0, NaN 1 1)'", "outline": AN_OUTLINE}, "ZC001"),
+        ({"kind": "1", "path": ENDLESS, "outline": AN_OUTLINE}, "ZC001"),
+        ({"kind": "1", "path": A_PATH, "outline": AN_OUTLINE, "column": "grow_mps", "value": "'NaN'"}, None),
+        ({"kind": "7", "footprint": A_BOX}, "23514"),
+    ],
+    ids=str,
+)
+def test_a_row_that_a_reader_writes_stops_no_worker(
+    conn: Conn, dsn: str, row: dict[str, str], state: str | None
+) -> None:
+    """It is refused, or answered: and the next question is, too."""
+    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    given = {
+        "kind": "0", "footprint": "NULL", "span": "NULL", "path": "NULL", "outline": "NULL", "column": "key",
+        "value": "NULL", **row,
+    }  # fmt: skip
+    statement = REQUEST.format(**given).encode()
+    with store.connect(dsn) as reader:
+        reader.execute("SET ROLE conflictdb_reader")
+        if state is not None:
+            with pytest.raises(psycopg.Error) as refused:
+                reader.execute(statement)
+            assert refused.value.sqlstate == state
+            reader.rollback()
+            reader.execute("SET ROLE conflictdb_reader")
+        else:
+            reader.execute(statement)
+        reader.commit()
+        reader.execute("SELECT conflictdb.request_probe('s', 'SRID=4326;POLYGON((0 -1, 1 -1, 1 1, 0 1, 0 -1))')")
+        reader.commit()
+    probes.answer(conn)
+    left = "SELECT count(*) FROM conflictdb.probe_request WHERE answered_at IS NULL"
+    assert conn.execute(left.encode()).fetchone() == (0,)
+
+
+def test_a_request_that_always_fails_is_refused_after_three_attempts(
+    conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And holds up no other meanwhile, of its scene or another."""
+    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    ids = []
+    with store.connect(dsn) as reader:
+        ids = [ask(reader, ASK, "s") for _ in range(2)]
+    read, order = store.read_probe, []
+
+    def fails(conn: Conn, probe_id: int, scene_id: int) -> store.ProbeRequest:
+        order.append(probe_id)
+        if probe_id == ids[0]:
+            conn.execute("SELECT 1 / 0")
+        return read(conn, probe_id, scene_id)
+
+    monkeypatch.setattr(store, "read_probe", fails)
+    assert probes.answer(conn) is False
+    assert order == [ids[0], ids[1], ids[0], ids[0]]
+    errors = conn.execute("SELECT error FROM conflictdb.probe_request ORDER BY probe_id").fetchall()
+    assert "in three attempts: division by zero" in errors[0][0]
+    assert errors[1] == (None,)
+
+
+def test_a_role_may_ask_a_thousand_questions_at_a_time(conn: Conn) -> None:
+    load(conn, Scene("s"), [], [])
+    many = "SELECT count(conflictdb.request_probe('s', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')) "
+    conn.execute(f"{many} FROM generate_series(1, 1000)".encode())
+    with pytest.raises(psycopg.Error, match=r"1000 questions of role .* wait already"):
+        conn.execute(many.encode())

@@ -265,6 +265,33 @@ def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPat
     assert (detected, len(attempts)) == (["first", "second"], 3)
 
 
+def test_an_error_that_is_no_lost_connection_is_none(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row that cannot be read, say: the worker says so, goes on on the same connection, and comes to all else."""
+    load(dsn, "one")
+    look, failures = store.waiting_scenes, iter([1, 1])
+    said: list[str] = []
+
+    def fails(conn: Any) -> dict[str, float]:
+        if next(failures, None):
+            conn.execute("SELECT 1 / 0")
+        return look(conn)
+
+    monkeypatch.setattr(store, "waiting_scenes", fails)
+    done = threading.Event()
+
+    def report(scene: str, outcome: Any, waited_s: float) -> None:
+        done.set()
+        raise KeyboardInterrupt
+
+    worker = Worker(lambda: store.connect(dsn), report, say=said.append)
+    with pytest.raises(KeyboardInterrupt):
+        worker.run()
+    assert done.is_set()
+    assert worker.state.connections == 1
+    assert [line for line in said if "lost" in line] == []
+    assert len([line for line in said if "cannot look for changes, trying again: division by zero" in line]) == 2
+
+
 def test_a_worker_refuses_another_schema(empty_dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert runner(empty_dsn, capsys)("worker").code == 3
 

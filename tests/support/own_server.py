@@ -35,7 +35,7 @@ class OwnServer:
         self.dsn = f"host={self.data} port={settings.get('port', '5432')} user=postgres dbname=conflictdb"
         if not self.data.exists():
             with server.embedded(home, durable=False) as embedded:
-                schema.upgrade(embedded.dsn)
+                schema.upgrade(embedded.admin_dsn)
             self._await(lambda: server.status(home).pid is None)
         account = account_for(home)
         self.programs = find_server(server.Settings.from_environment(home=home), account, None, print)
