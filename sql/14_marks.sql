@@ -19,11 +19,20 @@ COMMENT ON FUNCTION _notify(text, text) IS
 'Notifies a channel once the transaction commits, if the server allows no prepared transactions.';
 
 CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
-LANGUAGE sql VOLATILE
-BEGIN ATOMIC
-    SELECT _notify('conflictdb_request', '');
-END;
-COMMENT ON FUNCTION _wake_workers() IS 'Wakes the workers once the transaction commits; see _notify.';
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    -- Any number that others are not likely to use.
+    c_lock CONSTANT bigint := 7165063221046263924;
+BEGIN
+    -- PostgreSQL lets only one transaction that has notified commit at a time. So of several that write at once one
+    -- notifies; workers find what the others wrote by looking (EVERY_S of conflictdb.db.worker).
+    IF pg_try_advisory_xact_lock(c_lock) THEN
+        PERFORM _notify('conflictdb_request', '');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _wake_workers() IS
+'Wakes the workers once the transaction commits, unless another transaction does so at the same time.';
 
 CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$

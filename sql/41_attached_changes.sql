@@ -56,15 +56,15 @@ BEGIN
         INSERT INTO attached_change (attachment_id, identities)
             SELECT %1$s, CASE WHEN count(*) <= %6$s THEN array_agg(%7$s) END
             FROM (SELECT * FROM old_rows LIMIT %6$s + 1) r HAVING count(*) > 0;
-    ELSIF (SELECT count(*) FROM (SELECT FROM new_rows LIMIT %6$s + 1) r) > %6$s THEN
-        INSERT INTO attached_change (attachment_id) VALUES (%1$s);
     ELSIF TG_OP = 'INSERT' THEN
         INSERT INTO attached_change (attachment_id, identities)
-            SELECT %1$s, array_agg(%7$s) FROM new_rows r HAVING count(*) > 0;
+            SELECT %1$s, CASE WHEN count(*) <= %6$s THEN array_agg(%7$s) END
+            FROM (SELECT * FROM new_rows LIMIT %6$s + 1) r HAVING count(*) > 0;
     ELSE
         INSERT INTO attached_change (attachment_id, identities)
-            SELECT %1$s, array_agg(c.identity)
-            FROM (SELECT %7$s FROM new_rows r UNION ALL SELECT %7$s FROM old_rows r) c (identity) HAVING count(*) > 0;
+            SELECT %1$s, CASE WHEN count(*) <= 2 * %6$s THEN array_agg(%7$s) END
+            FROM (SELECT * FROM (SELECT * FROM new_rows LIMIT %6$s + 1) n
+                  UNION ALL SELECT * FROM (SELECT * FROM old_rows LIMIT %6$s + 1) o) r HAVING count(*) > 0;
     END IF;
     IF FOUND THEN
         PERFORM _wake_workers();

@@ -2,8 +2,8 @@
 
 Changes leave marks in the database, and these marks are the queue. A worker has no state of its own: it may be killed
 at any moment, and any number may run, on any number of machines. It passes over a scene that somebody else detects at
-the moment and takes the next. It listens for changes (NOTIFY) and looks for marks now and then, in case a notification
-was lost with its connection.
+the moment and takes the next. It listens for changes (NOTIFY), and looks for marks twice a second: of several writers
+that commit at once only one notifies.
 """
 
 import logging
@@ -23,7 +23,7 @@ from conflictdb.pipeline.memory import MEMORY_MB
 
 _log = logging.getLogger(__name__)
 
-EVERY_S: Final = 60.0
+EVERY_S: Final = 0.5
 # After a lost connection, or a detection that failed: the first pause, doubled up to the longest.
 _PAUSE_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 60.0
@@ -33,8 +33,7 @@ _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
 # However often attached tables are to be compared.
 _LEAST_PAUSE_S: Final = 0.1
-# How often to look for changes where no notification arrives, and where who writes sends none.
-_DEAF_PAUSE_S: Final = 2.0
+# How often to look for changes where nobody can notify.
 _UNTOLD_PAUSE_S: Final = 0.25
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
@@ -98,7 +97,7 @@ class Worker:
     report : told the outcome of each detection: the scene, the run or the error, and for how long the oldest of the
         changes had waited at its end, seconds
     every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, and
-        after twice as long each time, up to this
+        after twice as long each time, up to this or a minute
     jobs : threads to solve in, None for one per processor
     lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
     say : told who keeps a scene from being detected, if nobody tells of changes, and of a database lost and found
@@ -196,9 +195,9 @@ class Worker:
             self._deafness_is_said = True
             self.say(
                 "notifications do not arrive on this connection, as through a pooler that gives every transaction "
-                f"another session: looking for changes every {min(self.every_s, _DEAF_PAUSE_S):g} s"
+                f"another session: looking for changes every {min(self.every_s, _UNTOLD_PAUSE_S):g} s"
             )
-        return min(self.every_s, _DEAF_PAUSE_S)
+        return min(self.every_s, _UNTOLD_PAUSE_S)
 
     def _reconnected(self, pauses: Iterator[float]) -> "psycopg.Connection[Any]":
         for pause_s in pauses:
@@ -267,7 +266,7 @@ class Worker:
 
     def _failed(self, scene: str, error: Exception, changed_at_s: float) -> None:
         self._busy.pop(scene, None)
-        failing = self._failing.setdefault(scene, _Failing(0.0, _pauses(self.every_s)))
+        failing = self._failing.setdefault(scene, _Failing(0.0, _pauses(max(self.every_s, _LONGEST_PAUSE_S))))
         failing.again_at_s = time.monotonic() + next(failing.pauses)
         _log.debug("scene %r failed", scene, exc_info=error)
         self.report(scene, error, time.monotonic() - changed_at_s)

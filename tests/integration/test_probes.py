@@ -308,7 +308,7 @@ AN_OUTLINE = "conflictdb.rectangle_outline(9, 9, 5, 5)"
         ({"kind": "1", "path": "'SRID=4326;LINESTRING M (0 0 0, NaN 1 1)'", "outline": AN_OUTLINE}, "ZC001"),
         ({"kind": "1", "path": ENDLESS, "outline": AN_OUTLINE}, "ZC001"),
         ({"kind": "1", "path": A_PATH, "outline": AN_OUTLINE, "column": "grow_mps", "value": "'NaN'"}, None),
-        ({"kind": "7", "footprint": A_BOX}, "23514"),
+        ({"kind": "7", "footprint": A_BOX}, "ZC001"),
     ],
     ids=str,
 )
