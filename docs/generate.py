@@ -326,6 +326,46 @@ ORDER BY p.proname, p.oid::regprocedure::text
 """
 
 
+DEFINERS: Final = """
+SELECT p.proname, p.prosrc, p.prorettype = 'trigger'::regtype, obj_description(p.oid, 'pg_proc'),
+       ARRAY(SELECT r FROM unnest(ARRAY['conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker']) r
+             WHERE has_function_privilege(r, p.oid, 'EXECUTE'))
+FROM pg_proc p
+WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.prosecdef
+ORDER BY p.proname
+"""
+TABLES: Final = """
+SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+"""
+WRITES: Final = r"(?:INSERT INTO|DELETE FROM|\bUPDATE) (?:conflictdb\.)?(\w+)"
+READS: Final = r"\b(?:FROM|JOIN|USING) (?:\(SELECT \w+\.\w+ FROM )?(?:conflictdb\.)?(pg_catalog\.\w+|\w+)"
+
+
+def definers(conn: psycopg.Connection[Any]) -> str:
+    """Return the section of routines that run as their owner; KeyError names one whose comment lacks its restriction.
+
+    Tables are found in the text of a routine, also in statements that it puts together.
+    """
+    known = {name for (name,) in conn.execute(TABLES.encode())}
+    rows = []
+    for name, code, is_trigger, said, roles in conn.execute(DEFINERS.encode()).fetchall():
+        restriction = re.search(r"Restricted to ([^.]+)\.", said or "")
+        if restriction is None:
+            raise KeyError(f"the comment of {name} does not say what it is restricted to")
+        writes = {table for table in re.findall(WRITES, code) if table in known}
+        code = re.sub(r"DELETE FROM", "", code)
+        reads = {table for table in re.findall(READS, code) if table in known or table.startswith("pg_catalog.")}
+        least = "its trigger" if is_trigger else roles[0].removeprefix("conflictdb_") if roles else "nobody"
+        lists = (", ".join(f"`{table}`" for table in sorted(tables)) for tables in (reads, writes))
+        rows.append([f"`{name}`", least, *lists, restriction[1]])
+    said = (
+        "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve names "
+        "in that schema alone."
+    )
+    heads = ["routine", "called by", "reads", "writes", "restricted to"]
+    return f"## Routines that run as their owner\n\n{said}\n\n{table(heads, rows)}"
+
+
 def sql(conn: psycopg.Connection[Any]) -> str:
     """Return the page of the SQL interface of a fresh schema."""
     conn.execute("SELECT set_config('search_path', 'conflictdb, public', true)")
@@ -346,7 +386,7 @@ def sql(conn: psycopg.Connection[Any]) -> str:
                 continue
             parts = [_default(argument) for argument in arguments or []]
             sections.append(f"### {name}\n\n{_call(name, parts, _type(result))}\n\n{text}")
-    sections.append(_states())
+    sections += [definers(conn), _states()]
     return "\n\n".join(part.strip() for part in sections) + "\n"
 
 

@@ -29,7 +29,8 @@ END
 $$;
 COMMENT ON FUNCTION _first_version(smallint, bigint) IS
 'The version of a new object: later than all that was computed of an object that had its number before it. Runs as its '
-'owner: that may have been in a scene which the caller cannot read.';
+'owner: that may have been in a scene which the caller cannot read. Restricted to one number of an object, of which it '
+'returns a number.';
 
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

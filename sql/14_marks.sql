@@ -86,7 +86,8 @@ END
 $$;
 COMMENT ON FUNCTION _after_object_change() IS
 'Trigger, once per statement: marks changed objects, keeps keys unique in their scene, wakes workers. '
-'Arguments: kind (0 area, 1 track) and name of the id column. Runs as its owner: editors cannot touch marks.';
+'Arguments: kind (0 area, 1 track) and name of the id column. Runs as its owner: editors cannot touch marks. '
+'Restricted to the rows that the statement changed.';
 
 CREATE OR REPLACE FUNCTION _mark_all(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql VOLATILE PARALLEL UNSAFE
@@ -124,7 +125,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_change() IS
-'Trigger: other settings mean other pieces and other conflicts, so every object of the scene is marked.';
+'Trigger: other settings mean other pieces and other conflicts, so every object of the scene is marked. Restricted to '
+'the scene that changed.';
 
 -- Changes that arrive as replicas (logical replication, a restore under session_replication_role = replica) fire no
 -- ordinary triggers, and those of logical replication none of statements at all. What follows fires by row, and for
@@ -150,7 +152,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_replicated_object() IS
-'Trigger, once per row that arrives as a replica: what _after_object_change does for the rows of a statement.';
+'Trigger, once per row that arrives as a replica: what _after_object_change does for the rows of a statement. '
+'Restricted to that row.';
 
 CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -168,7 +171,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_replicated_removal() IS
-'Trigger: removes what was made of a scene whose removal arrives as a replica, as foreign keys do otherwise.';
+'Trigger: removes what was made of a scene whose removal arrives as a replica, as foreign keys do otherwise. '
+'Restricted to the scene that was removed.';
 
 CREATE OR REPLACE TRIGGER area_replicated AFTER INSERT OR UPDATE OR DELETE ON area
     FOR EACH ROW EXECUTE FUNCTION _after_replicated_object(0, area_id);

@@ -204,4 +204,4 @@ END
 $$;
 COMMENT ON FUNCTION _end_pieces(bigint, bigint) IS
 'Keeps the scene from being removed before the transaction ends, and refreshes the planner''s statistics after many '
-'pieces changed. Runs as its owner, whom these ask for.';
+'pieces changed. Runs as its owner, whom these ask for. Restricted to the scene given, of which it changes nothing.';

@@ -91,7 +91,7 @@ END
 $$;
 COMMENT ON FUNCTION _scene_holders(bigint) IS
 'Who holds the lock of a scene, or of the whole table, and since when its transaction lasts. Runs as its owner, who '
-'may see more of other sessions than a worker.';
+'may see more of other sessions than a worker. Restricted to sessions that hold the lock of the scene given.';
 
 CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -109,7 +109,8 @@ END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
 'Trigger: removes conflicts, their history and pieces of a removed scene, and its lock, unless it is held. A lock that '
-'stays behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these.';
+'stays behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these. '
+'Restricted to the scene that was removed.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

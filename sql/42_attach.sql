@@ -35,7 +35,7 @@ END
 $$;
 COMMENT ON FUNCTION _open_attached_schema() IS
 'Makes sure of the schema conflictdb_attached. Refuses (insufficient_privilege) one that another role created. Runs as '
-'the owner of conflictdb, who owns it.';
+'the owner of conflictdb, who owns it. Restricted to a schema that is missing.';
 
 CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -51,7 +51,7 @@ EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name THEN
 END
 $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
-'Removes the schema conflictdb_attached if nothing is in it. Runs as its owner.';
+'Removes the schema conflictdb_attached. Runs as its owner. Restricted to a schema without objects.';
 
 CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

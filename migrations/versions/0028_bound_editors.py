@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "eec5ebeab6835d1588eaefef004ff18ec02461f1f0b4d1b11efc28f69b55bcfd"
+routines_sha256 = "38e38438ad0a873d2e7085398e16fab1e004d2015060a41a7927391c81a45e64"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
