@@ -359,8 +359,8 @@ def definers(conn: psycopg.Connection[Any]) -> str:
         lists = (", ".join(f"`{table}`" for table in sorted(tables)) for tables in (reads, writes))
         rows.append([f"`{name}`", least, *lists, restriction[1]])
     said = (
-        "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve names "
-        "in that schema alone."
+        "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve "
+        "names in that schema alone."
     )
     heads = ["routine", "called by", "reads", "writes", "restricted to"]
     return f"## Routines that run as their owner\n\n{said}\n\n{table(heads, rows)}"

@@ -185,7 +185,7 @@ def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
     dsn: str, pooled: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.modules["conflictdb.db.store.service"], "_HEARD_WITHIN_S", 0.5)
-    monkeypatch.setattr("conflictdb.db.worker._DEAF_PAUSE_S", 0.1)
+    monkeypatch.setattr("conflictdb.db.worker._UNTOLD_PAUSE_S", 0.1)
     monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
     said, done = worked(pooled, dsn)
     assert done == ["first", "second"]
