@@ -84,8 +84,9 @@ BEGIN
         SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
             WHERE c.relkind = 'f' LIMIT 1;
         IF FOUND THEN
-            PERFORM _refuse('ZC009', p_who, 'table', format('has a foreign partition, %s, whose changes no trigger sees',
-                            v_other), 'attached_watchable',
+            PERFORM _refuse('ZC009', p_who, 'table',
+                            format('has a foreign partition, %s, whose changes no trigger sees', v_other),
+                            'attached_watchable',
                             'Say how often to look for changes in place of triggers: every.');
         END IF;
     END IF;

@@ -60,8 +60,8 @@ BEGIN
     FOR v_round IN 1..c_rounds LOOP
         FOR v_attachment_id IN SELECT f FROM _attachments_to_follow(p_scene, v_round = 1) f LOOP
             RETURN QUERY SELECT format('%I.%I', a.table_schema, a.table_name), d.mapped, d.removed, d.unmapped, d.error
-                         FROM _follow_attachment(v_attachment_id) d JOIN attachment a ON a.attachment_id = v_attachment_id
-                         WHERE d.is_done;
+                         FROM attachment a CROSS JOIN _follow_attachment(v_attachment_id) d
+                         WHERE a.attachment_id = v_attachment_id AND d.is_done;
         END LOOP;
     END LOOP;
 END

@@ -42,7 +42,7 @@ UNION ALL SELECT p.proname FROM pg_proc p WHERE p.pronamespace = 'conflictdb'::r
 def server() -> Iterator[tuple[Path, str]]:
     """A server, with one database made by `init` and one by the extension: its programs, and how to connect to it."""
     with own_installation() as (programs, running):
-        dsn = conninfo.make_conninfo(running.dsn, dbname="postgres")
+        dsn = conninfo.make_conninfo(running.admin_dsn, dbname="postgres")
         extension.build(extension.install_directory(str(programs / "pg_config")))
         schema.upgrade(new(dsn, name="by_init"))
         new(dsn, CREATE, name="by_extension")
