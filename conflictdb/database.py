@@ -568,7 +568,8 @@ class Database:
     ) -> int:
         """Attach a table of this database to a scene, and return the number of the attachment.
 
-        Its rows become objects of the scene with the next detection, and follow the table from then on.
+        Its rows become objects of the scene with the next `follow`, or detection by the same role, and follow the table
+        from then on. Only sessions of the role that attaches ever run the map; it must own the table.
 
         Parameters
         ----------
@@ -580,8 +581,8 @@ class Database:
             For each field, a column or an SQL expression of the columns of a row; as ``where`` one that is true of the
             rows that count, all if it is not given.
         every_s : float, optional
-            How often to look for changes, seconds. By default triggers tell of them, which needs the owner of the
-            table; views and foreign tables, which have none, are looked at every minute.
+            How often to compare all rows, seconds. By default triggers note changes; views and foreign tables, which
+            have none, are compared every minute.
 
         Raises
         ------
@@ -624,7 +625,7 @@ class Database:
             return store.unmapped(self.connection, scene)
 
     def follow(self, scene: str) -> None:
-        """Bring the objects of a scene in step with its attached tables, as every detection does first."""
+        """Bring a scene in step with the tables that this connection's role attached, as its detections do first."""
         attached.follow(self.connection, scene, again=True)
 
     def share_scene(self, scene: str, role: str, access: str = "read") -> None:
