@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "38e38438ad0a873d2e7085398e16fab1e004d2015060a41a7927391c81a45e64"
+routines_sha256 = "6062898cafa6f5ee98a795b5cf1e0c826344c803c7534c9a765463a1947f4364"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
