@@ -356,7 +356,7 @@ def definers(conn: psycopg.Connection[Any]) -> str:
         code = re.sub(r"DELETE FROM", "", code)
         reads = {table for table in re.findall(READS, code) if table in known or table.startswith("pg_catalog.")}
         least = "its trigger" if is_trigger else roles[0].removeprefix("conflictdb_") if roles else "nobody"
-        lists = (", ".join(f"`{table}`" for table in sorted(tables)) for tables in (reads, writes))
+        lists = (", ".join(f"`{table}`" for table in sorted(tables)) or "none" for tables in (reads, writes))
         rows.append([f"`{name}`", least, *lists, restriction[1]])
     said = (
         "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve "

@@ -4,12 +4,22 @@
 -- views and functions that it calls. Only sessions of that very role run it, never a worker or superuser: each other
 -- session passes the attachment over, and its scene is not current until its role has followed the table.
 
+CREATE OR REPLACE FUNCTION _attaching_role(p_attachment_id bigint) RETURNS name
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- By all of its signature: calls have the same types, so that no other function of that name fits better.
+    SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
+    JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
+    WHERE n.nspname = 'conflictdb_attached' AND p.proname = format('rows_%s', p_attachment_id)::name
+          AND p.proargtypes = ARRAY['text[]'::regtype::oid, 'text'::regtype::oid]::oidvector;
+END;
+COMMENT ON FUNCTION _attaching_role(bigint) IS
+'The role that attached a table: the owner of the function that reads it; null if that is gone.';
+
 CREATE OR REPLACE FUNCTION _is_mine(p_attachment_id bigint) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT EXISTS (SELECT FROM pg_catalog.pg_proc p JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
-                   WHERE n.nspname = 'conflictdb_attached' AND p.proname = format('rows_%s', p_attachment_id)::name
-                         AND pg_get_userbyid(p.proowner) = current_user);
+    SELECT coalesce(_attaching_role(p_attachment_id) = current_user, false);
 END;
 COMMENT ON FUNCTION _is_mine(bigint) IS
 'Whether the current role owns the function that reads an attached table: nobody else runs it, or can replace it.';
@@ -95,7 +105,7 @@ BEGIN
             SELECT array_agg(c.identity) FILTER (WHERE NOT c.is_gone), array_agg(c.identity) FILTER (WHERE c.is_gone)
             FROM (SELECT coalesce(h.identity, o.identity) AS identity, h.identity IS NULL AS is_gone
                   FROM (SELECT r.identity, _short_identity(r.identity) AS short, _combined_hash(sum(r.hash)) AS hash
-                        FROM conflictdb_attached.rows_%s(NULL, ''hashes'') r GROUP BY r.identity) h
+                        FROM conflictdb_attached.rows_%s(NULL::text[], ''hashes''::text) r GROUP BY r.identity) h
                   FULL JOIN (SELECT x.identity, x.hash FROM attached_object x WHERE x.attachment_id = $1) o
                       ON o.identity = h.short
                   WHERE h.identity IS NULL OR o.hash IS DISTINCT FROM h.hash) c', p_attachment_id)
@@ -105,10 +115,10 @@ BEGIN
     RETURN QUERY SELECT r.* FROM unnest(v_asked || v_gone) x CROSS JOIN LATERAL jsonb_populate_record(
         NULL::attached_row, jsonb_build_object('identity', x, 'is_asked', true)) r;
     IF cardinality(v_asked) > c_most_lookups THEN
-        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s(NULL, $2) r
+        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s(NULL::text[], $2::text) r
                                      WHERE r.identity IN (SELECT unnest($1))', p_attachment_id) USING v_asked, p_how;
     ELSIF cardinality(v_asked) > 0 THEN
-        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1, $2) r', p_attachment_id)
+        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], $2::text) r', p_attachment_id)
             USING v_asked, p_how;
     END IF;
 END

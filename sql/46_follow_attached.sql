@@ -77,10 +77,7 @@ COMMENT ON FUNCTION follow_attached(text) IS
 CREATE OR REPLACE FUNCTION _attachment_remark(p_attachment attachment) RETURNS text
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_role text := (SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
-                    JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
-                    WHERE n.nspname = 'conflictdb_attached'
-                          AND p.proname = format('rows_%s', p_attachment.attachment_id)::name);
+    v_role name := _attaching_role(p_attachment.attachment_id);
 BEGIN
     RETURN CASE
         WHEN v_role IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
@@ -107,7 +104,7 @@ COMMENT ON FUNCTION _attachment_remark(attachment) IS
 CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
        format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
-       pg_catalog.pg_get_userbyid(p.proowner) AS role, a.has_triggers, a.every,
+       _attaching_role(a.attachment_id) AS role, a.has_triggers, a.every,
        (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.object_id IS NOT NULL)
            AS objects,
        (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.reason IS NOT NULL)
@@ -115,9 +112,7 @@ SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' E
        EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id) AS is_waiting,
        a.compared_at, a.failed_at, a.error,
        _attachment_remark(a) AS remark
-FROM attachment a JOIN scene s USING (scene_id)
-LEFT JOIN pg_catalog.pg_proc p ON p.proname = format('rows_%s', a.attachment_id)
-     AND p.pronamespace = (SELECT n.oid FROM pg_catalog.pg_namespace n WHERE n.nspname = 'conflictdb_attached');
+FROM attachment a JOIN scene s USING (scene_id);
 
 COMMENT ON VIEW attachments IS 'Tables that are attached to scenes, and how that goes.';
 COMMENT ON COLUMN attachments.scene IS 'Name of the scene.';

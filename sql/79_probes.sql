@@ -52,14 +52,15 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'The keys of some objects of a scene.';
 
-CREATE OR REPLACE FUNCTION _prune_probes(p_asked_by name) RETURNS void
-LANGUAGE sql VOLATILE
-BEGIN ATOMIC
-    DELETE FROM probe_request p
-    WHERE p.asked_at < now() - interval '1 hour' AND p.asked_by = coalesce(p_asked_by, p.asked_by);
-END;
-COMMENT ON FUNCTION _prune_probes(name) IS
-'Removes the requests of a role, or of all (null), that are older than an hour, with their answers.';
+CREATE OR REPLACE FUNCTION _prune_probes() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+BEGIN
+    DELETE FROM probe_request p WHERE p.asked_at < now() - interval '1 hour';
+END
+$$;
+COMMENT ON FUNCTION _prune_probes() IS
+'Removes old requests, with their answers. Runs as its owner: who may delete rows of a table may also lock it. '
+'Restricted to requests older than an hour.';
 
 CREATE OR REPLACE FUNCTION _check_area_probe(
     p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
@@ -163,7 +164,7 @@ DECLARE
     v_probe_id bigint;
 BEGIN
     PERFORM _check_area_probe(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
-    PERFORM _prune_probes(current_user);
+    PERFORM _prune_probes();
     INSERT INTO probe_request (scene_id, object_kind, key, footprint, active_span, floor_m, ceiling_m)
         VALUES (v_scene_id, 0, p_key, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m)
         RETURNING probe_id INTO v_probe_id;
@@ -186,7 +187,7 @@ DECLARE
     v_probe_id bigint;
 BEGIN
     PERFORM _check_track_probe(v_scene_id, p_path, p_outline, p_floor_m, p_ceiling_m, p_grow_mps);
-    PERFORM _prune_probes(current_user);
+    PERFORM _prune_probes();
     INSERT INTO probe_request (scene_id, object_kind, key, path, outline, floor_m, ceiling_m, grow_mps)
         VALUES (v_scene_id, 1, p_key, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, coalesce(p_grow_mps, 0))
         RETURNING probe_id INTO v_probe_id;
@@ -348,7 +349,7 @@ BEGIN
             closest_error_m double precision);
     UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error
         WHERE p.probe_id = p_probe_id;
-    PERFORM _prune_probes(NULL);
+    PERFORM _prune_probes();
 END
 $$;
 COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS

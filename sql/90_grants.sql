@@ -37,7 +37,6 @@ $$;
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
 -- Who reads may ask; what somebody asked, nobody else but the workers sees (79_probes.sql).
-GRANT DELETE ON probe_request TO conflictdb_reader;
 GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes, _notify, _wake_workers
     TO conflictdb_reader;
 

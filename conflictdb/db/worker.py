@@ -33,6 +33,8 @@ _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
 # However often attached tables are to be compared.
 _LEAST_PAUSE_S: Final = 0.1
+# Somebody who keeps a table locked holds up the look for changes no longer.
+_LOCK_WAIT_S: Final = 10.0
 # How often to look for changes where nobody can notify.
 _UNTOLD_PAUSE_S: Final = 0.25
 
@@ -166,8 +168,9 @@ class Worker:
     def _turn(self, connection: "psycopg.Connection[Any]", every_s: float) -> None:
         """Detect what changed, and wait for more; raises if the connection is lost, and after no other error."""
         try:
-            self._round(connection, _SAY_BUSY_AFTER_S)
-            pause_s = self._pause_s(connection, every_s)
+            with store.waiting_at_most(connection, _LOCK_WAIT_S):
+                self._round(connection, _SAY_BUSY_AFTER_S)
+                pause_s = self._pause_s(connection, every_s)
         except (SchemaError, ReadOnlyDatabase):
             raise
         except (ConflictDBError, psycopg.Error) as error:

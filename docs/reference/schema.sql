@@ -703,6 +703,9 @@ FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamp with tim
 FUNCTION _attached_tables(p_relation oid)
     RETURNS TABLE(relation oid, is_root boolean) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _attaching_role(p_attachment_id bigint)
+    RETURNS name LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _attachment_failed(p_attachment_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
@@ -1162,8 +1165,8 @@ FUNCTION _protected_tables()
 FUNCTION _prune(p_scene_id bigint, p_kept interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
-FUNCTION _prune_probes(p_asked_by name)
-    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+FUNCTION _prune_probes()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
 
 FUNCTION _prune_sometimes(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;

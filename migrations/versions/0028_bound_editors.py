@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6062898cafa6f5ee98a795b5cf1e0c826344c803c7534c9a765463a1947f4364"
+routines_sha256 = "f3098b6b103fc48b6668756c6239cdf862ca2a808fd3dc6d19993b3b99c8ba7e"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
@@ -16,6 +16,7 @@ REPLACED_ROUTINES = (
     "_attached_work(bigint)",
     "_drop_note(bigint)",
     "_next_probe()",
+    "_prune_probes(name)",
     "_take_over_attached(bigint, bigint, bigint[], boolean)",
 )
 # Only the role that attached a table may read it now (sql/43_attached_rows.sql).

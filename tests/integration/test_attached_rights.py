@@ -286,6 +286,23 @@ def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[s
     assert conn.execute("SELECT count(*) FROM mission.caught").fetchone() == (0,)
 
 
+def test_a_function_that_seems_to_fit_better_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
+    """Calls name the types of the function that reads, so that no overload of another editor is taken for it."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+        conn.execute(EVIL)
+    with acting(conn, roles["other"]):
+        for types in ("text, text", "text[], character varying", "anyarray, text", "name[], name"):
+            overload = WAYS["function that reads"].format(n=number).replace("text[], text", types)
+            conn.execute(overload.encode())
+    follow(conn, roles["planner"])
+    assert keys(conn) == ["1"]
+    conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
+    conn.commit()
+    follow(conn, roles["planner"])
+    assert conn.execute("SELECT count(*) FROM mission.caught").fetchone() == (0,)
+
+
 def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: dict[str, str]) -> None:
     """They run as the owner of conflictdb; an editor may put them on another table, without transition tables."""
     with acting(conn, roles["planner"]), connect(conn) as db:

@@ -97,7 +97,6 @@ STATEMENTS = [
     "DELETE FROM conflictdb.attached_change",
     "UPDATE conflictdb.acknowledgement SET ended_by = 'me', ended_at = now()",
     "DELETE FROM conflictdb.scene_share",
-    "DELETE FROM conflictdb.probe_request",
 ]
 ADDITIONS = [
     """INSERT INTO conflictdb.area (scene_id, key, footprint)
