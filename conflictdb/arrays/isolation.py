@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.errors import KernelMissing
+from conflictdb.errors import KernelMissing, StoreError
 
 _log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ def isolated(rows: Rows, work: Callable[[Rows], T], safe: Callable[[Rows], T], w
         return []
     try:
         return [(rows, work(rows))]
-    except (Warning, KernelMissing):  # an error by somebody's wish; no row's fault
+    except (Warning, KernelMissing, StoreError):  # warnings raised as errors, a lost database: no row's fault
         raise
     except Exception as error:  # whatever it is, one row must not stop the others
         if len(rows) == 1:

@@ -7,6 +7,7 @@ by the server (SQLSTATE 40001), and that transaction begins again.
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final, TypeVar
 
 import psycopg
@@ -111,7 +112,8 @@ def _begin(
                 begin_snapshot(conn, limits, "_lift_limits")
             taken = take(wait_s)
         except StoreError as error:
-            conn.rollback()
+            with suppress(psycopg.Error):  # a lost connection: the first reason is the one to report
+                conn.rollback()
             if isinstance(error, LockTimeout) and _is_of_scene(error):
                 return None
             if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
