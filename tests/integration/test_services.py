@@ -15,6 +15,7 @@ from own_server import own_server
 
 import conflictdb
 from conflictdb import connect
+from conflictdb.cli import service
 from conflictdb.cli.commands import build
 from conflictdb.db import store
 
@@ -145,3 +146,61 @@ def test_the_command_prints_them_for_this_program(
     assert sorted(text.replace("/srv/plans/run", PROGRAM) for text in printed.values()) == shipped
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/all plans/run")
     assert run("service", "systemd").out == (FILES / "conflictdb-worker.service").read_text()
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/home/ann/plans/run", [("/home/ann/plans/run", "ProtectHome=yes", "/home")]),
+        ("/root/.local/bin/conflictdb", [("/root/.local/bin/conflictdb", "ProtectHome=yes", "/root")]),
+        ("/run/user/1000/conflictdb", [("/run/user/1000/conflictdb", "ProtectHome=yes", "/run/user")]),
+        ("/tmp/venv/bin/../bin/conflictdb", [("/tmp/venv/bin/conflictdb", "PrivateTmp=yes", "/tmp")]),  # noqa: S108
+        ("/var/tmp/run", [("/var/tmp/run", "PrivateTmp=yes", "/var/tmp")]),  # noqa: S108
+        ("/opt/conflictdb/bin/conflictdb", []),
+        ("/homeless/run", []),
+        ("/srv/home/run", []),
+    ],
+)
+def test_directories_that_units_hide_are_known(path: str, said: list[tuple[str, str, str]]) -> None:
+    assert service.hidden([path]) == said
+
+
+def test_links_into_hidden_directories_are_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both the link and what it leads to must be visible to the unit."""
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home/run").touch()
+    (tmp_path / "link").symlink_to("home/run")
+    real = tmp_path.resolve()
+    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": (str(real / "home"),)})
+    assert service.hidden([str(real / "link")]) == [(str(real / "home/run"), "ProtectHome=yes", str(real / "home"))]
+    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": (str(real / "link"),)})
+    assert service.hidden([str(real / "link")]) == [(str(real / "link"), "ProtectHome=yes", str(real / "link"))]
+
+
+def test_settings_that_hide_directories_are_those_of_the_units() -> None:
+    for file in FILES.glob("*.service"):
+        assert set(service._HIDDEN) <= set(file.read_text().splitlines())
+
+
+@pytest.mark.parametrize("needed", ["program", "interpreter"])
+def test_a_unit_that_cannot_start_the_program_is_remarked(
+    dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, needed: str
+) -> None:
+    """In two lines on standard error; cron hides nothing."""
+    run = runner(dsn, capsys)
+    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": ("/hidden",)})
+    monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/plans/run")
+    assert run("service", "systemd").err == ""
+    path = "/hidden/ann/plans/run"
+    if needed == "program":
+        monkeypatch.setenv("CONFLICTDB_PROGRAM", path)
+    else:
+        monkeypatch.setattr(sys, "executable", path)
+    for what in ("systemd", "systemd-once"):
+        first, second = run("service", what).err.splitlines()
+        assert first == (
+            f"conflictdb: the printed unit cannot start this program: it needs {path}, "
+            "and ProtectHome=yes hides /hidden."
+        )
+        assert second.endswith("and print the unit there.")
+    assert [run("service", what).err for what in ("systemd-timer", "cron", "pg_cron")] == ["", "", ""]
