@@ -4,7 +4,7 @@ Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is impor
 """
 
 from collections.abc import Callable, Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     import geopandas
     import pandas as pd
 
-    from conflictdb.results import Approach, Conflict
+    from conflictdb.results import Approach, Conflict, Period
 
     Position = tuple[float, float]
 
 # Longitude and latitude on WGS84, as all geometries of conflictdb are.
 CRS: Final = "EPSG:4326"
+_POINT: Final = "_point"
 _NO_INSTANT: Final = np.datetime64("NaT", "us")
 
 
@@ -82,10 +83,24 @@ def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
 
 
 def with_geometry(frame: "pd.DataFrame") -> "geopandas.GeoDataFrame":
-    """Return a frame of this module as one of geopandas, in EPSG:4326; raises ConflictDBError without geopandas."""
+    """Return a frame of this module as a GeoDataFrame that every file format can store, in EPSG:4326.
+
+    `geometry` is the only geometry column. Each other point becomes two columns of numbers, NaN where it is missing:
+    `first_contact_point` becomes `first_contact_lon_deg` and `first_contact_lat_deg`. `periods` become text: ISO 8601
+    intervals, separated by spaces; an unbounded end is two dots.
+
+    Raises ConflictDBError without geopandas.
+    """
     geopandas = _library("geopandas")
-    points = {name: geopandas.GeoSeries(frame[name], crs=CRS) for name in frame.columns if str(name).endswith("_point")}
-    return geopandas.GeoDataFrame(frame.assign(**points), geometry="geometry", crs=CRS)
+    columns: dict[str, Any] = {}
+    for name in map(str, frame.columns):
+        if name.endswith(_POINT):
+            points = frame[name].to_numpy(dtype=np.object_)
+            start = name.removesuffix(_POINT)
+            columns |= {f"{start}_lon_deg": shapely.get_x(points), f"{start}_lat_deg": shapely.get_y(points)}
+        else:
+            columns[name] = _texts([_intervals(one) for one in frame[name]]) if name == "periods" else frame[name]
+    return geopandas.GeoDataFrame(columns, index=frame.index, geometry="geometry", crs=CRS)
 
 
 def _library(name: str) -> Any:
@@ -138,6 +153,15 @@ def _objects(values: list[Any]) -> Any:
     kept = np.empty(len(values), dtype=np.object_)
     kept[:] = values
     return kept
+
+
+def _intervals(periods: "Sequence[Period]") -> str:
+    """Return periods as ISO 8601 intervals, as the CSV of conflicts has them."""
+    return " ".join("/".join(_moment(end) for end in period) for period in periods)
+
+
+def _moment(end: datetime | None) -> str:
+    return ".." if end is None else f"{end.astimezone(UTC).isoformat(timespec='microseconds')[:-6]}Z"
 
 
 def _place(one: "Conflict") -> Any:

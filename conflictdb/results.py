@@ -359,7 +359,11 @@ class Results(list[_Row]):
         return frames.conflict_frame(cast("list[Conflict]", self))
 
     def to_geodataframe(self) -> "geopandas.GeoDataFrame":
-        """Return `to_dataframe` as a GeoDataFrame of geopandas, in EPSG:4326.
+        """Return `to_dataframe` as a GeoDataFrame of geopandas, in EPSG:4326, for maps and for `to_file`.
+
+        `geometry` is its only geometry column, because most file formats store only one. Other points are columns of
+        degrees: `first_contact_lon_deg` and `first_contact_lat_deg` instead of `first_contact_point`. `periods` are
+        text: ISO 8601 intervals, separated by spaces; an unbounded end is two dots.
 
         Raises ConflictDBError, naming the extra to install, where there is no geopandas.
         """

@@ -15,7 +15,7 @@ import pytest
 import shapely
 
 from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solve
-from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS
+from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS, interval_text
 from conflictdb.model import Area, Track
 from conflictdb.results import Approach, Conflict
 
@@ -162,16 +162,59 @@ def test_speeds_make_times() -> None:
         solve(at_speed.assign(speed_kn=5000.0), [])
 
 
+def in_degrees(columns: set[str]) -> set[str]:
+    """Return the columns of a GeoDataFrame: two for each point."""
+    points = {name for name in columns if name.endswith("_point")}
+    return columns - points | {name.replace("point", axis) for name in points for axis in ("lon_deg", "lat_deg")}
+
+
+@pytest.mark.parametrize("suffix", ["gpkg", "geojson", "fgb", "parquet"])
+def test_found_is_written_by_geopandas(tmp_path: Path, suffix: str) -> None:
+    """Conflicts and closest approaches, also none; points and periods are read again."""
+    scene, areas, tracks, _ = read(STRAIT)
+    assert scene is not None
+    always = [Area(key, shapely.box(20, 50, 21, 51)) for key in ("X", "Y")]
+    found = solve(tracks, [*areas, *always], Scene(scene.name, nearest_m=20_000))
+    near = Results([one.approach for one in found if one.approach], Approach)
+    tables: list[Results[Any]] = [found, near, Results([], Conflict), Results([], Approach)]
+    for nth, rows in enumerate(tables):
+        frame = rows.to_geodataframe()
+        file = tmp_path / f"{nth}.{suffix}"
+        if suffix == "parquet":
+            frame.to_parquet(file)
+            written = geopandas.read_parquet(file)
+        else:
+            frame.to_file(file)
+            written = geopandas.read_file(file)
+        assert len(written) == len(rows)
+        assert set(written.columns) == set(frame.columns) or (suffix == "geojson" and not rows)
+        if rows:
+            order = ["a_key", "b_key"]  # FlatGeobuf sorts rows by place
+            frame, written = (one.sort_values(order, ignore_index=True) for one in (frame, written))
+            assert written.geometry.geom_equals_exact(frame.geometry, 1e-6).all()
+            for name in [name for name in frame.columns if name.endswith("_deg")]:
+                degrees = written[name].to_numpy(dtype=float)  # GeoJSON: 17 digits, as GDAL rounds them
+                assert np.allclose(degrees, frame[name], rtol=0.0, atol=1e-12, equal_nan=True), name
+    frame = found.to_geodataframe()
+    assert frame["periods"].tolist() == [interval_text(one.periods) for one in found]
+    assert "../.." in frame["periods"].tolist()
+    first = [one.first_contact_deg for one in found]
+    lon, lat = frame["first_contact_lon_deg"], frame["first_contact_lat_deg"]
+    assert [None if np.isnan(x) else (x, y) for x, y in zip(lon, lat, strict=True)] == first
+    assert None in first
+
+
 def test_found_is_a_frame_with_the_columns_of_the_view() -> None:
     """Names and types, also of nothing; what is absent is NaT or missing, and unbounded times are."""
     scene, areas, tracks, _ = read(STRAIT)
     assert scene is not None
     found = solve(tracks, areas, Scene(scene.name, nearest_m=20_000))
     frame = found.to_geodataframe()
-    assert set(frame.columns) == {*COLUMNS, "geometry"} - {"region"}
-    assert frame.crs == geopandas.GeoSeries(crs=4326).crs == frame["closest_a_point"].crs
+    assert set(found.to_dataframe().columns) == {*COLUMNS, "geometry"} - {"region"}
+    assert set(frame.columns) == in_degrees({*COLUMNS, "geometry"} - {"region"})
+    assert frame.crs == geopandas.GeoSeries(crs=4326).crs
     assert frame["a_key"].tolist() == [one.a_key for one in found]
-    assert frame["periods"].tolist() == [one.periods for one in found]
+    assert found.to_dataframe()["periods"].tolist() == [one.periods for one in found]
     for name in ("first_contact", "last_contact", "closest_at"):
         told = [None if one is pd.NaT else one for one in frame[name]]
         assert told == [getattr(one, name) for one in found], name
@@ -181,7 +224,8 @@ def test_found_is_a_frame_with_the_columns_of_the_view() -> None:
     nothing = Results([], Conflict).to_geodataframe()
     assert nothing.dtypes.to_dict() == frame.dtypes.to_dict()
     near = Results([one.approach for one in found if one.approach], Approach)
-    assert set(near.to_geodataframe().columns) == {*APPROACH_COLUMNS, "geometry"}
+    assert set(near.to_dataframe().columns) == {*APPROACH_COLUMNS, "geometry"}
+    assert set(near.to_geodataframe().columns) == in_degrees({*APPROACH_COLUMNS, "geometry"})
     assert Results([], Approach).to_geodataframe().dtypes.to_dict() == near.to_geodataframe().dtypes.to_dict()
 
 
