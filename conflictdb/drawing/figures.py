@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.drawing import page
-from conflictdb.drawing.separation import separation
+from conflictdb.drawing import heights, page
+from conflictdb.drawing.separation import Separation, separation
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.drawing.style import (
     CONFLICT,
@@ -52,6 +52,8 @@ _DPI: Final = 150
 # Time shown before and after what is told of a pair, as a share of that; and at least this share of the whole.
 _BEFORE_AND_AFTER: Final = 0.6
 _LEAST_SHARE: Final = 0.02
+# A map of less shows nothing of the objects: a point of contact alone has no size.
+_LEAST_FOCUS_M: Final = 1.0
 
 
 def plot_scene(
@@ -114,15 +116,48 @@ def plot_pair(
     tracks = [one for one in (a, b) if isinstance(one, Track)]
     with styled() as mpl:
         sketch = Sketch(scene, areas, tracks)
-        figure = mpl.figure.Figure(figsize=(9.0, 9.0), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=(6.0, 3.0))
+        span = _time_that_matters(sketch, conflict)
+        found = None if span is None else separation(sketch, 0, 1, _instants(span, conflict))
+        overlap = None if found is None else heights.overlap_at(sketch, 0, 1, found.at_us)
+        is_height_drawn = overlap is not None and not overlap.all()
+        ratios = (6.0, 3.0, 1.5) if is_height_drawn else (6.0, 3.0)
+        figure = mpl.figure.Figure(figsize=(9.0, sum(ratios)), layout="constrained")
+        above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
         names = [_name(key) for key in sketch.keys]
+        objects: list[Area | Track] = [*areas, *tracks]
+        first, second = objects
         verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
-        figure.suptitle(f"{names[0]} and {names[1]}: {verdict}", x=0.01, ha="left", fontsize=11, fontweight="bold")
+        reason = _height_reason(first, second, scene.separation_m, found, overlap) if conflict is None else ""
+        lines = [f"{names[0]} and {names[1]}: {verdict}", heights.line(first, second, reason or "heights")]
+        title = "\n".join(line for line in lines if line)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
         _draw_remark(figure, remark)
-        _draw_separation(mpl, below, sketch, conflict)
+        if found is None or overlap is None:
+            _draw_no_separation(below, sketch)
+        else:
+            _draw_separation(mpl, below, sketch, conflict, found, overlap)
+        if found is not None and lowest:
+            times = [instant(int(us)) for us in found.at_us]
+            heights.draw(lowest[0], sketch, found.at_us, times, names)
+            time_axis(mpl, lowest[0], times[0], times[-1])
         _draw_pair(above, sketch, conflict)
         return figure
+
+
+def _height_reason(
+    a: Area | Track,
+    b: Area | Track,
+    separation_m: float,
+    found: Separation | None,
+    overlap: NDArray[np.bool_] | None,
+) -> str:
+    """Return that heights keep two objects in no known conflict apart; an empty text if that is not so."""
+    if not heights.ever_overlap(a, b):
+        return "their heights never overlap"
+    if found is None or overlap is None:
+        return ""
+    crossing = found.low_m <= separation_m
+    return "their heights are apart while they cross" if crossing.any() and not overlap[crossing].any() else ""
 
 
 def save(figure: "Figure", file: str | Path) -> Path:
@@ -244,12 +279,39 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
         panel.plot(*ends.T, color=colour, linewidth=0.8, linestyle="dashed", scalex=False, scaley=False)
     if lines:
         panel.plot([], [], color=INK, linewidth=0.8, linestyle="dashed", label="projected onto the way (stage 3)")
-    closeup = _draw_contacts(panel, sketch, conflict)
+    contacts = _draw_contacts(panel, sketch, conflict)
+    closeup = _draw_common(panel, sketch) or contacts
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=7, frameon=False, borderaxespad=0.3)
     # Near the contacts, where there are some: whole ways may be an ocean long.
-    focus = closeup or list(regions) or seen
+    focus = next((shapes for shapes in (closeup, list(regions), seen) if _extent_m(shapes) > _LEAST_FOCUS_M), seen)
     if focus:
         page.show(panel, sketch.plane, _room(tuple(shapely.total_bounds(focus))))
+
+
+def _extent_m(shapes: Sequence[shapely.Geometry]) -> float:
+    """Return the larger side of the box around shapes; 0 without any."""
+    if not shapes:
+        return 0.0
+    west, south, east, north = shapely.total_bounds(shapes)
+    return float(max(east - west, north - south))
+
+
+def _draw_common(panel: Any, sketch: Sketch) -> list[Any]:
+    """Draw what two areas have in common; return it, nothing where one object is a track or they only touch."""
+    if sketch.is_track(0) or sketch.is_track(1):
+        return []
+    common = shapely.intersection(*(shapely.make_valid(sketch.outline(number)) for number in (0, 1)))
+    if common.area == 0.0:
+        return []
+    page.polygons(
+        panel,
+        np.array([common], dtype=object),
+        facecolors=CONFLICT + "30",
+        edgecolors=CONFLICT + "90",
+        linewidths=0.7,
+    )
+    panel.fill([], [], facecolor=CONFLICT + "30", edgecolor=CONFLICT, label="where both are")
+    return [common]
 
 
 def _room(bounds: tuple[float, ...]) -> tuple[float, float, float, float]:
@@ -299,27 +361,39 @@ def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> lis
     return drawn
 
 
-def _draw_separation(mpl: Any, panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
-    """Draw the separation of both objects over the time that matters, its bounds, and the periods."""
-    span = _time_that_matters(sketch, conflict)
-    if span is None:
-        panel.set_axis_off()
-        never = sketch.span_us(0)[0] < sketch.span_us(1)[1] and sketch.span_us(1)[0] < sketch.span_us(0)[1]
-        text = "Both are always there: nothing changes." if never else "They are never there at the same time."
-        panel.text(0.0, 0.9, text, transform=panel.transAxes)
-        return
-    found = separation(sketch, 0, 1, _instants(span, conflict))
+def _draw_no_separation(panel: Any, sketch: Sketch) -> None:
+    """Say why two objects have no separation over time: they share all time, or none."""
+    panel.set_axis_off()
+    never = sketch.span_us(0)[0] < sketch.span_us(1)[1] and sketch.span_us(1)[0] < sketch.span_us(0)[1]
+    text = "Both are always there: nothing changes." if never else "They are never there at the same time."
+    panel.text(0.0, 0.9, text, transform=panel.transAxes)
+
+
+def _draw_separation(
+    mpl: Any,
+    panel: Any,
+    sketch: Sketch,
+    conflict: Conflict | None,
+    found: Separation,
+    overlap: NDArray[np.bool_],
+) -> None:
+    """Draw the horizontal separation of both objects over the time that matters, its bounds, and the periods.
+
+    overlap : (n,) whether their heights overlap at the instants of the separation; dashed where they do not
+    """
     times = [instant(int(us)) for us in found.at_us]
     wanted_m = sketch.scene.separation_m
     middle = 0.5 * (found.low_m + found.high_m)
     panel.fill_between(times, found.low_m, found.high_m, color=FIRST, alpha=0.25, linewidth=0)
-    panel.plot(times, middle, color=FIRST, linewidth=1.2)
+    if not overlap.all():
+        panel.plot(times, middle, color=QUIET, linewidth=0.9, linestyle="dashed")
+    panel.plot(times, np.where(overlap, middle, np.nan), color=FIRST, linewidth=1.2)
     panel.axhline(wanted_m, color=INK, linewidth=0.8, label="apart" if wanted_m else None)
     verdict = Verdict.CONFLICT if conflict is None else conflict.verdict
     for start, end in conflict.periods if conflict else ():
         ends = [times[0] if start is None else start, times[-1] if end is None else end]
         panel.axvspan(ends[0], ends[1], color=OF_VERDICT.get(verdict, QUIET), alpha=0.2, linewidth=0)
-    panel.set_ylabel("separation, metres")
+    panel.set_ylabel("horizontal separation, metres")
     time_axis(mpl, panel, times[0], times[-1])
     bound = "" if conflict is None else f", each end to {bound_text(conflict.time_error_s)}"
     shaded = {Verdict.GRAZING: "too close to call", Verdict.UNRESOLVED: "not proven apart"}.get(verdict, "in conflict")

@@ -70,6 +70,17 @@ class Sketch:
         rows = np.flatnonzero(self._owner == number)
         return int(self.pieces.start_us[rows].min()), int(self.pieces.end_us[rows].max())
 
+    def heights_m(self, number: int, at_us: _Ints) -> tuple[Floats, Floats]:
+        """Return (floor, ceiling) of an object at instants (n,), metres; infinite if unbounded, NaN if not there."""
+        rows = self.rows(number)
+        rows = rows if self.is_track(number) else PieceRows(rows[:1])
+        floor, ceiling = np.full(len(at_us), np.nan), np.full(len(at_us), np.nan)
+        for row in rows:
+            there = (self.pieces.start_us[row] <= at_us) & (at_us <= self.pieces.end_us[row])
+            floor[there] = np.fmin(floor[there], self.pieces.floor_m[row])
+            ceiling[there] = np.fmax(ceiling[there], self.pieces.ceiling_m[row])
+        return floor, ceiling
+
     def shape_at(self, number: int, at_us: int) -> shapely.Geometry | None:
         """Return where an object is at an instant: an area, or the haven of a track; None if it is not there."""
         start_us, end_us = self.span_us(number)

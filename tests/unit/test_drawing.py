@@ -222,6 +222,86 @@ def test_a_pair_shows_what_is_known_of_it(strait: Any, tmp_path: Path) -> None:
     assert (tmp_path / "pair.png").read_bytes().startswith(b"\x89PNG")
 
 
+def named(strait: Any, *keys: str) -> list[Any]:
+    _, areas, tracks, _ = strait
+    by_key = {one.key: one for one in (*areas, *tracks)}
+    return [by_key[key] for key in keys]
+
+
+def solid_m(figure: Any) -> Any:
+    """Return the solid curve of the separation panel, metres, NaN where it is not drawn."""
+    (line,) = [one for one in figure.axes[1].get_lines() if one.get_linewidth() == 1.2]
+    return np.asarray(line.get_ydata(), dtype=float)
+
+
+def test_a_pair_that_heights_keep_apart_says_so_and_shows_them(strait: Any) -> None:
+    """The submarines cross: the separation goes below zero, but is dashed, with a panel of heights below it."""
+    figure = plot_pair(strait[0], *named(strait, "SUB-1", "SUB-2"))
+    said = " ".join(texts(figure))
+    assert "SUB-1 and SUB-2: no conflict is known" in said
+    assert "their heights never overlap: -300 to -100 m, and -100 to -20 m" in said.replace("\N{MINUS SIGN}", "-")
+    assert np.isnan(solid_m(figure)).all()
+    lines = [np.asarray(one.get_ydata(), dtype=float) for one in figure.axes[1].get_lines()]
+    assert np.fmin.reduce(np.concatenate(lines)) < 0.0
+    low, high = figure.axes[2].get_ylim()
+    assert low < -300.0
+    assert high > -20.0
+    assert figure.axes[2].get_xlim() == figure.axes[1].get_xlim()
+
+
+def test_heights_of_each_leg_count_at_their_time() -> None:
+    """A climb from below an area to above it: the curve is solid only while the heights overlap."""
+    way = [(-1.0, 0.5), (0.5, 0.5), (2.0, 0.5)]
+    times = [START, START + timedelta(hours=1), START + timedelta(hours=2)]
+    ship = Track("b", way, times, SQUARE, floors_m=[0.0, 500.0], ceilings_m=[100.0, 600.0])
+    zone = area("a", 0.0, 0.0, 1.0, 1.0, floor_m=100.0)
+    figure = plot_pair(Scene("s"), zone, ship)
+    solid = np.isfinite(solid_m(figure))
+    assert not solid[: len(solid) // 2 - 1].any()
+    assert solid[len(solid) // 2 + 1 :].all()
+    said = " ".join(texts(figure))
+    assert "heights: from 100 m up, and 0 to 600 m" in said
+    assert "never overlap" not in said
+    low = Track("b", way, times, SQUARE, floors_m=[500.0, 0.0], ceilings_m=[600.0, 100.0])
+    late = area("a", 1.5, 0.0, 1.6, 1.0, floor_m=100.0)
+    assert "their heights are apart while they cross" in " ".join(texts(plot_pair(Scene("s"), late, low)))
+
+
+def test_heights_without_limits_are_not_mentioned() -> None:
+    figure = plot_pair(Scene("s"), area("a", 0, 0, 1, 1), track("b", (-1.0, 0.5), (2.0, 0.5)))
+    assert "heights" not in " ".join(texts(figure))
+    assert len(figure.axes) == 2
+    assert not np.isnan(solid_m(figure)).any()
+
+
+def shown_m(figure: Any) -> float:
+    """Return the height of the map, plane metres."""
+    south, north = figure.axes[0].get_ylim()
+    return float(north - south)
+
+
+def test_two_areas_show_what_they_have_in_common(strait: Any) -> None:
+    """The map is as large as that, not as the point of first contact; also of the pair in a report."""
+    *_, found = strait
+    conflict = next(one for one in found if (one.a_key, one.b_key) == ("DIVING", "FIRING"))
+    figure = conflict.plot()
+    assert "where both are" in texts(figure)
+    common = shapely.intersection(*(one.footprint for one in named(strait, "DIVING", "FIRING")))
+    _, south, _, north = common.bounds
+    assert 1.5 < shown_m(figure) / ((north - south) * 111_000 / np.cos(np.radians(57.9))) < 4.0
+
+
+@pytest.mark.parametrize("gap_deg", [0.0, 0.001])
+def test_areas_that_have_nothing_in_common_are_shown_whole(gap_deg: float) -> None:
+    """Areas that touch, and areas nearer than the required separation."""
+    scene = Scene("s", separation_m=200.0)
+    a, b = area("a", 0.0, 0.0, 1.0, 1.0), area("b", 1.0 + gap_deg, 1.0, 2.0, 2.0)
+    (found,) = solve([], [a, b], scene)
+    figure = plot_pair(scene, a, b, found)
+    assert shown_m(figure) > 200_000.0
+    assert "where both are" not in texts(figure)
+
+
 @pytest.mark.parametrize(
     ("a", "b"),
     [
