@@ -183,33 +183,75 @@ COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, inte
 'Objects of a kind that a tile may show: all that are there during a span, and some more.';
 
 CREATE OR REPLACE FUNCTION _drawn(p_geometry geometry, p_plane text) RETURNS geometry
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
+-- Not in SQL, nor the next two: a query would hold, and evaluate, each step as often as the following ones name it.
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_shape geometry := _to_plane(p_geometry, p_plane);
+BEGIN
     -- Straight in the plane of the scene; between points 100 km apart a map of another one is within a metre of it.
-    SELECT CASE WHEN p_plane IN ('wgs84', 'sphere')
-                THEN _from_plane(ST_Segmentize(_to_plane(p_geometry, p_plane), 100000), p_plane)
-                ELSE _from_plane(_to_plane(p_geometry, p_plane), p_plane) END;
-END;
+    IF p_plane IN ('wgs84', 'sphere') THEN
+        v_shape := ST_Segmentize(v_shape, 100000);
+    END IF;
+    RETURN _from_plane(v_shape, p_plane);
+END
+$$;
 COMMENT ON FUNCTION _drawn(geometry, text) IS
 'A geometry (longitude and latitude, straight in the plane of a scene) with points on its long edges, so that it looks '
 'right on any map: degrees, not wrapped.';
 
 CREATE OR REPLACE FUNCTION _drawn_path(p_path geometry, p_plane text) RETURNS geometry
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_plane NOT IN ('wgs84', 'sphere') OR ST_XMax(p_path) - ST_XMin(p_path) <= 180 THEN
+        RETURN ST_Multi(_drawn(ST_Force2D(p_path), p_plane));
+    END IF;
     -- Legs go the shorter way around; the last point of one is the first of the next, also where its turn differs.
-    SELECT ST_Multi(CASE WHEN p_plane NOT IN ('wgs84', 'sphere') OR ST_XMax(p_path) - ST_XMin(p_path) <= 180
-        THEN _drawn(ST_Force2D(p_path), p_plane)
-        ELSE (SELECT ST_CollectionHomogenize(ST_Collect(_wrapped(_drawn(ST_MakeLine(
-                         l.first, ST_Translate(l.last, -360 * (abs(l.turn) > 180)::integer * round(l.turn / 360), 0)),
-                         p_plane))))
-              FROM (SELECT ST_Force2D(d.geom) AS first, ST_Force2D(lead(d.geom) OVER o) AS last,
-                           ST_X(lead(d.geom) OVER o) - ST_X(d.geom) AS turn
-                    FROM ST_DumpPoints(p_path) d WINDOW o AS (ORDER BY d.path[1])) l
-              WHERE l.last IS NOT NULL) END);
-END;
+    RETURN (SELECT ST_Multi(ST_CollectionHomogenize(ST_Collect(_wrapped(l.leg))))
+            FROM (SELECT _drawn(ST_MakeLine(n.first, ST_Translate(
+                             n.last, -360 * (abs(n.turn) > 180)::integer * round(n.turn / 360), 0)), p_plane) AS leg
+                  FROM (SELECT ST_Force2D(d.geom) AS first, ST_Force2D(lead(d.geom) OVER o) AS last,
+                               ST_X(lead(d.geom) OVER o) - ST_X(d.geom) AS turn
+                        FROM ST_DumpPoints(p_path) d WINDOW o AS (ORDER BY d.path[1])) n
+                  WHERE n.last IS NOT NULL OFFSET 0) l);
+END
+$$;
 COMMENT ON FUNCTION _drawn_path(geometry, text) IS
 'A path as _drawn has it, cut at the seam where it crosses that.';
+
+CREATE OR REPLACE FUNCTION _shown(p_geometry geometry, p_plane text) RETURNS geometry
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- Up to this length (22 km of a meridian) and latitude (degrees) _drawn puts no point on an edge, in a plane around
+    -- its middle. Farther from the middle of a gnomonic plane, where it would, edges bend no more than there.
+    c_edge_deg CONSTANT double precision := 0.2;
+    c_latitude_deg CONSTANT double precision := 75;
+    -- As far apart as _from_gnomonic puts points.
+    c_side_m CONSTANT double precision := 25000;
+    v_shape geometry;
+BEGIN
+    IF ST_XMin(p_geometry) >= -180 AND ST_XMax(p_geometry) <= 180
+       AND ST_YMin(p_geometry) >= -c_latitude_deg AND ST_YMax(p_geometry) <= c_latitude_deg THEN
+        IF ST_NPoints(ST_Segmentize(p_geometry, c_edge_deg)) = ST_NPoints(p_geometry) THEN
+            RETURN ST_Force2D(p_geometry);
+        END IF;
+        -- Great circles in the longitude and latitude of a sphere, without PROJ, which takes milliseconds to read how.
+        -- What is less than half a turn wide crosses no seam, and has no pole in it.
+        IF p_plane NOT IN ('wgs84', 'sphere') AND ST_XMax(p_geometry) - ST_XMin(p_geometry) <= 170 THEN
+            RETURN ST_Segmentize(ST_Force2D(p_geometry)::geography, c_side_m)::geometry;
+        END IF;
+    END IF;
+    IF ST_Dimension(p_geometry) = 1 THEN
+        v_shape := _drawn_path(p_geometry, p_plane);
+    ELSE
+        v_shape := _drawn(p_geometry, p_plane);
+    END IF;
+    -- What is cut is a collection of what it was, even of multilines.
+    RETURN ST_CollectionExtract(_wrapped(v_shape), ST_Dimension(v_shape) + 1);
+END
+$$;
+COMMENT ON FUNCTION _shown(geometry, text) IS
+'A footprint or path (longitude and latitude, straight in the plane of a scene) as layers of map programs have it: with '
+'points on its long edges, within +-180 degrees, cut at the seam.';
 
 CREATE OR REPLACE FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -461,8 +503,8 @@ CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
        CASE WHEN isfinite(lower(a.active_span)) THEN lower(a.active_span) END AS starts_at,
        CASE WHEN isfinite(upper(a.active_span)) THEN upper(a.active_span) END AS ends_at,
-       ST_Multi(ST_CollectionExtract(_wrapped(_drawn(
-           a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat))), 3))::geometry(MultiPolygon, 4326)
+       ST_Multi(_shown(
+           a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint
 FROM area a JOIN scene s USING (scene_id);
 
@@ -481,8 +523,8 @@ COMMENT ON COLUMN map_areas.footprint IS
 CREATE OR REPLACE VIEW map_tracks WITH (security_invoker = true) AS
 SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
        to_timestamp(ST_M(ST_StartPoint(t.path))) AS starts_at, to_timestamp(ST_M(ST_EndPoint(t.path))) AS ends_at,
-       ST_Multi(_wrapped(_drawn_path(
-           t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat))))::geometry(MultiLineString, 4326) AS path
+       ST_Multi(_shown(
+           t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
 FROM track t JOIN scene s USING (scene_id);
 
 COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of a map program such as QGIS.';

@@ -360,6 +360,74 @@ def test_each_period_is_a_row_with_a_key_of_its_own(conn: Conn) -> None:
     assert [row[3:] for row in rows if row[2] == "B"] == [(None, None)]
 
 
+@pytest.mark.parametrize("motion", list(Motion))
+@pytest.mark.parametrize("size_deg", [0.04, 3.0, 50.0])
+@pytest.mark.parametrize("place_deg", [(10.0, 50.0), (0.0, 0.0), (-180.0, -30.0), (170.0, 60.0), (30.0, 74.9)])
+def test_views_draw_edges_as_they_run_in_the_plane(
+    conn: Conn, motion: Motion, size_deg: float, place_deg: tuple[float, float]
+) -> None:
+    """Whether an edge is short, needs no plane, or crosses the seam: to 200 m; boxes find the same rows."""
+    rng = np.random.default_rng(7)
+    areas, tracks = [], []
+    for k in range(6):
+        at = np.array(place_deg) + rng.uniform(-size_deg, size_deg, 2) / 4
+        corners = (at + rng.uniform(0.2, 1.0, (3, 2)) * [(1, 0), (0, 1), (-1, 0)] * size_deg / 4).clip(
+            (-340, -85), (340, 85)
+        )
+        areas.append(Area(f"A{k}", shapely.MultiPolygon([shapely.Polygon(corners)])))
+        tracks.append(track(f"T{k}", *(tuple(place) for place in corners)))
+    load(conn, Scene("s", motion=motion), areas, tracks)
+    # The reference: each step by itself, in the plane of the scene.
+    conn.execute(
+        """CREATE TEMP TABLE reference AS
+           SELECT 'map_areas' AS layer, a.key, conflictdb._wrapped(conflictdb._drawn(a.footprint, p)) AS shape
+           FROM conflictdb.area a JOIN conflictdb.scene s USING (scene_id),
+                conflictdb._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p
+           UNION ALL
+           SELECT 'map_tracks', t.key, conflictdb._wrapped(conflictdb._drawn_path(t.path, p))
+           FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id),
+                conflictdb._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p"""
+    )
+    for layer, column in (("map_areas", "footprint"), ("map_tracks", "path")):
+        shown = f"conflictdb.{layer} v JOIN reference r ON r.layer = '{layer}' AND r.key = v.key"
+        rows = conn.execute(
+            f"SELECT ST_HausdorffDistance(v.{column}, r.shape), ST_XMin(v.{column}), ST_XMax(v.{column}), "
+            f"ST_IsValid(v.{column}) FROM {shown}".encode()
+        ).fetchall()
+        assert len(rows) == 6
+        for apart_deg, west, east, is_valid in rows:
+            assert apart_deg < 200 / 111_000 / np.cos(np.radians(80))
+            assert -180 <= west <= east <= 180
+            assert is_valid
+        for _ in range(20):
+            corner = np.array(place_deg) + rng.uniform(-size_deg, size_deg, 2) / 2
+            corner[0] = (corner[0] + 180) % 360 - 180
+            window = [
+                *corner,
+                *(corner + 0.03 + rng.uniform(0, size_deg, 2) / 4),
+            ]  # larger than what is left of it below
+            found, sure, possible = conn.execute(
+                f"""WITH window_ AS (SELECT ST_MakeEnvelope(%s, %s, %s, %s, 4326) AS box)
+                    SELECT array_agg(v.key) FILTER (WHERE v.{column} && w.box),
+                           array_agg(v.key) FILTER (WHERE r.shape && ST_Expand(w.box, -1e-2)),
+                           array_agg(v.key) FILTER (WHERE r.shape && ST_Expand(w.box, 1e-2))
+                    FROM {shown}, window_ w""".encode(),
+                window,
+            ).fetchone() or ([], [], [])
+            assert set(sure or []) <= set(found or []) <= set(possible or [])
+
+
+@pytest.mark.parametrize(("layer", "column"), [("map_areas", "footprint"), ("map_tracks", "path")])
+def test_boxes_of_clients_evaluate_each_step_once(crossing: Conn, layer: str, column: str) -> None:
+    """Steps that the planner puts into each other are evaluated as often as they are named: milliseconds a row."""
+    query = (
+        f"EXPLAIN (VERBOSE) SELECT {column} FROM conflictdb.{layer} WHERE {column} && ST_MakeEnvelope(0, 0, 1, 1, 4326)"
+    )
+    plan = "\n".join(row[0] for row in crossing.execute(query.encode()).fetchall()).lower()
+    assert "_shown(" in plan
+    assert "transform" not in plan
+
+
 def test_views_cut_at_the_seam(conn: Conn) -> None:
     load(conn, Scene("s"), [box("A", 179.0, 10.0, 181.0, 11.0)], [track("T", (170.0, 10.5), (-170.0, 10.5))])
     for table, column in (("map_areas", "footprint"), ("map_tracks", "path")):
