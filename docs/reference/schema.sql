@@ -881,10 +881,10 @@ FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _drawn(p_geometry geometry, p_plane text)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _drawn_path(p_path geometry, p_plane text)
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1272,6 +1272,9 @@ FUNCTION _shares(p_scene text)
 
 FUNCTION _short_identity(p_identity text)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _shown(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _shown(p_instant timestamp with time zone)
     RETURNS text LANGUAGE sql STABLE PARALLEL SAFE;
