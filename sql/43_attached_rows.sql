@@ -11,7 +11,7 @@ BEGIN ATOMIC
     SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
     JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
     WHERE n.nspname = 'conflictdb_attached' AND p.proname = format('rows_%s', p_attachment_id)::name
-          AND p.proargtypes = ARRAY['text[]'::regtype::oid, 'text'::regtype::oid]::oidvector;
+          AND p.pronargs = 2 AND p.proargtypes[0] = 'text[]'::regtype AND p.proargtypes[1] = 'text'::regtype;
 END;
 COMMENT ON FUNCTION _attaching_role(bigint) IS
 'The role that attached a table: the owner of the function that reads it; null if that is gone.';

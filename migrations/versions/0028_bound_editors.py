@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9e7ed19ceabd65cc6c98a0c07e8a8370844184f9666588df65586153cce1b4cd"
+routines_sha256 = "43e00afcb0eaaba5a44adc74d8794abe9a08bf4ab62fbecfeebf9ced042a95a3"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
