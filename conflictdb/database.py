@@ -198,7 +198,7 @@ class Database:
         path: str | Path,
         scene: str | None = None,
         *,
-        merge: bool = False,
+        replace: bool = False,
         max_speed_kn: float | None = None,
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
@@ -211,8 +211,9 @@ class Database:
             Any file that `conflictdb.io.read` reads.
         scene : str, optional
             Scene to load into; default is the one that the file names, else the name of the file.
-        merge : bool
-            Add and update objects; otherwise the file replaces what the scene held.
+        replace : bool
+            Remove the objects of the scene that the file does not contain; by default objects are only added and
+            updated. A file of settings without objects empties its scene then.
         max_speed_kn : float, optional
             Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
         layers : sequence of str
@@ -223,7 +224,8 @@ class Database:
         Raises
         ------
         InvalidInput
-            Names the file and, for each mistake, the object, the field and the rule; nothing has been changed.
+            Names the file and, for each mistake, the object, the field and the rule; nothing has been changed. A file
+            without objects is refused, too.
 
         Warns
         -----
@@ -231,7 +233,7 @@ class Database:
             For each remark: what breaks no rule, but may not be meant; and for each object that was left out.
         """
         loaded = self.load_files(
-            [path], scene, merge=merge, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid
+            [path], scene, replace=replace, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid
         )[0]
         for one in (*loaded.remarks, *loaded.invalid):
             warnings.warn(str(one), UserWarning, stacklevel=2)
@@ -242,7 +244,7 @@ class Database:
         paths: Sequence[str | Path],
         scene: str | None = None,
         *,
-        merge: bool = False,
+        replace: bool = False,
         max_speed_kn: float | None = None,
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
@@ -258,7 +260,7 @@ class Database:
             self.connection,
             paths,
             scene,
-            merge=merge,
+            replace=replace,
             max_speed_kn=max_speed_kn,
             layers=layers,
             skip_invalid=skip_invalid,

@@ -1,7 +1,8 @@
 """Files into scenes of a database, all or nothing: what `Database.load_files` does."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 from conflictdb.io import Remark, Skipped
-from conflictdb.io.contents import Parts
+from conflictdb.io.contents import Parts, without_objects
 from conflictdb.io.gather import Plan, gather, scene_name
 from conflictdb.io.reading import is_parquet, read_parts
 from conflictdb.model import Area, Motion, Scene, Track
@@ -47,23 +48,25 @@ def load_files(
     paths: Sequence[str | Path],
     scene: str | None,
     *,
-    merge: bool,
+    replace: bool,
     max_speed_kn: float | None,
     layers: Sequence[str],
     skip_invalid: bool,
     max_file_mb: float | None,
 ) -> list[Loaded]:
-    """Load some files, those of one scene as if they were one; return what it did to each scene."""
+    """Load some files, those of one scene as if they were one; return what it did to each scene.
+
+    replace : remove the objects of the scene that the files do not contain
+    """
     if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
-        return [_loaded_by_parts(connection, paths[0], scene, merge, max_speed_kn, max_file_mb)]
+        return [_loaded_by_parts(connection, paths[0], scene, replace, max_speed_kn, max_file_mb)]
     gathered = gather(
         paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
     )
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
-    if skip_invalid and not merge:
-        for plan, _ in plans:
-            _require_objects(plan)
-    return [_loaded(connection, plan, settings, merge) for plan, settings in plans]
+    for plan, _ in plans:
+        _require_objects(plan, replace)
+    return [_loaded(connection, plan, settings, replace) for plan, settings in plans]
 
 
 def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
@@ -88,14 +91,15 @@ def _own_settings(connection: "psycopg.Connection[Any]", name: str, settings: Sc
         known = store.scene_settings(connection, name)
     if settings is None:
         return known or Scene(name)
-    return settings if known is None else replace(settings, centre=known.centre)  # once there, a centre stays
+    # Once there, a centre stays.
+    return settings if known is None else dataclasses.replace(settings, centre=known.centre)
 
 
 def _loaded_by_parts(
     connection: "psycopg.Connection[Any]",
     path: str | Path,
     scene: str | None,
-    merge: bool,
+    replace: bool,
     max_speed_kn: float | None,
     max_file_mb: float | None,
 ) -> Loaded:
@@ -104,23 +108,26 @@ def _loaded_by_parts(
     with read() as parts:
         name = scene_name(path, parts.settings, scene)
         settings = _own_settings(
-            connection, name, None if parts.settings is None else replace(parts.settings, name=name)
+            connection, name, None if parts.settings is None else dataclasses.replace(parts.settings, name=name)
         )
         if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
             settings = _centred(settings, parts)
             with read() as again:
-                return _replaced(connection, settings, again, merge)
-        return _replaced(connection, settings, parts, merge)
+                return _stored_by_parts(connection, settings, again, str(path), replace)
+        return _stored_by_parts(connection, settings, parts, str(path), replace)
 
 
-def _replaced(connection: "psycopg.Connection[Any]", settings: Scene, parts: Parts, merge: bool) -> Loaded:
-    counts = store.replace_scene_by_parts(connection, settings, _fitting(settings, parts), merge=merge)
+def _stored_by_parts(
+    connection: "psycopg.Connection[Any]", settings: Scene, parts: Parts, source: str, replace: bool
+) -> Loaded:
+    each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
+    counts = store.replace_scene_by_parts(connection, settings, each, merge=not replace)
     return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
 
 
-def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, merge: bool) -> Loaded:
+def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, replace: bool) -> Loaded:
     try:
-        counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=merge)
+        counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=not replace)
     except InvalidInput as refused:
         named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
         raise refused.at(next(named, plan.sources[0])) from refused.__cause__
@@ -136,7 +143,7 @@ def _centred(settings: Scene, parts: Parts) -> Scene:
         first = first if any(first) else part
     parts.refusals.raise_found()
     middle = middle_deg(sums) if any(first) else None
-    return centred(settings, *first) if middle is None else replace(settings, centre=middle)
+    return centred(settings, *first) if middle is None else dataclasses.replace(settings, centre=middle)
 
 
 def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -160,12 +167,26 @@ def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[T
         raise misfit
 
 
-def _require_objects(plan: Plan) -> None:
-    """Raise InvalidInput, with all mistakes, if every object of a plan was left out: the scene would be emptied."""
-    refused = [InvalidInput(one.key, "", one.reason, one.source) for one in plan.skipped if one.is_refused]
-    if refused and not (plan.areas or plan.tracks):
-        rule = "are all refused, and what the scene holds is not replaced with nothing"
-        raise InvalidInput(f"scene {plan.name!r}", "objects", rule, plan.sources[0], refused)
+def _some_objects(
+    each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, source: str, *, may_be_empty: bool
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield the parts of a file; raises InvalidInput at the end of one without objects."""
+    is_empty = True
+    for areas, tracks in each:
+        is_empty = is_empty and not (areas or tracks)
+        yield areas, tracks
+    if is_empty and (parts.skipped or not may_be_empty):
+        raise without_objects("file", source, parts.skipped, has_settings=parts.settings is not None)
+
+
+def _require_objects(plan: Plan, replace: bool) -> None:
+    """Raise InvalidInput for a plan without objects, with the reason for each object that was left out.
+
+    Only files of settings alone may empty a scene, and only with `replace`.
+    """
+    if plan.areas or plan.tracks or (replace and not plan.skipped):
+        return
+    raise without_objects(f"scene {plan.name!r}", plan.sources[0], plan.skipped, has_settings=plan.settings is not None)
 
 
 def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:

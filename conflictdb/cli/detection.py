@@ -7,7 +7,14 @@ from itertools import chain
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
 from conflictdb.cli.output import data, note, out, progress, remark
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import approach_table, print_approaches, print_conflicts, remark_loaded, run_text
+from conflictdb.cli.report import (
+    approach_table,
+    loaded_text,
+    print_approaches,
+    print_conflicts,
+    remark_loaded,
+    run_text,
+)
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.database import Database
 
@@ -18,7 +25,7 @@ def detect(args: argparse.Namespace) -> int:
         args,
         [
             (not args.files and args.scene is None, "give files, or --scene NAME of a scene that is in the database"),
-            (args.merge and not args.files, "--merge is for files"),
+            (args.replace and not args.files, "--replace is for files"),
             (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
             (args.layer is not None and not args.files, "--layer is for files"),
             (args.skip_invalid and not args.files, "--skip-invalid is for files"),
@@ -31,6 +38,8 @@ def detect(args: argparse.Namespace) -> int:
         if args.files:
             loaded = load_files(db, args)
             remark_loaded(loaded)
+            for one in loaded:
+                remark(loaded_text(one))
             scenes = [one.scene for one in loaded]
             is_complete = not any(one.invalid for one in loaded)
         runs = []

@@ -19,6 +19,7 @@ from conflictdb.cli.session import database
 from conflictdb.database import DEMO_SCENE
 from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.in_memory import solve
+from conflictdb.io.contents import without_objects
 from conflictdb.io.reading import read
 from conflictdb.model import Scene
 from conflictdb.results import Kind
@@ -57,7 +58,10 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
         with _session(args) as spark:
             from conflictdb.spark.files import read_objects, settings_in
 
-            yield spark, settings_in(args.input) or Scene(args.scene or "spark"), read_objects(spark, args.input)
+            settings, objects = settings_in(args.input), read_objects(spark, args.input)
+            if objects.isEmpty():
+                raise without_objects("file", ", ".join(args.input), ())
+            yield spark, settings or Scene(args.scene or "spark"), objects
         return
     with database(args) as db:
         engine.coordinates()  # says what is missing, before anything is read

@@ -98,10 +98,12 @@ def add_lock_timeout(parser: Parser, what: str) -> None:
     )
 
 
-def add_merge(parser: Parser) -> None:
+def add_loading(parser: Parser) -> None:
     """Add the options of loading files."""
     parser.add_argument(
-        "--merge", action="store_true", help="add and update; otherwise the files replace what the scene held"
+        "--replace",
+        action="store_true",
+        help="remove objects of the scene that the files do not contain (default: add and update only)",
     )
     parser.add_argument(
         "--layer",

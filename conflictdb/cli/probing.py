@@ -54,13 +54,17 @@ def probe(args: argparse.Namespace) -> int:
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:
-    from conflictdb.io import read  # not above: usage errors come at once
+    # Not above: usage errors come at once.
+    from conflictdb.io import read
+    from conflictdb.io.contents import without_objects
 
     plans: list[Area | Track] = []
     for file in args.files:
         contents = read(file)
         for line in skipped_text(contents.skipped):
             remark(line)
+        if not (contents.areas or contents.tracks):
+            raise without_objects("file", file, contents.skipped)
         plans += [*contents.areas, *contents.tracks]
     key = args.key or "plan"
     heights = {"floor_m": args.floor_m, "ceiling_m": args.ceiling_m}

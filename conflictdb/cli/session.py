@@ -31,7 +31,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
     return db.load_files(
         args.files,
         args.scene,
-        merge=args.merge,
+        replace=args.replace,
         max_speed_kn=args.max_speed_kn,
         layers=args.layer or (),
         skip_invalid=args.skip_invalid,

@@ -138,6 +138,21 @@ def left_out(source: str, refusals: Refusals) -> list[Skipped]:
     return skipped
 
 
+def without_objects(who: str, source: str, skipped: Iterable[Skipped], *, has_settings: bool = False) -> InvalidInput:
+    """Return the refusal of a file, or files, without objects, with the reason for what was left out.
+
+    has_settings : the file has settings of a scene, so that it may be meant to empty it
+    """
+    rule = "holds no area and no track: nothing is changed"
+    if has_settings:
+        rule += " (--replace empties the scene, where the file leaves nothing out)"
+    also = []
+    for one in skipped:
+        rows = f"left out {len(one.lines)} row{'' if len(one.lines) == 1 else 's'}, " if one.lines else ""
+        also.append(InvalidInput(one.key, "", rows + one.reason, one.source))
+    return InvalidInput(who, "", rule, source, also)
+
+
 class _Contents(NamedTuple):
     scene: Scene | None
     areas: list[Area]

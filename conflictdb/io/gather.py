@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.io.contents import Contents, Remark, Skipped, left_out, name_of
+from conflictdb.io.contents import Contents, Remark, Skipped, left_out, name_of, without_objects
 from conflictdb.io.fields import key as checked_key
 from conflictdb.io.reading import read, stem
 from conflictdb.model import Area, Scene, Track
@@ -64,7 +64,8 @@ def gather(
     Raises
     ------
     InvalidInput
-        A file is refused, an id appears in two files of a scene, or they disagree about its settings.
+        A file is refused or has neither objects nor settings, an id appears in two files of a scene, or they disagree
+        about its settings.
     """
     plans: dict[str, Plan] = {}
     refusals = Refusals()
@@ -76,6 +77,8 @@ def gather(
                 path, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
             )
             name = scene_name(path, contents.scene, scene)
+            if contents.scene is None and not (contents.areas or contents.tracks):
+                raise without_objects("file", str(path), contents.skipped)
             _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
     refusals.raise_found()
     return list(plans.values())

@@ -199,7 +199,7 @@ def put_by_file(db: conflictdb.Database, scene: str, thing: Hostile) -> str | No
         path = Path(directory, "one.geojson")
         path.write_text(scene_file([thing]))
         try:
-            db.load_files([path], scene, merge=True)
+            db.load_files([path], scene)
         except InvalidInput:
             return "refused"
         except Exception as error:

@@ -39,7 +39,7 @@ def pairs(text: str) -> set[tuple[str, str]]:
 
 def test_detect_file_prints_one_json_array_with_the_columns_of_the_view(run: Run) -> None:
     done = run("detect", STRAIT, "--format", "json")
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.err) == (0, "conflictdb: strait: 11 added, 0 updated, 0 removed, 0 unchanged\n")
     rows = json.loads(done.out)
     assert pairs(done.out) == EXPECTED
     for row in rows:
@@ -114,8 +114,10 @@ def test_unbounded_periods_are_null_in_json_and_dots_elsewhere(run: Run, tmp_pat
 
 def test_fail_on_conflict(run: Run, tmp_path: Path) -> None:
     assert run("detect", STRAIT, "--fail-on-conflict").code == 10
-    path = tmp_path / "empty.geojson"
-    path.write_text('{"type": "FeatureCollection", "features": []}')
+    path = tmp_path / "ferry.geojson"
+    document = json.loads(STRAIT.read_text())
+    ferry = next(f for f in document["features"] if f["id"] == "FERRY")
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [ferry]}))
     quiet = run("detect", path, "--fail-on-conflict")
     assert (quiet.code, quiet.out) == (0, "no conflicts\n")
 
@@ -153,7 +155,7 @@ def test_an_outdated_conflict_says_so(run: Run, tmp_path: Path) -> None:
     "words",
     [
         ("detect",),
-        ("detect", "--merge", "--scene", "s"),
+        ("detect", "--replace", "--scene", "s"),
         ("detect", "--max-speed-kn", "5", "--scene", "s"),
         ("detect", "--scene", "s", "--tolerance-m", "-1"),
         ("detect", "--scene", "s", "--tolerance-m", "nan"),

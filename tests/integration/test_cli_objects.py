@@ -1,4 +1,4 @@
-"""`load` and `export`: all or nothing, replace or merge, and a round trip through the database that is exact."""
+"""`load` and `export`: all or nothing, add or replace, and a round trip through the database that is exact."""
 
 import gzip
 import json
@@ -43,16 +43,17 @@ def test_load_says_what_it_did(run: Run, tmp_path: Path) -> None:
     content["features"][0]["properties"]["ceiling_m"] = 2000
     del content["features"][1]
     path = scene_file(tmp_path / "strait.geojson", content)
-    assert run("load", path).out == "strait: 0 added, 1 updated, 1 removed, 9 unchanged\n"
+    assert run("load", path).out == "strait: 0 added, 1 updated, 0 removed, 9 unchanged\n"
+    assert run("load", path, "--replace").out == "strait: 0 added, 0 updated, 1 removed, 10 unchanged\n"
 
 
-def test_merge_adds_and_updates_but_removes_nothing(run: Run, dsn: str, tmp_path: Path) -> None:
+def test_loading_adds_and_updates_but_removes_nothing(run: Run, dsn: str, tmp_path: Path) -> None:
     run("load", STRAIT)
     content = document()
     content["features"] = content["features"][:1]
     content["features"][0]["id"] = "NEW"
     path = scene_file(tmp_path / "more.geojson", content)
-    assert run("load", path, "--merge").out == "strait: 1 added, 0 updated, 0 removed, 0 unchanged\n"
+    assert run("load", path).out == "strait: 1 added, 0 updated, 0 removed, 0 unchanged\n"
     assert len(keys(dsn)) == 12
 
 
@@ -72,7 +73,7 @@ def test_nothing_is_half_loaded(run: Run, dsn: str, tmp_path: Path) -> None:
     content["features"][-1]["properties"]["speed_kn"] = -12
     bad = scene_file(tmp_path / "bad.geojson", content)
     good = scene_file(tmp_path / "good.geojson", {**document(), "scene": {"name": "other"}})
-    for words in (("load", bad), ("load", good, bad), ("detect", bad), ("load", bad, "--merge")):
+    for words in (("load", bad), ("load", good, bad), ("detect", bad), ("load", bad, "--replace")):
         done = run(*words)
         assert (done.code, done.out) == (4, "")
         rule = "must be greater than 0; got -12 (to stay in place, give times)"
@@ -260,9 +261,65 @@ def test_a_scene_is_not_emptied_where_every_object_is_refused(run: Run, dsn: str
     path = scene_file(tmp_path / "strait.geojson", content)
     done = run("load", path, "--skip-invalid")
     assert done.code == 4
-    assert "scene 'strait': objects: are all refused" in done.err
+    assert "scene 'strait': holds no area and no track: nothing is changed" in done.err
     assert "kind: must be 'area' or 'track'; got 'zone'" in done.err
     assert keys(dsn) == held
+
+
+GPX = """<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1"><rte><name>FERRY</name>
+<rtept lat="57.1" lon="9.1"/><rtept lat="57.2" lon="9.2"/></rte></gpx>"""
+EMPTY = {"type": "FeatureCollection", "features": []}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "rule"),
+    [
+        ("ferry.gpx", GPX, "which have no times"),
+        ("ais.csv", "time,id,lon,lat\n", ""),
+        ("one.csv", "time,id,lon,lat\n2026-03-01T00:00:00Z,F,9,57\n", "a single fix: no movement to follow"),
+        ("empty.geojson", json.dumps(EMPTY), ""),
+        ("settings.geojson", json.dumps({**EMPTY, "scene": {"tolerance_m": 7}}), "--replace empties the scene"),
+    ],
+)
+def test_a_file_without_objects_is_refused_and_changes_nothing(
+    run: Run, dsn: str, tmp_path: Path, name: str, content: str, rule: str
+) -> None:
+    run("detect", STRAIT)
+    before = run("export", "--scene", "strait", "-").out
+    path = tmp_path / name
+    path.write_text(content)
+    has_settings = name == "settings.geojson"
+    commands = [("load",), ("load", "--skip-invalid"), ("detect",), ("probe",)]
+    for words in commands if has_settings else [*commands, ("load", STRAIT), ("load", "--replace")]:
+        done = run(*words, path, "--scene", "strait")
+        assert (done.code, done.out) == (4, ""), (words, done)
+        who = "scene 'strait'" if has_settings and words != ("probe",) else "file"
+        assert f"{path}: {who}: holds no area and no track" in done.err
+        assert rule in done.err or words == ("probe",)
+    with conflictdb.connect(dsn) as db, pytest.raises(conflictdb.InvalidInput, match="holds no area and no track"):
+        db.load(path, "strait")
+    assert run("export", "--scene", "strait", "-").out == before
+
+
+def test_settings_without_objects_empty_a_scene_only_if_it_is_replaced(run: Run, dsn: str, tmp_path: Path) -> None:
+    """Beside files with objects they are the settings of these."""
+    run("load", STRAIT)
+    path = scene_file(tmp_path / "settings.geojson", {**EMPTY, "scene": {"name": "strait", "tolerance_m": 7}})
+    objects = {name: part for name, part in document().items() if name != "scene"}
+    both = run("load", path, scene_file(tmp_path / "objects.geojson", objects), "--scene", "strait")
+    assert both.out == "strait: 0 added, 0 updated, 0 removed, 11 unchanged\n"
+    assert json.loads(run("export", "--scene", "strait", "-").out)["scene"]["tolerance_m"] == 7
+    assert run("load", path, "--replace").out == "strait: 0 added, 0 updated, 11 removed, 0 unchanged\n"
+    assert keys(dsn) == set()
+
+
+def test_detect_says_what_it_loaded(run: Run, tmp_path: Path) -> None:
+    content = {**document(), "features": document()["features"][:4]}
+    assert run("detect", STRAIT).err == "conflictdb: strait: 11 added, 0 updated, 0 removed, 0 unchanged\n"
+    path = scene_file(tmp_path / "fewer.geojson", content)
+    assert run("detect", path).err == "conflictdb: strait: 0 added, 0 updated, 0 removed, 4 unchanged\n"
+    assert run("detect", path, "--replace").err == "conflictdb: strait: 0 added, 0 updated, 7 removed, 4 unchanged\n"
+    assert run("detect", "--scene", "strait").err == ""
 
 
 def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn: str, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_centre_stays_until_a_file_gives_another(dsn: str, tmp_path: Path) -> No
         db.load(write(tmp_path / "a.geojson", scene, {"T": sail((0, 10), (10, 10))}))
         before = db.scenes()[0].scene.centre
         assert before == pytest.approx((5.0, 10.0), abs=0.1)
-        db.load(write(tmp_path / "b.geojson", scene, {"U": sail((20, 20), (30, 20))}), merge=True)
+        db.load(write(tmp_path / "b.geojson", scene, {"U": sail((20, 20), (30, 20))}))
         assert db.scenes()[0].scene.centre == before
         db.load(write(tmp_path / "c.geojson", {**scene, "centre": [15.5, -3]}, {"U": sail((20, 20), (30, 20))}))
         assert db.scenes()[0].scene.centre == (15.5, -3.0)
@@ -91,16 +91,16 @@ def test_what_is_too_far_is_named_before_anything_is_written(dsn: str, tmp_path:
         assert db.scenes() == []
         db.load(write(tmp_path / "near.geojson", scene, near))
         before = db.scene_text("s")
-        for merge in (False, True):
+        for replace in (False, True):
             with pytest.raises(InvalidInput, match="give the scene a 'centre'"):
-                db.load(write(tmp_path / "far.geojson", scene, far), merge=merge)
+                db.load(write(tmp_path / "far.geojson", scene, far), replace=replace)
             assert db.scene_text("s") == before
         # Another motion, but objects stay that it cannot hold.
         db.load(write(tmp_path / "polar.geojson", {"name": "p", "motion": "great_circle"}, POLAR))
         with pytest.raises(InvalidInput, match="89"):
-            db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, {}), merge=True)
+            db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near))
         assert len(read_back(db, "p")) == 4
-        db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near))
+        db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near), replace=True)
         assert db.scene_text("p").count('"Feature"') == 1
 
 

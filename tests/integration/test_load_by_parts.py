@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import geopandas
 import numpy as np
 import psycopg
 import pyarrow as pa
@@ -57,7 +58,7 @@ def told(dsn: str, query: str) -> list[Any]:
 
 
 def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_path: Path) -> None:
-    """Objects, their order and settings; merged, and replaced by fewer; remarks on all of them together."""
+    """Objects, their order and settings; added to, and replaced by fewer; remarks on all of them together."""
     path = written(
         tmp_path / "sea.parquet", many(AT_ONCE, [area("far", 170.0)]), [track(f"T{i}", 9.0) for i in range(9)]
     )
@@ -73,8 +74,9 @@ def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_p
         assert [one.footprint for one in areas] == [one.footprint for one in contents.areas]
         assert [one.times_us.tolist() for one in tracks] == [one.times_us.tolist() for one in contents.tracks]
     one = written(tmp_path / "one.parquet", [area("A1", 20.0), area("new", 9.0)])
-    assert "1 added, 1 updated, 0 removed, 0 unchanged" in run("load", one, "--scene", "sea", "--merge").out
-    assert f"0 added, 0 updated, {AT_ONCE + 9} removed, 2 unchanged" in run("load", one, "--scene", "sea").out
+    assert "1 added, 1 updated, 0 removed, 0 unchanged" in run("load", one, "--scene", "sea").out
+    replaced = run("load", one, "--scene", "sea", "--replace")
+    assert f"0 added, 0 updated, {AT_ONCE + 9} removed, 2 unchanged" in replaced.out
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,22 @@ def test_what_is_refused_in_the_last_part_leaves_all_as_it_was(
     assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
 
 
+def test_a_file_without_objects_is_refused(run: Run, dsn: str, tmp_path: Path) -> None:
+    """It empties its scene only where that is said; one without settings does not even then."""
+    run("load", written(tmp_path / "sea.parquet", many(3)))
+    path = written(tmp_path / "none.parquet", [])
+    for words in (("load", path), ("load", path, "--skip-invalid"), ("detect", path)):
+        done = run(*words)
+        assert (done.code, "holds no area and no track" in done.err) == (4, True), done.err
+    table = geopandas.GeoDataFrame({"id": ["P"]}, geometry=[shapely.Point(9.0, 54.0)], crs=4326)
+    table.to_parquet(tmp_path / "points.parquet")
+    for word in ((), ("--replace",)):
+        done = run("load", tmp_path / "points.parquet", "--scene", "sea", *word)
+        assert (done.code, "1 rows are Points" in done.err) == (4, True), done.err
+    assert told(dsn, "SELECT count(*) FROM conflictdb.area") == [(3,)]
+    assert run("load", path, "--replace").out == "sea: 0 added, 0 updated, 3 removed, 0 unchanged\n"
+
+
 def test_what_cannot_be_left_out_is_read_whole(run: Run, tmp_path: Path) -> None:
     """Objects that are refused can still be left out, also one that is given twice."""
     path = written(tmp_path / "sea.parquet", many(20, [area("A7", 10.0), area("N", 9.0, 89.5)]))
@@ -133,7 +151,7 @@ def test_great_circles_without_a_centre_get_the_middle_of_all(run: Run, dsn: str
     )
     assert centre == other
     assert 9.0 < centre[0] < 9.2
-    assert run("load", written(path, [area("B", 31.0)], scene=scene)).code == 0
+    assert run("load", written(path, [area("B", 31.0)], scene=scene), "--replace").code == 0
     assert told(dsn, "SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = 'circles'") == [centre]
 
 

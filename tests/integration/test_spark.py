@@ -41,10 +41,16 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         Job("near at the seam", near, *objects, 5, BY_TREE, kills=True),
     ]
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
+    nothing = str(tmp_path / "nothing.parquet")
     exported, output, refused, twins, strange, around = (str(tmp_path / name) for name in names)
     ends = np.array([[10.0, 20.0], [-170.0, -20.0]])
     opposite = Track("T", ends, np.array([0, 10**12]), rectangle_outline_m(100, 100, 100, 100))
-    refused_ones = (refused, ([polar()], [])), (twins, ([], [opposite] * 2)), (around, ([], [opposite]))
+    refused_ones = (
+        (refused, ([polar()], [])),
+        (twins, ([], [opposite] * 2)),
+        (around, ([], [opposite])),
+        (nothing, ([], [])),
+    )
     for path, some in ((exported, objects), *refused_ones):
         with Path(path).open("wb") as stream:
             write_objects(stream, near, [of_objects(*some)])
@@ -54,6 +60,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     commands = [[*detect, refused], [*detect, exported, "--partitions", "2"]]
     commands += [[*detect, path] for path in (exported, __file__, strange, twins)]
     commands += [[*detect, around, "--motion", "great_circle", "--earth", "sphere"]]
+    commands += [[*detect, nothing]]
     found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
     assert (tmp_path / "near at the seam.killed").exists()
     for job in jobs:
@@ -62,8 +69,9 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
     # The command has the settings of the file, and one line for what it refuses.
-    refusal, done, twice, no_parquet, no_object, same_key, no_centre = json.loads((tmp_path / "said.json").read_text())
-    said = refusal, twice, no_parquet, no_object, same_key, no_centre
+    told = json.loads((tmp_path / "said.json").read_text())
+    refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty = told
+    said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty
     assert all((code, text.count("\n")) == (4, 1) for code, text in said)
     assert refusal[1].startswith("conflictdb: area 'N': geometry: ")
     assert done[0] == 0
@@ -73,6 +81,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     assert no_object[1] == f"conflictdb: {strange}: metadata conflictdb: must be a JSON object\n"
     assert "object 'T': id: occurs more than once" in same_key[1]
     assert "centre: does not follow from objects all around the earth" in no_centre[1]
+    assert empty[1] == f"conflictdb: {nothing}: file: holds no area and no track: nothing is changed\n"
     geo = json.loads(parquet.read_schema(next(Path(output).glob("*.parquet"))).metadata[b"geo"])
     assert geo["primary_column"] == "region"
     assert all("crs" not in column for column in geo["columns"].values())

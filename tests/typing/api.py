@@ -19,7 +19,7 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
         with conflictdb.connect(target) as db:
             assert_type(db, conflictdb.Database)
     with conflictdb.connect() as db:
-        scene = db.load("exercise-7.geojson", merge=True)
+        scene = db.load("exercise-7.geojson", replace=True)
         assert_type(scene, str)
         run = db.detect(scene, method="nlp", tolerance_m=1.0, separation_m=0.0, full=True, jobs=2)
         assert_type(run, conflictdb.Run)

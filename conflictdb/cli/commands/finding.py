@@ -8,9 +8,9 @@ from conflictdb.cli.parser import (
     METHODS_SAID,
     add_fail_on_conflict,
     add_jobs,
+    add_loading,
     add_lock_timeout,
     add_memory,
-    add_merge,
     add_output,
     add_wait,
     command,
@@ -53,7 +53,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")
     add_lock_timeout(parser, "wait no longer for another detection of the scene, or any other lock")
     add_fail_on_conflict(parser)
-    add_merge(parser)
+    add_loading(parser)
     add_output(parser)
 
 
@@ -64,13 +64,13 @@ def _load(commands: Any) -> None:
         "objects:load",
         "load files, without detecting",
         "Files of one scene are taken together, as if they were one. All mistakes of all files are told in one go; "
-        "if one object of one file is refused, nothing is changed.",
+        "if one object of one file is refused, or a file has no objects, nothing is changed.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to load into (default: the one that the file names)"
     )
-    add_merge(parser)
+    add_loading(parser)
 
 
 def _export(commands: Any) -> None:
