@@ -24,6 +24,7 @@ VERSION: Final = "1.1.0"
 METADATA_KEY: Final = b"geo"
 GEOMETRY: Final = "geometry"
 COVERING: Final = "bbox"
+PLANAR: Final = "planar"
 SIDES: Final = ("xmin", "ymin", "xmax", "ymax")
 # Longitude and latitude on WGS84, as PROJJSON has it: what GeoParquet takes where it says nothing.
 CRS84: Final[Mapping[str, Any]] = {
@@ -77,7 +78,8 @@ class Layout:
     to_degrees : how coordinates become longitude and latitude
     aside : columns that say nothing more: boxes, and further geometries
     is_sure : whether the file says what its reference system is
-    is_spherical : whether it says that edges are great circles
+    edges : as the file calls them; here they are what the motion of the scene says
+    epoch : of the coordinates, a year, which is not applied; None: the file names none
     """
 
     geometry: str | None
@@ -85,14 +87,15 @@ class Layout:
     to_degrees: ToDegrees
     aside: frozenset[str]
     is_sure: bool
-    is_spherical: bool
+    edges: str = PLANAR
+    epoch: float | None = None
 
     @classmethod
     def of(cls, schema: "pa.Schema") -> "Layout":
         """Return what the metadata of a schema say; raises InvalidInput where they are wrong, or name no known CRS."""
         text = (schema.metadata or {}).get(METADATA_KEY)
         if text is None:
-            return cls(GEOMETRY if GEOMETRY in schema.names else None, "WKB", None, frozenset(), False, False)
+            return cls(GEOMETRY if GEOMETRY in schema.names else None, "WKB", None, frozenset(), is_sure=False)
         try:
             geo = json.loads(text)
             primary = geo["primary_column"]
@@ -105,6 +108,11 @@ class Layout:
         if encoding != "WKB" and encoding not in _NATIVE:
             known = ", ".join(("WKB", *_NATIVE))
             raise InvalidInput("file", "metadata geo", f"encoding must be one of {known}; got {encoding!r:.60}")
+        edges, epoch = column.get("edges", PLANAR), column.get("epoch")
+        if not isinstance(edges, str):
+            raise InvalidInput("file", "metadata geo", f"edges must be a text; got {edges!r:.60}")
+        if epoch is not None and (isinstance(epoch, bool) or not isinstance(epoch, int | float)):
+            raise InvalidInput("file", "metadata geo", f"epoch must be a year, a number; got {epoch!r:.60}")
         crs = column.get("crs", CRS84)
         return cls(
             geometry=primary,
@@ -112,8 +120,22 @@ class Layout:
             to_degrees=None if crs is None else of_name("file", _name_of(crs)),
             aside=frozenset(name for name in columns if name != primary) | _covering(column),
             is_sure=crs is not None,
-            is_spherical=column.get("edges") == "spherical",
+            edges=edges,
+            epoch=epoch,
         )
+
+    def in_degrees(self, column: Array, first_row: int) -> Array:
+        """Return a column of WKB in longitude and latitude, as it is where it is so already; raises InvalidInput.
+
+        first_row : number of the first row in messages
+        """
+        to_degrees = self.to_degrees
+        if to_degrees is None and self.encoding == "WKB":
+            return column
+        shapes = self.shapes(column, first_row)
+        if to_degrees is not None:
+            shapes = shapely.transform(shapes, to_degrees)
+        return pa.array(shapely.to_wkb(shapes, flavor="iso"), pa.binary())
 
     def shapes(self, column: Array, first_row: int) -> NDArray[np.object_]:
         """Return the geometries of a column (n,), None where there is none; raises InvalidInput for what is none.

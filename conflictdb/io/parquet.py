@@ -44,7 +44,8 @@ from conflictdb.io.contents import (
 from conflictdb.io.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
-from conflictdb.io.geoparquet import COVERING, Layout
+from conflictdb.io.geoparquet import COVERING, GEOMETRY, PLANAR, Layout
+from conflictdb.io.geoparquet import METADATA_KEY as METADATA_GEO
 from conflictdb.io.instants import format_instant
 from conflictdb.io.json_text import check_storable, check_text
 from conflictdb.io.names import RENAME_COLUMN
@@ -65,7 +66,6 @@ _INDEX: Final = "__index_level_0__"  # of pandas
 # Of what is left out by geometry so many are named.
 _MOST_NAMED: Final = 10
 _UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
-_SPHERICAL: Final = "says that edges are great circles; here they are what the motion of the scene says"
 
 
 # Returns the row that has the key of an object first, which is in this row.
@@ -145,16 +145,17 @@ def parquet_parts(
         settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
         parts = Parts(settings, iter(()))
         found = _Found(parts.refusals, first)
-        if said.get("form") == OBJECTS.name or _fits(schema):
-            parts.each = _taken(_of_form(found, rows.batches, said), found, settings, fastest_kn)
+        layout = Layout.of(schema)
+        is_own = said.get("form") == OBJECTS.name
+        if is_own or _fits(schema):
+            if layout.geometry not in (None, GEOMETRY):
+                rule = f"primary_column must be {GEOMETRY}, as the other columns are; got {layout.geometry!r:.60}"
+                raise InvalidInput("file", "metadata geo", rule)
+            parts.remarks += _remarks(source, layout, is_sure=is_own and METADATA_GEO not in (schema.metadata or {}))
+            parts.each = _taken(_of_form(found, rows.batches, said, layout), found, settings, fastest_kn)
             yield parts
             return
-        layout = Layout.of(schema)
-        parts.remarks += [
-            Remark(source, "file", text)
-            for text, holds in ((_UNSURE, not layout.is_sure), (_SPHERICAL, layout.is_spherical))
-            if holds and layout.geometry is not None
-        ]
+        parts.remarks += _remarks(source, layout, is_sure=False)
         before, rest = _peeked(rows.batches)
         if _are_positions(before, layout):
             rest = _bounded(rest, most_mb[1])
@@ -175,6 +176,23 @@ def parquet_parts(
             _others(found, source, parts.skipped),
         )
         yield parts
+
+
+def _remarks(source: str, layout: Layout, *, is_sure: bool) -> Iterator[Remark]:
+    """Yield remarks on what the metadata of GeoParquet say, or do not.
+
+    is_sure : coordinates are longitude and latitude, whatever the metadata leave out
+    """
+    if layout.geometry is None:
+        return
+    if not (is_sure or layout.is_sure):
+        yield Remark(source, "file", _UNSURE)
+    if layout.edges != PLANAR:
+        edges = "great circles" if layout.edges == "spherical" else repr(layout.edges[:60])
+        yield Remark(source, "file", f"says that edges are {edges}; here they are what the motion of the scene says")
+    if layout.epoch is not None:
+        text = f"says that its coordinates are of epoch {layout.epoch:g}; they are used as they are"
+        yield Remark(source, "file", text)
 
 
 def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[pa.RecordBatch]":
@@ -233,14 +251,19 @@ def _fits(schema: "pa.Schema") -> bool:
     return True
 
 
-def _of_form(found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any]) -> Iterator[None]:
+def _of_form(
+    found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any], layout: Layout
+) -> Iterator[None]:
     """Read the objects of a file of the form OBJECTS, some at a time."""
     row = 0
     known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
         columns = OBJECTS.columns(batch, row)  # what does not fit is wrong with all of them
-        check_wkb("geometry", columns["geometry"], row)
+        check_wkb(GEOMETRY, columns[GEOMETRY], row)
+        degrees = layout.in_degrees(columns[GEOMETRY], row)
+        if degrees is not columns[GEOMETRY]:
+            batch = batch.set_column(batch.schema.get_field_index(GEOMETRY), GEOMETRY, degrees)
         try:
             _add_checked(found, batch, row)
         except InvalidInput:

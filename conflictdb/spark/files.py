@@ -13,6 +13,7 @@ from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
 from conflictdb.io.computed import STATES, settings_text
+from conflictdb.io.geoparquet import GEOMETRY, Layout
 from conflictdb.io.scene_file import scene_of
 from conflictdb.model import Scene
 from conflictdb.results import Kind
@@ -22,7 +23,8 @@ from conflictdb.spark.pieces import NO_NUMBER
 def settings_in(paths: Sequence[str]) -> Scene | None:
     """Return the settings of the scene that files, or directories of them, were exported of.
 
-    None for what is not here, or says nothing; raises InvalidInput where some say other settings than the first.
+    None for what is not here, or says nothing; raises InvalidInput where some say other settings than the first, or a
+    reference system that is not longitude and latitude.
     """
     first: tuple[str, Scene] | None = None
     for file in (file for path in paths for file in _files(Path(path))):
@@ -52,6 +54,13 @@ def _settings(path: str) -> Scene | None:
         schema = parquet.read_schema(path)
     except pa.ArrowException as error:
         raise InvalidInput(path, "", f"is no Parquet of conflictdb: {_first_line(error)}") from error
+    try:
+        layout = Layout.of(schema)
+    except InvalidInput as refused:
+        raise refused.at(path) from refused.__cause__
+    if layout.to_degrees is not None or layout.encoding != "WKB" or layout.geometry not in (None, GEOMETRY):
+        rule = f"must say that column {GEOMETRY} is longitude and latitude in WKB: load the file, and export it"
+        raise InvalidInput(path, "metadata geo", rule)
     scene = told(path, schema).get("scene")
     return None if scene is None else scene_of(scene, Path(path).stem)
 

@@ -41,7 +41,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
         Job("near at the seam", near, *objects, 5, BY_TREE, kills=True),
     ]
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
-    nothing = str(tmp_path / "nothing.parquet")
+    nothing, metres = (str(tmp_path / name) for name in ("nothing.parquet", "metres.parquet"))
     exported, output, refused, twins, strange, around = (str(tmp_path / name) for name in names)
     ends = np.array([[10.0, 20.0], [-170.0, -20.0]])
     opposite = Track("T", ends, np.array([0, 10**12]), rectangle_outline_m(100, 100, 100, 100))
@@ -56,11 +56,14 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
             write_objects(stream, near, [of_objects(*some)])
     of_a_list = parquet.read_table(refused).replace_schema_metadata({"conflictdb": "[]"})
     parquet.write_table(of_a_list, strange)
+    geo = {"encoding": "WKB", "crs": {"id": {"authority": "EPSG", "code": 3857}}}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": geo}}
+    parquet.write_table(of_a_list.replace_schema_metadata({"geo": json.dumps(geo)}), metres)
     detect = ["spark", "detect", "--output", output, "--input"]
     commands = [[*detect, refused], [*detect, exported, "--partitions", "2"]]
     commands += [[*detect, path] for path in (exported, __file__, strange, twins)]
     commands += [[*detect, around, "--motion", "great_circle", "--earth", "sphere"]]
-    commands += [[*detect, nothing]]
+    commands += [[*detect, path] for path in (nothing, metres)]
     found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
     assert (tmp_path / "near at the seam.killed").exists()
     for job in jobs:
@@ -70,8 +73,8 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
 
     # The command has the settings of the file, and one line for what it refuses.
     told = json.loads((tmp_path / "said.json").read_text())
-    refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty = told
-    said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty
+    refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty, projected = told
+    said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty, projected
     assert all((code, text.count("\n")) == (4, 1) for code, text in said)
     assert refusal[1].startswith("conflictdb: area 'N': geometry: ")
     assert done[0] == 0
@@ -82,6 +85,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     assert "object 'T': id: occurs more than once" in same_key[1]
     assert "centre: does not follow from objects all around the earth" in no_centre[1]
     assert empty[1] == f"conflictdb: {nothing}: file: holds no area and no track: nothing is changed\n"
+    assert f"{metres}: metadata geo: must say that column geometry is longitude and latitude" in projected[1]
     geo = json.loads(parquet.read_schema(next(Path(output).glob("*.parquet"))).metadata[b"geo"])
     assert geo["primary_column"] == "region"
     assert all("crs" not in column for column in geo["columns"].values())

@@ -344,6 +344,65 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     assert "partitioned into directories" in refusal(directory)
 
 
+@pytest.mark.parametrize("form", [True, False])
+def test_own_columns_are_in_the_reference_system_of_the_metadata(tmp_path: Path, form: bool) -> None:
+    """Metres of EPSG 3857 are transformed, of areas and tracks, whether or not the file says its form."""
+    track = Track("T", np.array([(9.0, 54.0), (9.5, 54.5)]), np.array([EIGHT, TEN]), np.array([[0.0, 0.0]]))
+    path = tmp_path / "own.parquet"
+    with path.open("wb") as stream:
+        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [track])])
+    table = pq.read_table(path)
+    metres = pyproj.Transformer.from_crs(4326, 3857, always_xy=True)
+    shapes = shapely.transform(
+        shapely.from_wkb(table["geometry"].to_pylist()), lambda xy: np.column_stack(metres.transform(*xy.T))
+    )
+    geo = json.loads(table.schema.metadata[b"geo"])
+    geo["columns"]["geometry"] |= {"crs": {"id": {"authority": "EPSG", "code": 3857}}, "edges": "spherical"}
+    table = table.set_column(table.schema.get_field_index("geometry"), "geometry", wkb(shapes))
+    kept = table.schema.metadata if form else {}
+    pq.write_table(table.replace_schema_metadata({**kept, b"geo": json.dumps({**geo})}), path)
+    contents = read(path)
+    assert np.allclose(contents.areas[0].footprint.bounds, SQUARE.bounds, rtol=0, atol=1e-9)
+    assert np.allclose(contents.tracks[0].positions_deg, track.positions_deg, rtol=0, atol=1e-9)
+    assert [one.text.split(";")[0] for one in contents.remarks] == ["says that edges are great circles"]
+
+
+@pytest.mark.parametrize(
+    ("said", "remark"),
+    [
+        ({"crs": None}, "does not say its reference system"),
+        ({"edges": "spherical"}, "edges are great circles"),
+        ({"edges": "vincenty"}, "edges are 'vincenty'"),
+        ({"epoch": 2021.47}, "coordinates are of epoch 2021.47"),
+    ],
+)
+def test_metadata_of_own_columns_are_remarked_on_as_of_others(
+    tmp_path: Path, said: dict[str, Any], remark: str
+) -> None:
+    column = {"encoding": "WKB", "geometry_types": [], **said}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    for name, more in (("own.parquet", {"kind": ["area"]}), ("others.parquet", {"remark": ["x"]})):
+        contents = read(written(tmp_path / name, {"id": ["A"], "geometry": [SQUARE], **more}, geo))
+        assert contents.areas[0].footprint.bounds == SQUARE.bounds
+        assert [remark in one.text for one in contents.remarks] == [True]
+
+
+@pytest.mark.parametrize(
+    ("said", "rule"),
+    [
+        ({"encoding": "TWKB"}, "encoding must be one of WKB"),
+        ({"encoding": "polygon"}, "holds what is no geometry in polygon"),
+        ({"crs": {"id": {"authority": "EPSG", "code": 999999}}}, "is not known to PROJ: EPSG:999999"),
+        ({"edges": 7}, "edges must be a text; got 7"),
+        ({"epoch": "now"}, "epoch must be a year, a number; got 'now'"),
+    ],
+)
+def test_metadata_of_own_columns_are_refused_as_of_others(tmp_path: Path, said: dict[str, Any], rule: str) -> None:
+    column = {"encoding": "WKB", "geometry_types": [], **said}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    assert rule in refusal(written(tmp_path / "a.parquet", {"id": ["A"], "kind": ["area"], "geometry": [SQUARE]}, geo))
+
+
 @pytest.mark.parametrize("crs", ["EPSG:4326", pyproj.CRS(4326).to_wkt(), 4326])
 def test_a_reference_system_may_be_its_name_or_wkt(tmp_path: Path, crs: str | int) -> None:
     """As older writers give it."""
