@@ -500,17 +500,22 @@ class Database:
             return explanations.explain(self.connection, scene, a_key, b_key)
 
     def probe(
-        self, scene: str, plan: Area | Track, *, jobs: int = 1, worker_timeout_s: float | None = None
+        self,
+        scene: str,
+        plan: Area | Track | Sequence[Area | Track],
+        *,
+        jobs: int = 1,
+        worker_timeout_s: float | None = None,
     ) -> Listing[Conflict]:
         """Return what a plan would be in conflict with, and when, without writing anything.
 
         By the stages that a detection runs, with the scene's settings, on the objects that the last detection saw. With
         the scene's `nearest_m` also what it would come near. An object that has the key of the plan is left out: the
-        plan would replace it.
+        plan would replace it. Several plans replace their namesakes together, and are checked against each other, too.
 
         Parameters
         ----------
-        plan : Area or Track
+        plan : Area or Track, or a sequence of them
             What is planned.
         jobs : int
             Threads to solve in. The answer does not depend on it.
@@ -529,17 +534,16 @@ class Database:
             A transaction is open: the answer must come from one state of the database, and workers see a question when
             it is committed.
         """
-        if not isinstance(plan, Area | Track):
-            raise InvalidInput("probe", "plan", f"must be an Area or a Track; got {type(plan).__name__}")
+        plans = _plans(plan)
         inputs.count("probe", "jobs", jobs, 1)
         # Not above: the stages take longer to import than everything else.
         from conflictdb.db import probes
 
         if worker_timeout_s is None:
-            found = probes.probe(self.connection, scene, plan, jobs=jobs)
+            found = probes.probe(self.connection, scene, plans, jobs=jobs)
         else:
             timeout = timedelta(seconds=inputs.seconds("probe", "worker_timeout_s", worker_timeout_s))
-            found = probes.ask(self.connection, scene, plan, timeout)
+            found = probes.ask(self.connection, scene, plans, timeout)
         _warn_if_incomplete(found.state)
         return found
 
@@ -807,6 +811,21 @@ class Database:
     def load_demo(self) -> Loaded:
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
         return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+
+
+def _plans(given: Any) -> list[Area | Track]:
+    """Return a plan, or several, as a list; raises InvalidInput for anything else, and for keys that occur twice."""
+    plans = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    seen: set[str] = set()
+    for plan in plans:
+        if not isinstance(plan, Area | Track):
+            raise InvalidInput("probe", "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
+        if plan.key in seen:
+            raise InvalidInput(f"plan {plan.key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(plan.key)
+    if not plans:
+        raise InvalidInput("probe", "plan", "must be an Area or a Track, or several; got none")
+    return plans
 
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:

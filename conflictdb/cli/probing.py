@@ -2,16 +2,19 @@
 
 import argparse
 import os
+from collections.abc import Collection, Sequence
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.output import out, remark
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import approach_table, print_conflicts, skipped_text
+from conflictdb.cli.report import approach_table, print_conflicts, remark_incomplete, skipped_text
 from conflictdb.cli.session import database
 from conflictdb.errors import InvalidInput
+from conflictdb.io.conflict_text import MoreColumn
 from conflictdb.model import Area, Track, rectangle_outline_m
-from conflictdb.results import Conflict, Verdict
+from conflictdb.results import Conflict, SceneState, Verdict
 
 if TYPE_CHECKING:
     import shapely
@@ -35,37 +38,67 @@ def probe(args: argparse.Namespace) -> int:
         ],
     )
     plans = _plans(args)
-    found: list[Conflict] = []
-    states = []
+    keys = {plan.key for plan in plans}
+    jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
-        for plan in plans:
-            jobs = args.jobs or os.cpu_count() or 1
-            listing = db.probe(args.scene, plan, jobs=jobs, worker_timeout_s=args.worker)
-            found += listing
-            states = [listing.state]
+        known = [one for one in db.stream_conflicts(args.scene) if _members(one, keys)] if args.diff else []
+        found = db.probe(args.scene, plans, jobs=jobs, worker_timeout_s=args.worker)
+    named = MoreColumn("plans", lambda one: _members(one, keys))
     conflicts = [one for one in found if one.verdict is not Verdict.NEAR]
-    if args.format == "table":
-        print_conflicts(conflicts, states, args.format)
+    if args.diff:
+        _print_changes(known, conflicts, found.state, named, args.format)
+    elif args.format == "table":
+        print_conflicts(conflicts, [found.state], args.format, [named])
         if near := [one for one in found if one.verdict is Verdict.NEAR]:
-            out("\nno conflict, but near:\n" + approach_table(near))
+            out("\nno conflict, but near:\n" + approach_table(near, [named]))
     else:
-        print_conflicts(found, states, args.format)
+        print_conflicts(found, [found.state], args.format, [named])
     return CONFLICTS_FOUND if args.fail_on_conflict and conflicts else DONE
+
+
+def _members(one: Conflict, keys: Collection[str]) -> list[str]:
+    """Return the members of a pair that have one of these keys."""
+    return [key for key in (one.a_key, one.b_key) if key in keys]
+
+
+def _print_changes(
+    known: Sequence[Conflict], found: Sequence[Conflict], state: SceneState, named: MoreColumn, form: str
+) -> None:
+    """Print the conflicts that the plans would end, begin or change."""
+    before, after = ({(one.a_key, one.b_key): one for one in some} for some in (known, found))
+    kinds = {pair: "gone" for pair in before if pair not in after}
+    kinds |= {pair: "new" for pair in after if pair not in before}
+    kinds |= {pair: "changed" for pair in after if pair in before and _differs(before[pair], after[pair])}
+    rows = [after.get(pair) or before[pair] for pair in sorted(kinds)]
+    change = MoreColumn("change", lambda one: kinds[one.a_key, one.b_key])
+    if form == "table" and not rows:
+        remark_incomplete([state])
+        out("no conflict would be gone, new or changed")
+    else:
+        print_conflicts(rows, [state], form, [change, named])
+
+
+def _differs(one: Conflict, other: Conflict) -> bool:
+    """Return whether verdicts, or periods by more than their errors, are not the same."""
+    if one.verdict is not other.verdict or len(one.periods) != len(other.periods):
+        return True
+    most = timedelta(seconds=one.time_error_s + other.time_error_s, microseconds=2)
+    ends, others = ([end for period in each.periods for end in period] for each in (one, other))
+    return any(x != y if x is None or y is None else abs(x - y) > most for x, y in zip(ends, others, strict=True))
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:
     # Not above: usage errors come at once.
-    from conflictdb.io import read
     from conflictdb.io.contents import without_objects
+    from conflictdb.io.gather import gather
 
     plans: list[Area | Track] = []
-    for file in args.files:
-        contents = read(file)
-        for line in skipped_text(contents.skipped):
+    for read in gather(args.files, args.scene):
+        for line in skipped_text(read.skipped):
             remark(line)
-        if not (contents.areas or contents.tracks):
-            raise without_objects("file", file, contents.skipped)
-        plans += [*contents.areas, *contents.tracks]
+        if not (read.areas or read.tracks):
+            raise without_objects("file", read.sources[0], read.skipped)
+        plans += [*read.areas, *read.tracks]
     key = args.key or "plan"
     heights = {"floor_m": args.floor_m, "ceiling_m": args.ceiling_m}
     if args.footprint is not None:

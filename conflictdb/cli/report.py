@@ -4,7 +4,7 @@ import shlex
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.output import binary, data, out, remark, table
 from conflictdb.errors import MOST_TOLD
@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 _SECOND = timedelta(seconds=1)
 
 
-def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState], form: str) -> None:
+def print_conflicts(
+    conflicts: Iterable[Conflict],
+    states: Sequence[SceneState],
+    form: str,
+    more: Sequence[conflict_text.MoreColumn] = (),
+) -> None:
     """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remark what may be missing from the scenes.
 
     All but a table, whose columns are as wide as they need to be, are printed as they come.
@@ -27,7 +32,7 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
     if form == "table":
         complete = all(state.is_current for state in states)
         rows = list(conflicts)
-        out(conflict_table(rows) if rows else "no conflicts" if complete else "no conflict is known")
+        out(conflict_table(rows, more) if rows else "no conflicts" if complete else "no conflict is known")
         return
     if form == "geoparquet":
         from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
@@ -36,7 +41,7 @@ def print_conflicts(conflicts: Iterable[Conflict], states: Sequence[SceneState],
         with binary() as stream:
             write_conflicts(stream, conflicts)
         return
-    _write(conflicts, states, form, conflict_text.COLUMNS)
+    _write(conflicts, states, form, conflict_text.COLUMNS, more)
 
 
 def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
@@ -58,18 +63,22 @@ def remark_incomplete(states: Iterable[SceneState]) -> None:
 
 
 def _write(
-    pairs: Iterable[Conflict | Approach], states: Sequence[SceneState], form: str, columns: Sequence[str]
+    pairs: Iterable[Conflict | Approach],
+    states: Sequence[SceneState],
+    form: str,
+    columns: Sequence[str],
+    more: Sequence[conflict_text.MoreColumn] = (),
 ) -> None:
     if form == "csv":
-        lines = conflict_text.as_csv(pairs, columns)
+        lines = conflict_text.as_csv(pairs, columns, more)
     elif form == "geojson":
-        lines = conflict_text.as_geojson(pairs, states)
+        lines = conflict_text.as_geojson(pairs, states, more)
     else:
-        lines = conflict_text.as_json(pairs)
+        lines = conflict_text.as_json(pairs, more)
     data(lines, is_json=form != "csv")
 
 
-def conflict_table(conflicts: Sequence[Conflict]) -> str:
+def conflict_table(conflicts: Sequence[Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
     """Return a table of conflicts, one line per pair, times in UTC rounded outward to the second."""
     several = len({conflict.scene for conflict in conflicts}) > 1
     header = ["A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)", "PERIODS"]
@@ -84,6 +93,7 @@ def conflict_table(conflicts: Sequence[Conflict]) -> str:
         ]
         for conflict in conflicts
     ]
+    _add_columns(header, rows, conflicts, more)
     if several:
         header.insert(0, "SCENE")
         for row, conflict in zip(rows, conflicts, strict=True):
@@ -91,7 +101,19 @@ def conflict_table(conflicts: Sequence[Conflict]) -> str:
     return table(header, rows, right=["PERIODS"])
 
 
-def approach_table(approaches: Sequence[Approach | Conflict]) -> str:
+def _add_columns(
+    header: list[str],
+    rows: list[list[Any]],
+    conflicts: Sequence[Any],
+    more: Sequence[conflict_text.MoreColumn],
+) -> None:
+    """Put further columns before those of a table."""
+    header[:0] = [column.name.upper() for column in more]
+    for row, conflict in zip(rows, conflicts, strict=True):
+        row[:0] = [column.text(conflict) for column in more]
+
+
+def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
     """Return a table of closest approaches, one line per pair, times in UTC to the second."""
     several = len({approach.scene for approach in approaches}) > 1
     header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
@@ -105,6 +127,7 @@ def approach_table(approaches: Sequence[Approach | Conflict]) -> str:
         ]
         for approach in approaches
     ]
+    _add_columns(header, rows, approaches, more)
     if several:
         header.insert(0, "SCENE")
         for row, approach in zip(rows, approaches, strict=True):

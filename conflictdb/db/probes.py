@@ -1,4 +1,4 @@
-"""Probes: what a planned area or track would meet, and when, by the stages that a detection runs; nothing is written.
+"""Probes: what planned areas and tracks would meet, and when, by the stages of a detection; nothing is written.
 
 The plan is cut into pieces as objects of the scene are, and joined with the pieces that the last detection made. Who
 asks in SQL leaves a request, which a worker answers (`answer`), a scene at a time.
@@ -6,7 +6,7 @@ asks in SQL leaves a request, which a worker answers (`answer`), a scene at a ti
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import timedelta
 from typing import Any, Final
@@ -21,6 +21,7 @@ from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.db.sources import pairs_of_rows
 from conflictdb.errors import InvalidInput
+from conflictdb.in_memory import solve
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
@@ -41,14 +42,14 @@ _ANSWERING_S: Final = 1.0
 def probe(
     conn: psycopg.Connection[Any],
     scene: str,
-    plan: Area | Track,
+    plans: Sequence[Area | Track],
     *,
     jobs: int = 1,
     memory_mb: int = MEMORY_MB,
 ) -> Listing[Conflict]:
-    """Return what a plan would be in conflict with, on one state of the database.
+    """Return the conflicts of plans with the scene and with each other, on one state of the database.
 
-    An object of the scene that has the key of the plan is left out: the plan would replace it.
+    Objects of the scene that have the key of a plan are left out: the plans would replace them together.
 
     Raises InvalidInput if the scene is not known, or its plane cannot hold the plan, and StoreError if a transaction is
     open.
@@ -56,25 +57,57 @@ def probe(
     store.begin_snapshot(conn)
     try:
         state = store.scene_state(conn, scene)
-        found = _probed(conn, store.scene_id(conn, scene), plan, plan.key, jobs, Memory.of(memory_mb))
+        number, memory = store.scene_id(conn, scene), Memory.of(memory_mb)
+        settings = store.read_settings(conn, number)
+        found = [_probed(conn, number, plan, plan.key, jobs, memory) for plan in plans]
     finally:
         with store.translated():
             conn.rollback()
-    return Listing(state, found, Conflict)
+    return Listing(state, _together(settings, plans, found), Conflict)
 
 
-def ask(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, timeout: timedelta) -> Listing[Conflict]:
-    """Return what a worker says a plan would be in conflict with.
+def ask(
+    conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], timeout: timedelta
+) -> Listing[Conflict]:
+    """Return what `probe` does, by a worker; conflicts of plans with each other are found here.
+
+    timeout : for all plans together
 
     Raises what `probe` raises, InvalidInput for a plan that a question cannot hold, and NotCurrent if no worker answers
     in time.
     """
     store.require_idle(conn, "a question to a worker")
-    probe_id = store.request_probe(conn, scene, plan)
+    until_s = time.monotonic() + timeout.total_seconds()
     with store.transaction(conn):
         settings = store.read_settings(conn, store.scene_id(conn, scene))
         state = store.scene_state(conn, scene)
-    return Listing(state, store.wait_for_probe(conn, settings, plan, probe_id, timeout), Conflict)
+    found = []
+    for plan in plans:
+        probe_id = store.request_probe(conn, scene, plan)
+        left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
+        found.append(store.wait_for_probe(conn, settings, plan, probe_id, left))
+    return Listing(state, _together(settings, plans, found), Conflict)
+
+
+def _together(
+    settings: Scene, plans: Sequence[Area | Track], found: Sequence[Sequence[Conflict]]
+) -> Sequence[Conflict]:
+    """Return the conflicts of plans with objects that no plan replaces, and with each other.
+
+    found : conflicts of each plan with all objects of the scene but its own namesake
+    """
+    if len(plans) == 1:
+        return found[0]
+    keys = {plan.key for plan in plans}
+    rows = [
+        one
+        for plan, own in zip(plans, found, strict=True)
+        for one in own
+        if (one.b_key if one.a_key == plan.key else one.a_key) not in keys
+    ]
+    tracks, areas = ([plan for plan in plans if isinstance(plan, kind)] for kind in (Track, Area))
+    rows += solve(tracks, areas, settings)
+    return sorted(rows, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:

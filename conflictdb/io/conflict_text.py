@@ -5,7 +5,9 @@ and an empty cell, without one.
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
 from io import StringIO
@@ -48,24 +50,43 @@ _UNACKNOWLEDGED: Final = (_NULL,) * 4
 _TRUTH: Final = {None: _NULL, False: "false", True: "true"}
 
 
+@dataclass(frozen=True, slots=True)
+class MoreColumn:
+    """A column after those of the view.
+
+    name : in files; in the header of a table in capitals
+    value : of a pair: a text, or texts, which are a list in JSON
+    """
+
+    name: str
+    value: Callable[[Conflict], str | list[str]]
+
+    def text(self, one: Conflict) -> str:
+        """Return its value as a table shows it."""
+        value = self.value(one)
+        return value if isinstance(value, str) else ", ".join(value)
+
+
 def columns_of(kind: type[Conflict] | type[Approach]) -> tuple[str, ...]:
     """Return the columns of conflicts, or of closest approaches."""
     return APPROACH_COLUMNS if kind is Approach else COLUMNS
 
 
-def as_json(conflicts: Iterable[Conflict | Approach]) -> Iterator[str]:
+def as_json(conflicts: Iterable[Conflict | Approach], more: Sequence[MoreColumn] = ()) -> Iterator[str]:
     """Yield the lines of one JSON array, one object per pair; unbounded ends of periods are null."""
-    conflict_line, approach_line = _object(COLUMNS), _object(APPROACH_COLUMNS)
+    conflict_line, approach_line = _object([*COLUMNS, *(column.name for column in more)]), _object(APPROACH_COLUMNS)
     yield "["
     separator = "\n  "
     for one in conflicts:
-        line = approach_line % _approach_texts(one) if isinstance(one, Approach) else conflict_line % _texts(one)
+        line = approach_line % _approach_texts(one) if isinstance(one, Approach) else conflict_line % _texts(one, more)
         yield separator + harmless(line)
         separator = ",\n  "
     yield "]\n" if separator == "\n  " else "\n]\n"
 
 
-def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> Iterator[str]:
+def as_csv(
+    conflicts: Iterable[Conflict | Approach], columns: Sequence[str], more: Sequence[MoreColumn] = ()
+) -> Iterator[str]:
     """Yield the lines of a CSV file with a header: COLUMNS of conflicts, APPROACH_COLUMNS of closest approaches.
 
     Periods are ISO 8601 intervals, start/end, separated by spaces; an unbounded end is two dots. Geometries are
@@ -82,12 +103,14 @@ def as_csv(conflicts: Iterable[Conflict | Approach], columns: Sequence[str]) -> 
         writer.writerow(row)
         return buffer.getvalue().removesuffix(_LINE_END) + "\n"
 
-    yield written(columns)
+    yield written([*columns, *(column.name for column in more)])
     for one in conflicts:
-        row = list(_approach_texts(one) if isinstance(one, Approach) else _texts(one))
+        row = list(_approach_texts(one) if isinstance(one, Approach) else _texts(one, more))
         for k in quoted:
             if row[k] != _NULL:
                 row[k] = row[k][1:-1]
+        for k in range(len(columns), len(row)):
+            row[k] = cell(json.loads(row[k])) if row[k].startswith('"') else row[k]
         if isinstance(one, Conflict):
             row[_PERIODS] = interval_text(one.periods)
         row = ["" if text == _NULL else text for text in row]
@@ -106,7 +129,9 @@ def cell(text: str) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
-def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneState] = ()) -> Iterator[str]:
+def as_geojson(
+    conflicts: Iterable[Conflict | Approach], states: Sequence[SceneState] = (), more: Sequence[MoreColumn] = ()
+) -> Iterator[str]:
     """Yield the lines of a FeatureCollection: where each pair is, and the rest.
 
     That is a conflict's region, else its first contact; of a closest approach the line between the nearest points. The
@@ -125,7 +150,7 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneS
     ]
     told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
     yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
-    conflict_line = _object([name for name in COLUMNS if name != "region"])
+    conflict_line = _object([*(name for name in COLUMNS if name != "region"), *(column.name for column in more)])
     approach_line = _object(APPROACH_COLUMNS)
     separator = "\n"
     for one in conflicts:
@@ -133,7 +158,7 @@ def as_geojson(conflicts: Iterable[Conflict | Approach], states: Sequence[SceneS
             geometry = _between(one.a_deg, one.b_deg)
             properties = approach_line % _approach_texts(one)
         else:
-            texts = _texts(one)
+            texts = _texts(one, more)
             geometry = texts[_REGION] if one.region is not None else _point(one.first_contact_deg)
             if geometry == _NULL and one.closest_a_deg and one.closest_b_deg:
                 geometry = _between(one.closest_a_deg, one.closest_b_deg)
@@ -153,7 +178,7 @@ def _object(columns: Sequence[str]) -> str:
     return "{" + ", ".join(f'"{name}": %s' for name in columns) + "}"
 
 
-def _texts(one: Conflict) -> tuple[str, ...]:
+def _texts(one: Conflict, more: Sequence[MoreColumn] = ()) -> tuple[str, ...]:
     """Return the columns of a conflict as JSON. By hand: a list of tens of thousands takes half as long."""
     periods = [(_moment(start), _moment(end)) for start, end in one.periods]
     found_at = _moment(one.found_at)
@@ -184,6 +209,7 @@ def _texts(one: Conflict) -> tuple[str, ...]:
         _NULL if one.verdict is Verdict.NEAR else found_at,
         _moment(one.changed_at),
         *(_UNACKNOWLEDGED if one.acknowledged_by is None else _acknowledged(one)),
+        *[dumped(column.value(one)) for column in more],
     )
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -269,12 +270,12 @@ def test_probe_says_what_a_plan_would_meet(run: Run) -> None:
     sizes = ("--fore-m", "500", "--aft-m", "500", "--port-m", "300", "--starboard-m", "300")
     told = run(*ask, *path, *sizes, "--key", "SUB-1", "--fail-on-conflict")
     assert (told.code, told.out.count("\n")) == (10, 2)
-    assert re.search(r"CABLE +SUB-1 +conflict +2026-06-01 08:41:18", told.out)
+    assert re.search(r"SUB-1 +CABLE +SUB-1 +conflict +2026-06-01 08:41:18", told.out)
     assert run(*ask, *path, "--floor-m", "9000", "--fail-on-conflict").out == "no conflicts\n"
     # The plans of a file: here the scene itself, each object in its own place.
     whole = json.loads(run(*ask, STRAIT, "--format", "json").out)
     assert {(row["a_key"], row["b_key"]) for row in whole} == EXPECTED
-    assert len(whole) == 2 * len(EXPECTED)
+    assert len(whole) == len(EXPECTED)
     late = run(*ask, *path, "--worker", "50ms")
     assert (late.code, "is not answered after" in late.err) == (1, True)
     refused = {
@@ -290,6 +291,67 @@ def test_probe_says_what_a_plan_would_meet(run: Run) -> None:
         assert run(*ask, *usage).code == 2
     for usage in ((*path, "--from", "2026-06-01T08:00Z"), (STRAIT, "--key", "K"), (STRAIT, "--floor-m", "1")):
         assert run(*ask, *usage).code == 2
+
+
+def plan_file(path: Path, keys: Sequence[str], **starts: str) -> Path:
+    """Write some objects of the strait, with other starts for some of them."""
+    features = [f for f in json.loads(STRAIT.read_text())["features"] if f["id"] in keys]
+    for feature in features:
+        if feature["id"] in starts:
+            feature["properties"]["start"] = starts[feature["id"]]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+def periods_of(text: str) -> dict[tuple[str, str], list[list[str]]]:
+    return {(row["a_key"], row["b_key"]): row["periods"] for row in json.loads(text)}
+
+
+def test_plans_of_a_file_replace_their_namesakes_together(run: Run, tmp_path: Path) -> None:
+    """With a ferry 20 minutes late: what a detection says once they are loaded, and nothing of the old ferry."""
+    run("detect", STRAIT)
+    keys = ("FERRY", "TOW", "DIVING")
+    path = plan_file(tmp_path / "late.geojson", keys, FERRY="2026-06-01T07:35:00Z")
+    ask = ("probe", "--scene", "strait", path)
+    rows = json.loads(run(*ask, "--format", "json").out)
+    changes = json.loads(run(*ask, "--diff", "--format", "json").out)
+    for row in rows:
+        assert row["plans"] == [key for key in (row["a_key"], row["b_key"]) if key in keys]
+    table = run(*ask).out.splitlines()
+    assert table[0].split()[:3] == ["PLANS", "A", "B"]
+    assert any(line.startswith("DIVING, FERRY ") for line in table), table
+    listed = list(csv.DictReader(StringIO(run(*ask, "--format", "csv").out)))
+    assert [json.loads(row["plans"]) for row in listed] == [row["plans"] for row in rows]
+    features = json.loads(run(*ask, "--format", "geojson").out)["features"]
+    assert [one["properties"]["plans"] for one in features] == [row["plans"] for row in rows]
+
+    before = periods_of(run("conflicts", "--scene", "strait", "--format", "json").out)
+    after = periods_of(run("detect", path, "--scene", "strait", "--format", "json").out)
+    assert {(row["a_key"], row["b_key"]): row["periods"] for row in rows} == {
+        pair: periods for pair, periods in after.items() if {*pair} & {*keys}
+    }
+    expected = dict.fromkeys(before.keys() - after.keys(), "gone")
+    expected |= dict.fromkeys(after.keys() - before.keys(), "new")
+    expected |= {pair: "changed" for pair in after.keys() & before.keys() if after[pair] != before[pair]}
+    assert {(row["a_key"], row["b_key"]): row["change"] for row in changes} == expected
+    assert "changed" in expected.values()
+    assert run(*ask, "--diff").out == "no conflict would be gone, new or changed\n"
+
+
+def test_a_diff_names_what_is_gone_and_new(run: Run, tmp_path: Path) -> None:
+    run("detect", STRAIT)
+    path = plan_file(tmp_path / "evening.geojson", ["FERRY"], FERRY="2026-06-01T20:15:00Z")
+    table = run("probe", "--scene", "strait", path, "--diff").out.splitlines()
+    assert table[0].split()[:4] == ["CHANGE", "PLANS", "A", "B"]
+    assert {tuple(line.split()[:4]) for line in table[1:]} == {
+        ("gone", "FERRY", *pair) for pair in EXPECTED if "FERRY" in pair
+    }
+    run("detect", path, "--scene", "strait")
+    back = plan_file(path, ["FERRY"])
+    changes = json.loads(run("probe", "--scene", "strait", back, "--diff", "--format", "json").out)
+    assert {(row["change"], row["a_key"], row["b_key"]) for row in changes} == {
+        ("new", *pair) for pair in EXPECTED if "FERRY" in pair
+    }
 
 
 def test_explain_says_why(run: Run) -> None:

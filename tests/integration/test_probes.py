@@ -101,6 +101,25 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
             db.probe("nowhere", box("new", 0.0, 0.0, 1.0, 1.0))
 
 
+def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) -> None:
+    """From here and from a worker: the old places meet nobody, and the new ones each other."""
+    old = [box("A", 0.4, -0.1, 0.6, 0.1), box("B", 2.4, -0.1, 2.6, 0.1)]
+    load(conn, Scene("s"), old, [track("T", (0.0, 0.0), (3.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    plans = [box("A", 2.5, 0.0, 2.6, 0.3), box("B", 2.4, 0.2, 2.6, 0.4), track("P", (0.5, -1.0), (0.5, 1.0))]
+    with connect(conn) as db:
+        here = db.probe("s", plans)
+        assert [(one.a_key, one.b_key) for one in here] == [("A", "B"), ("A", "T")]
+        for given, rule in (([], "got none"), ([plans[0], plans[0]], "occurs more than once"), ([1], "got int")):
+            with pytest.raises(InvalidInput, match=rule):
+                db.probe("s", given)
+    with answering(dsn), connect(dsn) as db:
+        told = db.probe("s", plans, worker_timeout_s=60.0)
+        assert [(one.a_key, one.b_key, one.periods) for one in told] == [
+            (one.a_key, one.b_key, one.periods) for one in here
+        ]
+
+
 ASK = "SELECT conflictdb.request_probe(%s, ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 4326))"
 ASK_TRACK = """
 SELECT conflictdb.request_track_probe(%s, ST_GeomFromText(%s, 4326), conflictdb.rectangle_outline(500, 500, 200, 200))

@@ -149,9 +149,9 @@ def _probe(commands: Any) -> None:
         "probe",
         "probing:probe",
         "say what a plan would be in conflict with, and when",
-        "The plans of files, each by itself, or one that is given here. By the scene's settings, on the objects that "
-        "the last detection saw; writes nothing. An object that has the key of the plan is left out: the plan would "
-        "replace it.",
+        "The plans of files, or one that is given here. By the scene's settings, on the objects that the last "
+        "detection saw; writes nothing. All plans together replace the objects that have their keys, and are compared "
+        "with each other, too. Column plans: which members of a pair are plans.",
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="plans: scene files, positions, or areas")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to ask")
@@ -176,6 +176,11 @@ def _probe(commands: Any) -> None:
         type=duration_s,
         metavar="DURATION",
         help="ask a worker, and wait so long at most (30s, 5m); exits with 1 if none has answered",
+    )
+    parser.add_argument(
+        "--diff",
+        action="store_true",
+        help="print only what the plans would change: known conflicts that are gone, new ones and changed ones",
     )
     add_jobs(parser)
     add_fail_on_conflict(parser)
