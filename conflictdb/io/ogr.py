@@ -2,7 +2,8 @@
 
 Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of those that are asked for,
 becomes an area. A line becomes a track if its layer has a column that says when (times or a speed; an M is lost on the
-way); the track points of GPX become tracks as positions do. All other points and lines are left out, by name. Columns
+way); the track points of GPX become tracks as positions do. A line of KML with a begin and an end (gx:Track) is
+refused. All other points and lines are left out, by name. Columns
 that scene files know as members, in upper or lower case, are read as there, lists as JSON; all others are kept as
 properties. Without an id column the number of the feature is the id, after the name of its layer if there are several.
 Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight in the
@@ -10,7 +11,7 @@ scene's plane.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,12 +38,19 @@ from conflictdb.io.names import RENAME_COLUMN
 from conflictdb.io.ogr_process import Layer, read_layers
 from conflictdb.io.reference import of_name
 from conflictdb.io.speeds import within_speed
+from conflictdb.io.time_columns import is_time_like
 from conflictdb.model import Area, Scene, Track
 
 # Columns of which one makes the lines of a layer tracks.
 _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 # Of what is left out by geometry so many are named.
 _MOST_NAMED: Final = 10
+# Columns that OGR gives the features of KML, among others.
+_KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
+_KML_TRACK: Final = (
+    "are missing: a line with a begin and an end, as a gx:Track has, whose times of each point the OGR library does "
+    "not give; write it as GPX, or as a line with a column times"
+)
 _GPX_POINTS: Final = "track_points"
 _POINT_BYTES: Final = 21  # of a point in WKB
 _GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points", _GPX_POINTS})
@@ -115,12 +123,20 @@ def _features(
     setting = objects.Setting(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
     has_times = not _WHEN.isdisjoint(name.lower() for name in layer.fields)
     others: dict[str, list[str]] = defaultdict(list)
+    is_kml = set(layer.fields) >= _KML_FIELDS
+    time_like: dict[str, None] = {}
     for i, number in enumerate(layer.numbers):
         shape = shapes[i]
         where = f"feature {number} of {who}"
         values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and has_times
+        if is_kml and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
+            with refusals:
+                raise InvalidInput(where, "times", _KML_TRACK)
+            continue
+        if kind in LINES and not is_track:
+            time_like.update(dict.fromkeys(name for name, value in values.items() if is_time_like(name, value)))
         if kind in POINTS | LINES and not is_track:
             others[shape.geom_type].append(str(number))
             continue
@@ -131,10 +147,17 @@ def _features(
                 yield where, polygon_area(where, f"{prefix}{number}", values, shape, setting)
     for kind_name, numbers in others.items():
         named = ", ".join(numbers[:_MOST_NAMED]) + (", …" if len(numbers) > _MOST_NAMED else "")
-        what = "without times: no tracks" if "Line" in kind_name else "no areas or tracks"
+        what = f"{_without_times(time_like)}: no tracks" if "Line" in kind_name else "no areas or tracks"
         contents.skipped.append(
             Skipped(source, who, f"{len(numbers)} features are {kind_name}s, {what} ({named})", (), is_whole=False)
         )
+
+
+def _without_times(time_like: Collection[str]) -> str:
+    """Say that lines have no times, and which of their columns look like times."""
+    if not time_like:
+        return "without times"
+    return f"without a column times or datetimes ({', '.join(time_like)} look like times, but not of each point)"
 
 
 def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:

@@ -26,6 +26,7 @@ from conflictdb.io.contents import PARQUET, TOO_LARGE, Contents, Parts, Remark
 from conflictdb.io.scene_file import read_scene
 from conflictdb.io.speeds import MAX_SPEED_KN
 from conflictdb.io.summary import Summary
+from conflictdb.io.time_columns import TimeColumns
 from conflictdb.model import Area, Track
 
 # What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
@@ -100,16 +101,21 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts, and tell in the end what only all of them show."""
+    times = TimeColumns()
     for areas, tracks in each:
         summary.add([*areas, *tracks])
+        times.add(areas)
         yield areas, tracks
     parts.refusals.extend(summary.twice())
-    parts.remarks += [*(() if len(summary) else (_empty(source),)), *summary.remarks(source)]
+    parts.remarks += [*(() if len(summary) else (_empty(source),)), *times.remarks(source), *summary.remarks(source)]
 
 
 def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     if not contents.areas and not contents.tracks:
         yield _empty(source)
+    times = TimeColumns()
+    times.add(contents.areas)
+    yield from times.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 

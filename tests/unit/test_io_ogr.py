@@ -49,6 +49,56 @@ def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> 
     assert area.footprint.equals(SQUARE)
 
 
+def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
+    """Of areas without start or end: they are active for longer than may be meant."""
+    path = write(
+        tmp_path / "zones.gpkg",
+        [SQUARE, shapely.box(5.0, 57.0, 6.0, 58.0)],
+        valid_from=np.array(["2026-03-01T06:00", "2026-03-02T06:00"], "datetime64[ms]"),
+        day=np.array(["2026-03-01", "2026-03-02"], "datetime64[D]"),
+        activeUntil=[1_772_323_200, 1_772_323_300],
+        remark=np.array(["2026", "at 2026-03-01"], dtype=object),
+        draught=[7.5, 1e9],
+    )
+    contents = io.read(path)
+    assert [area.start_us for area in contents.areas] == [None, None]
+    (remark,) = contents.remarks
+    rule = "valid_from, day, activeUntil look like times and are not read; rename what is meant as these"
+    assert remark.text == f"2 areas without start or end: {rule}"
+    known = {name: np.array(["2026-03-01T06:00:00Z"], dtype=object) for name in ("start", "revised")}
+    known["end"] = np.array(["2026-03-01T08:00:00Z"], dtype=object)
+    assert list(io.read(write(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
+
+
+KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>
+<Placemark><name>FERRY</name>{}</Placemark>
+<Placemark><name>ZONE</name><Polygon><outerBoundaryIs><LinearRing><coordinates>9,57 9.4,57 9.4,57.4 9,57</coordinates>
+</LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>"""
+GX_TRACK = """<gx:Track><when>2026-06-01T08:00:00Z</when><when>2026-06-01T09:00:00Z</when>
+<gx:coord>9.0 57.0 0</gx:coord><gx:coord>9.5 57.2 0</gx:coord></gx:Track>"""
+
+
+@pytest.mark.parametrize("track", [GX_TRACK, f"<gx:MultiTrack>{GX_TRACK}</gx:MultiTrack>"])
+def test_a_track_of_kml_is_refused_with_the_reason(tmp_path: Path, track: str) -> None:
+    """Its times get lost on the way; all other objects are read if it is left out."""
+    path = tmp_path / "plan.kml"
+    path.write_text(KML.format(track))
+    with pytest.raises(InvalidInput, match=r"times: are missing: .* as a gx:Track has"):
+        io.read(path)
+    contents = io.read(path, skip_invalid=True)
+    assert (len(contents.areas), contents.tracks) == (1, [])
+    assert [one.is_refused for one in contents.skipped] == [True]
+    path.write_text(KML.format("<LineString><coordinates>9,57 9.4,57</coordinates></LineString>"))
+    assert [one.reason for one in io.read(path).skipped] == ["1 features are LineStrings, without times: no tracks (1)"]
+
+
+def test_lines_without_times_name_columns_that_look_like_them(tmp_path: Path) -> None:
+    line = shapely.LineString([(4.0, 57.0), (5.0, 58.0)])
+    laid = np.array(["2026-03-01"], "datetime64[D]")
+    (skipped,) = io.read(write(tmp_path / "cables.gpkg", [line], kind="LineString", laid=laid)).skipped
+    assert "(laid look like times, but not of each point): no tracks" in skipped.reason
+
+
 def test_other_reference_systems_are_transformed(tmp_path: Path) -> None:
     edge = np.radians([4.0, 5.0]) * 6378137.0
     path = write(tmp_path / "areas.gpkg", [shapely.box(edge[0], 0.0, edge[1], 1000.0)], crs="EPSG:3857")
