@@ -14,6 +14,6 @@ FASTEST_KN = 60.0
 
 def load_hour(db: conflictdb.Database, scene: str) -> str:
     """Load the hour as a scene; returns in a line what it holds and what was left out."""
-    (loaded,) = db.load_files([real_input("ais-skagerrak", "ais.csv.gz")], scene, max_speed_kn=FASTEST_KN)
+    (loaded,) = db.load_files([real_input("ais-skagerrak", "ais.csv.gz")], scene, replace=True, max_speed_kn=FASTEST_KN)
     skipped = Counter(skip.reason for skip in loaded.skipped).most_common()
     return f"{loaded.counts.added} ships; left out: " + "; ".join(f"{reason} ({count})" for reason, count in skipped)

@@ -47,7 +47,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, conflictdb.connect() as db:
             path = Path(folder, "scene.geojson")
             path.write_text("".join(scene_text(scene, areas, tracks)))
-            name = db.load(path, "slicing")
+            name = db.load(path, "slicing", replace=True)
             for length in LENGTHS:
                 cutting.WHOLE_LEG_HAVENS = length
                 runs = [db.detect(name, method=Method.WINDOW, full=True, jobs=1) for _ in range(args.runs)]

@@ -144,7 +144,7 @@ def load_day(db: conflictdb.Database, scene: str, most: int | None) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "swiss-day.geojson")
         path.write_text("".join(scene_text(Scene(scene), areas, tracks)))
-        db.load(path)
+        db.load(path, replace=True)
     vertices = sum(shapely.get_num_coordinates(area.footprint) for area in areas)
     fixes = sum(len(track.times_us) for track in tracks)
     skipped = "; ".join(f"{what} ({times})" for what, times in left_out.most_common())

@@ -809,8 +809,11 @@ class Database:
         )
 
     def load_demo(self) -> Loaded:
-        """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft."""
-        return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))])[0]
+        """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft.
+
+        It replaces the objects of the scene of that name.
+        """
+        return self.load_files([Path(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))], replace=True)[0]
 
 
 def _plans(given: Any) -> list[Area | Track]:

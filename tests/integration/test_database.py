@@ -298,10 +298,10 @@ def test_any_scene_comes_back_from_the_database_as_it_was(
     path = tmp_path / "scene.geojson"
     path.write_text("".join(scene_text(*content)))
     with conflictdb.connect(dsn) as db:
-        loaded = db.load_files([path], max_speed_kn=math.inf)[0]  # random ones have no reason
+        loaded = db.load_files([path], replace=True, max_speed_kn=math.inf)[0]  # random ones have no reason
         assert loaded.scene == content[0].name
         db.export(loaded.scene, path)
-        assert db.load_files([path], max_speed_kn=math.inf)[0].counts == LoadCounts(
+        assert db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts == LoadCounts(
             0, 0, 0, len(content[1]) + len(content[2])
         )
     scene, areas, tracks, _ = conflictdb.read(path, max_speed_kn=math.inf)

@@ -403,6 +403,16 @@ def test_metadata_of_own_columns_are_refused_as_of_others(tmp_path: Path, said: 
     assert rule in refusal(written(tmp_path / "a.parquet", {"id": ["A"], "kind": ["area"], "geometry": [SQUARE]}, geo))
 
 
+def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
+    """Whether the file is read whole or part by part."""
+    path = written(tmp_path / "a.parquet", {"id": ["A"], "geometry": [SQUARE], "valid_from": pa.array([EIGHT], US)})
+    (remark,) = read(path).remarks
+    assert "1 area without start or end: valid_from look like times and are not read" in remark.text
+    with read_parts(path) as parts:
+        assert len(list(parts.each)) == 1
+        assert parts.remarks == [remark]
+
+
 @pytest.mark.parametrize("crs", ["EPSG:4326", pyproj.CRS(4326).to_wkt(), 4326])
 def test_a_reference_system_may_be_its_name_or_wkt(tmp_path: Path, crs: str | int) -> None:
     """As older writers give it."""
