@@ -60,7 +60,7 @@ def test_a_scene_goes_out_and_comes_in_as_it_was(run: Run, tmp_path: Path) -> No
         assert run("export", "--scene", scene, "--format", "geoparquet", other).code == 0
         assert pq.read_table(other).equals(pq.read_table(path))
         assert "0 added, 0 updated, 0 removed" in run("load", path).out
-        assert run("load", path, "--scene", "copy").code == 0
+        assert run("load", path, "--scene", "copy", "--replace").code == 0
         one, copy = (json.loads(run("export", "--scene", name, "-").out) for name in (scene, "copy"))
         assert {**one["scene"], "name": "copy"} == copy["scene"]
         assert one["features"] == copy["features"]
