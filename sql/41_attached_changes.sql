@@ -5,9 +5,11 @@
 -- Each attachment has a function of its own for its triggers: what names the columns is planned once a session. It goes
 -- with the schema conflictdb, and the triggers with it.
 --
--- The function runs as the owner of conflictdb. Editors may execute it, which CREATE TRIGGER requires, so they can make
--- triggers of it on tables of their own. It therefore evaluates nothing but output functions, and reads transition
--- tables only where the trigger declares them: without REFERENCING the name would be that of a temporary view.
+-- The function runs as the owner of conflictdb. CREATE TRIGGER requires the right to execute it, and so does each new
+-- partition. Only the role that attaches and the owner of the table have it: others would note changes in scenes that
+-- are not theirs. These two can make triggers of it on any table of their own. It therefore evaluates nothing but output
+-- functions, and reads transition tables only where the trigger declares them: without REFERENCING the name would be
+-- that of a temporary view.
 
 CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -25,56 +27,85 @@ CREATE OR REPLACE FUNCTION _create_note(p_attachment_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
     -- Statements that change more rows have them found by comparing the whole table: reading so many takes longer than
-    -- writers may notice.
+    -- writers may notice. The same goes for identities too long to be mapped (44_attached_objects.sql).
     c_most CONSTANT integer := 100;
+    c_longest CONSTANT integer := 1000;
     v_columns text[] := (SELECT a.identity_columns FROM attachment a WHERE a.attachment_id = p_attachment_id);
+    v_role name;
 BEGIN
+    -- A caller whose snapshot is older than the attachment would replace the function by one that fails.
+    IF coalesce(cardinality(v_columns), 0) = 0 THEN
+        PERFORM _refuse('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
+                        'attachment_known');
+    END IF;
     EXECUTE format('CREATE OR REPLACE FUNCTION _note_%s() RETURNS trigger LANGUAGE plpgsql VOLATILE SECURITY DEFINER '
                    -- As the function that reads the rows has them (42_attach.sql): the texts must be the same.
                    'SET search_path FROM CURRENT SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
                    'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
                    p_attachment_id, format($body$
 DECLARE
-    v_identities text[] := '{}';
+    v_rows bigint := 1;
+    v_identities text[];
 BEGIN
     -- The columns may have another name by now.
-    IF TG_OP = 'TRUNCATE' OR (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
-                              AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) < %3$s
-       OR TG_LEVEL = 'STATEMENT' AND NOT EXISTS (
+    IF TG_OP <> 'TRUNCATE' AND (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
+                                AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) = %3$s
+       AND (TG_LEVEL = 'ROW' OR EXISTS (
            SELECT FROM pg_catalog.pg_trigger g WHERE g.tgrelid = TG_RELID AND g.tgname = TG_NAME
-           AND (TG_OP = 'INSERT' OR g.tgoldtable = 'old_rows') AND (TG_OP = 'DELETE' OR g.tgnewtable = 'new_rows')) THEN
-        INSERT INTO attached_change (attachment_id) VALUES (%1$s);
-    ELSIF TG_LEVEL = 'ROW' THEN
-        IF TG_OP <> 'INSERT' THEN
-            v_identities := v_identities || %4$s;
-        END IF;
-        IF TG_OP <> 'DELETE' THEN
-            v_identities := v_identities || %5$s;
-        END IF;
-        INSERT INTO attached_change (attachment_id, identities) VALUES (%1$s, v_identities);
-    ELSIF TG_OP = 'DELETE' THEN
-        INSERT INTO attached_change (attachment_id, identities)
-            SELECT %1$s, CASE WHEN count(*) <= %6$s THEN array_agg(%7$s) END
-            FROM (SELECT * FROM old_rows LIMIT %6$s + 1) r HAVING count(*) > 0;
-    ELSIF TG_OP = 'INSERT' THEN
-        INSERT INTO attached_change (attachment_id, identities)
-            SELECT %1$s, CASE WHEN count(*) <= %6$s THEN array_agg(%7$s) END
-            FROM (SELECT * FROM new_rows LIMIT %6$s + 1) r HAVING count(*) > 0;
-    ELSE
-        INSERT INTO attached_change (attachment_id, identities)
-            SELECT %1$s, CASE WHEN count(*) <= 2 * %6$s THEN array_agg(%7$s) END
-            FROM (SELECT * FROM (SELECT * FROM new_rows LIMIT %6$s + 1) n
-                  UNION ALL SELECT * FROM (SELECT * FROM old_rows LIMIT %6$s + 1) o) r HAVING count(*) > 0;
+           AND (TG_OP = 'INSERT' OR g.tgoldtable = 'old_rows') AND (TG_OP = 'DELETE' OR g.tgnewtable = 'new_rows'))) THEN
+        BEGIN
+            IF TG_LEVEL = 'ROW' THEN
+                v_identities := '{}';
+                IF TG_OP <> 'INSERT' THEN
+                    v_identities := v_identities || %4$s;
+                END IF;
+                IF TG_OP <> 'DELETE' THEN
+                    v_identities := v_identities || %5$s;
+                END IF;
+                IF octet_length(v_identities[1]) > %8$s OR octet_length(v_identities[2]) > %8$s THEN
+                    v_identities := NULL;
+                END IF;
+            ELSIF TG_OP = 'DELETE' THEN
+                SELECT count(*), CASE WHEN count(*) <= %6$s AND max(octet_length(x.identity)) <= %8$s
+                                      THEN array_agg(left(x.identity, %8$s)) END
+                    INTO v_rows, v_identities
+                    FROM (SELECT %7$s AS identity FROM (SELECT * FROM old_rows LIMIT %6$s + 1) r OFFSET 0) x;
+            ELSIF TG_OP = 'INSERT' THEN
+                SELECT count(*), CASE WHEN count(*) <= %6$s AND max(octet_length(x.identity)) <= %8$s
+                                      THEN array_agg(left(x.identity, %8$s)) END
+                    INTO v_rows, v_identities
+                    FROM (SELECT %7$s AS identity FROM (SELECT * FROM new_rows LIMIT %6$s + 1) r OFFSET 0) x;
+            ELSE
+                SELECT count(*), CASE WHEN count(*) <= 2 * %6$s AND max(octet_length(x.identity)) <= %8$s
+                                      THEN array_agg(left(x.identity, %8$s)) END
+                    INTO v_rows, v_identities
+                    FROM (SELECT %7$s AS identity
+                          FROM (SELECT * FROM (SELECT * FROM new_rows LIMIT %6$s + 1) n
+                                UNION ALL SELECT * FROM (SELECT * FROM old_rows LIMIT %6$s + 1) o) r OFFSET 0) x;
+            END IF;
+        EXCEPTION WHEN OTHERS THEN
+            v_identities := NULL; -- Such as a value whose text is longer than any text can be.
+        END;
     END IF;
-    IF FOUND THEN
+    IF v_rows > 0 THEN
+        INSERT INTO attached_change (attachment_id, identities) VALUES (%1$s, v_identities);
         PERFORM _wake_workers();
     END IF;
     RETURN NULL;
 END
 $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', v_columns),
-        _identity_of('NEW', v_columns), c_most, _identity_of('r', v_columns)));
-    EXECUTE format('REVOKE ALL ON FUNCTION _note_%s() FROM PUBLIC', p_attachment_id);
-    EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO conflictdb_editor', p_attachment_id);
+        _identity_of('NEW', v_columns), c_most, _identity_of('r', v_columns), c_longest));
+    EXECUTE format('REVOKE ALL ON FUNCTION _note_%s() FROM PUBLIC, conflictdb_editor', p_attachment_id);
+    FOR v_role IN
+        SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
+            WHERE p.oid = to_regprocedure(format('conflictdb_attached.rows_%s(text[], text)', p_attachment_id))
+        UNION
+        SELECT pg_get_userbyid(c.relowner) FROM attachment a
+            JOIN pg_catalog.pg_namespace n ON n.nspname = a.table_schema
+            JOIN pg_catalog.pg_class c ON c.relnamespace = n.oid AND c.relname = a.table_name
+            WHERE a.attachment_id = p_attachment_id LOOP
+        EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO %I', p_attachment_id, v_role);
+    END LOOP;
     EXECUTE format('COMMENT ON FUNCTION _note_%s() IS %L', p_attachment_id,
                    'Trigger on an attached table: notes which rows changed. Runs as its owner: who writes to the table '
                    'needs no right here. Restricted to notes of its own attachment.');
@@ -84,22 +115,26 @@ COMMENT ON FUNCTION _create_note(bigint) IS
 'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema. '
 'Restricted to the columns that the attachment names, which are quoted.';
 
-CREATE OR REPLACE FUNCTION _drop_attachment(p_attachment_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp
+-- Who deletes an attachment has seen it and may. A routine that editors call with a number could be called by one whose
+-- snapshot is older than the attachment.
+DROP FUNCTION IF EXISTS _drop_attachment(bigint);
+
+CREATE OR REPLACE FUNCTION _after_attachment_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp
 SET client_min_messages = warning AS $$
 BEGIN
-    IF EXISTS (SELECT FROM attachment a WHERE a.attachment_id = p_attachment_id) THEN
-        PERFORM _refuse('42501', format('attachment %s', p_attachment_id), 'triggers', 'are in use', 'attachment_gone',
-                        'detach(scene, table) ends an attachment.');
-    END IF;
-    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text)', p_attachment_id);
-    -- CASCADE: the triggers go with it, whoever owns their tables by now.
-    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb._note_%s() CASCADE', p_attachment_id);
+    -- CASCADE: views of others may use the function that reads, and the triggers go with theirs, whoever owns their
+    -- tables by now.
+    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text) CASCADE', OLD.attachment_id);
+    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb._note_%s() CASCADE', OLD.attachment_id);
+    RETURN NULL;
 END
 $$;
-COMMENT ON FUNCTION _drop_attachment(bigint) IS
-'Drops the functions and triggers of an attachment that is gone from the table attachment. Runs as its owner: the '
-'table may have another owner by now. Restricted to numbers that no attachment has.';
+COMMENT ON FUNCTION _after_attachment_removal() IS
+'Trigger: drops the functions and triggers of a removed attachment. Runs as its owner: the table may have another '
+'owner by now. Restricted to the attachment that was removed.';
+CREATE OR REPLACE TRIGGER attachment_removed AFTER DELETE ON attachment
+    FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 
 -- What is attached already.
 DO $$

@@ -53,6 +53,38 @@ $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
 'Removes the schema conflictdb_attached. Runs as its owner. Restricted to a schema without objects.';
 
+CREATE OR REPLACE FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_other regclass;
+BEGIN
+    -- Reading a table or view runs code of its owner with the rights of who reads: functions of views, of row-level
+    -- security, of expressions in indexes. A superuser could run code as anybody.
+    SELECT t.relation INTO v_other FROM _attached_tables(p_table) t
+        LEFT JOIN pg_catalog.pg_class c ON c.oid = t.relation LEFT JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
+        WHERE (pg_has_role(r.oid, 'USAGE') OR NOT p_has_triggers AND r.rolsuper) IS NOT TRUE LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC009', p_who, 'table',
+                        format('must belong to the role that attaches it: role %I does not own %s', current_user,
+                               v_other), 'attached_owned', 'Attach it as its owner.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_attached_owner(text, regclass, boolean) IS
+'Refuses (ZC009) a table that the current role must not read: its owner is another role.';
+
+CREATE OR REPLACE FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- The lock of a reader until the transaction ends, on whatever relation, and nothing planned or run.
+    EXECUTE format('PREPARE conflictdb_hold_attached AS SELECT FROM %s', p_table);
+    DEALLOCATE conflictdb_hold_attached;
+    PERFORM _check_attached_owner(p_who, p_table::regclass, p_has_triggers);
+END
+$$;
+COMMENT ON FUNCTION _hold_attached(text, text, boolean) IS
+'Locks a table before it is read, so that nobody replaces it; refuses (ZC009) one that has another owner by now.';
+
 CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -90,16 +122,7 @@ BEGIN
                             'Say how often to look for changes in place of triggers: every.');
         END IF;
     END IF;
-    -- Reading a table or view runs code of its owner with the rights of who reads: functions of views, of row-level
-    -- security, of expressions in indexes. A superuser could run code as anybody.
-    SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
-        JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
-        WHERE NOT pg_has_role(r.oid, 'USAGE') AND (p_has_triggers OR NOT r.rolsuper) LIMIT 1;
-    IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, 'table',
-                        format('must belong to the role that attaches it: role %I does not own %s', current_user,
-                               v_other), 'attached_owned', 'Attach it as its owner.');
-    END IF;
+    PERFORM _check_attached_owner(p_who, p_table, p_has_triggers);
 END
 $$;
 COMMENT ON FUNCTION _check_attachable(text, regclass, boolean) IS
@@ -280,6 +303,7 @@ BEGIN
                         'attachment_every_positive');
     END IF;
     PERFORM _check_attachable(v_who, p_table, v_has_triggers);
+    PERFORM _hold_attached(v_who, p_table::text, v_has_triggers);
     PERFORM _check_map(v_who, v_kind, p_map);
     PERFORM _open_attached_schema();
     INSERT INTO attachment (scene_id, object_kind, table_schema, table_name, map, identity_columns, has_triggers, every)
@@ -364,9 +388,8 @@ BEGIN
             GET DIAGNOSTICS v_rows = ROW_COUNT;
             v_objects := v_objects + v_rows;
         END IF;
+        -- Last, because it locks the table: its triggers go with it.
         DELETE FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
-        -- Last, because it locks the table.
-        PERFORM _drop_attachment(v_one.attachment_id);
         DELETE FROM attached_change q WHERE q.attachment_id = v_one.attachment_id;
     END LOOP;
     PERFORM _close_attached_schema();

@@ -2,7 +2,8 @@
 --
 -- The function that reads a table, conflictdb_attached.rows_N, is code of the role that attached it, and so are the
 -- views and functions that it calls. Only sessions of that very role run it, never a worker or superuser: each other
--- session passes the attachment over, and its scene is not current until its role has followed the table.
+-- session passes the attachment over, and its scene is not current until its role has followed the table. Calls of it
+-- give the types of all parameters: a function that another editor planted beside it would fit unknown types better.
 
 CREATE OR REPLACE FUNCTION _attaching_role(p_attachment_id bigint) RETURNS name
 LANGUAGE sql STABLE STRICT PARALLEL SAFE

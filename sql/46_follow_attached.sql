@@ -23,6 +23,10 @@ BEGIN
     -- All rows at once; if that fails, one by one, so that a row that fails stops no other.
     FOREACH v_how IN ARRAY ARRAY['rows', 'carefully'] LOOP
         BEGIN
+            -- Another relation may have the name by now.
+            PERFORM _hold_attached(format('attachment of %I.%I', v_attachment.table_schema, v_attachment.table_name),
+                                   format('%I.%I', v_attachment.table_schema, v_attachment.table_name),
+                                   v_attachment.has_triggers);
             PERFORM _begin_attached();
             INSERT INTO pg_temp.staged_attached
                 SELECT r.* FROM _attached_rows(p_attachment_id, v_change_ids, v_is_full, v_how) r;

@@ -101,7 +101,7 @@ REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
 -- Attaching a table, and taking its rows over. Who writes to the table needs nothing of this.
 GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
                           _close_attached_schema, _map_expression, _create_attached_rows,
-                          _create_attached_triggers, _create_note, _drop_attachment, _attached_rows,
+                          _create_attached_triggers, _create_note, _hold_attached, _attached_rows,
                           _attachment_failed, _begin_attached, _staged_tracks, _put_attached, _put_attached_by_halves,
                           _take_over_attached, _follow_attachment, follow_attached
     TO conflictdb_editor;

@@ -7,6 +7,7 @@ from typing import Any
 import psycopg
 import pytest
 from psycopg import sql
+from psycopg.types.json import Jsonb
 
 from conflictdb import connect
 from conflictdb.db import attached, detect, store
@@ -391,3 +392,136 @@ def test_a_function_that_does_not_end_is_given_up(
         assert "statement timeout" in str(db.attachments()[0].error)
         assert list(store.waiting_scenes(conn)) == []
         assert not db.scenes()[0].is_current
+
+
+PLANTED = """
+CREATE FUNCTION conflictdb_attached.rows_{n}(text, text) RETURNS SETOF conflictdb.attached_row LANGUAGE plpgsql AS
+    $$ BEGIN PERFORM mission.evil(); RETURN; END $$
+"""
+
+
+def test_a_function_planted_beside_the_one_that_reads_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
+    """An untyped literal would fit a parameter of type text better than one of text[]."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+        conn.execute(EVIL)
+    with acting(conn, roles["other"]):
+        for n in (number, number + 1, number + 2):
+            conn.execute(PLANTED.format(n=n).encode())
+    follow(conn, roles["planner"])
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        conn.execute(f"CREATE TABLE mission.more AS SELECT 'm' || id AS id, {AREA}::geometry AS shape FROM mission.ops")
+        conn.execute("SELECT * FROM conflictdb.preview_attachment('s', 'area', 'mission.more', %s)", [Jsonb(MAP)])
+        db.attach("s", "area", "mission.more", MAP)
+        conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
+    follow(conn, roles["planner"])
+    assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
+    assert keys(conn) == ["1", "m1"]
+    with connect(conn) as db:
+        assert {one.role for one in db.attachments()} == {roles["planner"]}
+
+
+@pytest.mark.parametrize("statement", ["_create_note({n})", "_drop_attachment({n})"])
+def test_an_old_snapshot_gives_no_hold_on_a_new_attachment(conn: Conn, roles: dict[str, str], statement: str) -> None:
+    """The attachment is not visible to it, but routines that are called by number reach its functions."""
+    with psycopg.connect(conn.info.dsn, password=conn.info.password or None) as old:
+        old.isolation_level = psycopg.IsolationLevel.REPEATABLE_READ
+        old.execute(sql.SQL("SET ROLE {}").format(sql.Identifier(roles["other"])))
+        old.execute("SET check_function_bodies = off")
+        old.execute("SELECT FROM conflictdb.scene")  # takes the snapshot
+        with acting(conn, roles["planner"]), connect(conn) as db:
+            number = db.attach("s", "area", "mission.ops", MAP)
+        with pytest.raises(psycopg.DatabaseError) as refused:
+            old.execute(f"SELECT conflictdb.{statement.format(n=number)}".encode())
+        assert refused.value.sqlstate in ("ZC011", "42883")
+    with acting(conn, roles["writer"]):
+        conn.execute(f"INSERT INTO mission.ops VALUES (2, {AREA})")
+    follow(conn, roles["planner"])
+    assert keys(conn) == ["1", "2"]
+    assert conn.execute("SELECT count(*) FROM pg_trigger WHERE tgrelid = 'mission.ops'::regclass").fetchone() == (5,)
+
+
+def test_who_replaces_a_table_has_nothing_read(conn: Conn, roles: dict[str, str]) -> None:
+    """The owner of a schema may drop what others have there, and give its name to a view."""
+    conn.execute(sql.SQL("CREATE SCHEMA team AUTHORIZATION {}").format(sql.Identifier(roles["other"])))
+    conn.execute(sql.SQL("GRANT ALL ON SCHEMA team TO {}").format(sql.Identifier(roles["planner"])))
+    conn.commit()
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        conn.execute("CREATE TABLE team.ops AS SELECT * FROM mission.ops")
+        db.attach("s", "area", "team.ops", MAP)
+        conn.execute(EVIL)
+    follow(conn, roles["planner"])
+    assert keys(conn) == ["1"]
+    with acting(conn, roles["other"]):
+        conn.execute("DROP TABLE team.ops")
+        conn.execute("CREATE VIEW team.ops AS SELECT 1 AS id, NULL::geometry AS shape WHERE mission.evil()")
+        conn.execute("GRANT SELECT ON team.ops TO PUBLIC")
+    conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
+    conn.commit()
+    follow(conn, roles["planner"])
+    assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
+    assert keys(conn) == ["1"]
+    with connect(conn) as db:
+        assert f"role {roles['planner']} does not own team.ops" in str(db.attachments()[0].error)
+
+
+def test_only_who_attaches_makes_notes(conn: Conn, roles: dict[str, str]) -> None:
+    """Another editor would keep the scene from being current."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+    with acting(conn, roles["other"]):
+        conn.execute("SELECT conflictdb.create_scene('own')")
+        conn.execute("CREATE TEMPORARY TABLE bait (id integer)")
+        with pytest.raises(psycopg.errors.InsufficientPrivilege):
+            conn.execute(
+                f"""CREATE TRIGGER bait AFTER INSERT ON bait REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT
+                    EXECUTE FUNCTION conflictdb._note_{number}()""".encode()
+            )
+        conn.rollback()
+
+
+def test_members_of_the_owner_make_partitions(conn: Conn, roles: dict[str, str]) -> None:
+    """A new partition gets the triggers of its table, which needs the right to execute their function."""
+    group, writer, planner = (sql.Identifier(roles[role]) for role in ("writer", "writer", "planner"))
+    conn.execute(sql.SQL("GRANT {} TO {}").format(group, planner))
+    conn.execute(sql.SQL("GRANT ALL ON SCHEMA mission TO {}").format(writer))
+    conn.commit()
+    with acting(conn, roles["writer"]):
+        conn.execute("CREATE TABLE mission.parted (id integer, shape geometry) PARTITION BY RANGE (id)")
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.attach("s", "area", "mission.parted", MAP)
+    with acting(conn, roles["writer"]):
+        conn.execute("CREATE TABLE mission.part PARTITION OF mission.parted FOR VALUES FROM (0) TO (10)")
+        conn.execute(f"INSERT INTO mission.parted VALUES (3, {AREA})")
+    follow(conn, roles["planner"])
+    assert keys(conn) == ["3"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        ("text", "SELECT repeat('x', 11000000) || i FROM generate_series(1, 100) i"),
+        ("bytea", "SELECT convert_to(repeat('x', 550000000), 'UTF8')"),
+    ],
+)
+def test_keys_of_any_size_fail_no_write(conn: Conn, roles: dict[str, str], kind: str, values: str) -> None:
+    """The texts of 100 keys, or of one, may be longer than any text can be."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        conn.execute(f"CREATE TABLE mission.long (id {kind}, shape geometry)".encode())
+        number = db.attach("s", "area", "mission.long", {"key": "left(id::text, 9)", "footprint": "shape"})
+        conn.execute("DELETE FROM conflictdb.attached_change")
+        conn.execute(f"INSERT INTO mission.long {values}".encode())
+        notes = conn.execute("SELECT attachment_id, identities FROM conflictdb.attached_change").fetchall()
+    assert notes == [(number, None)]
+
+
+def test_views_of_others_do_not_keep_a_table_attached(conn: Conn, roles: dict[str, str]) -> None:
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.attach("s", "area", "mission.ops", MAP)
+    with acting(conn, roles["other"]):
+        conn.execute(
+            f"CREATE TEMPORARY VIEW mine AS SELECT * FROM conflictdb_attached.rows_{number}(NULL, '')".encode()
+        )
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        db.detach("s", "mission.ops")
+        assert db.attachments() == []

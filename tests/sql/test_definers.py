@@ -54,7 +54,7 @@ def test_nobody_else_can_put_a_name_there(conn: Conn) -> None:
 @pytest.mark.parametrize(
     "statement",
     [
-        "SELECT conflictdb._drop_attachment(0)",
+        "SELECT conflictdb._close_attached_schema()",
         "SELECT conflictdb.request_detection('s', true)",
         "SELECT conflictdb.put_area('s', 'A', 'SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))')",
         "SELECT conflictdb.remove_object('s', 'B')",
