@@ -636,6 +636,7 @@ CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH ST
 CREATE TRIGGER area_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('0', 'area_id') -- replicas;
 CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _before_attachment() -- always;
+CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
@@ -654,6 +655,9 @@ CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TA
 
 FUNCTION _add_scene_lock(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _after_attachment_removal()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
 
 FUNCTION _after_object_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
@@ -767,6 +771,9 @@ FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floo
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
@@ -889,9 +896,6 @@ FUNCTION _drawn_path(p_path geometry, p_plane text)
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _drop_attachment(p_attachment_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
-
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -954,6 +958,9 @@ FUNCTION _has_just_failed(p_attachment attachment)
 
 FUNCTION _history_kept(p_scene_id bigint)
     RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "43e00afcb0eaaba5a44adc74d8794abe9a08bf4ab62fbecfeebf9ced042a95a3"
+routines_sha256 = "b37bf48e8b68ca036991b35b4285722e8dc5bdb50908c895945b1359ce632db1"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
