@@ -7,9 +7,9 @@
 --
 -- The function runs as the owner of conflictdb. CREATE TRIGGER requires the right to execute it, and so does each new
 -- partition. Only the role that attaches and the owner of the table have it: others would note changes in scenes that
--- are not theirs. These two can make triggers of it on any table of their own. It therefore evaluates nothing but output
--- functions, and reads transition tables only where the trigger declares them: without REFERENCING the name would be
--- that of a temporary view.
+-- are not theirs. These two can make triggers of it on any table of their own. It therefore evaluates nothing but
+-- output functions, and reads transition tables only where the trigger declares them: without REFERENCING the name
+-- would be that of a temporary view.
 
 CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -52,7 +52,8 @@ BEGIN
                                 AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) = %3$s
        AND (TG_LEVEL = 'ROW' OR EXISTS (
            SELECT FROM pg_catalog.pg_trigger g WHERE g.tgrelid = TG_RELID AND g.tgname = TG_NAME
-           AND (TG_OP = 'INSERT' OR g.tgoldtable = 'old_rows') AND (TG_OP = 'DELETE' OR g.tgnewtable = 'new_rows'))) THEN
+           AND (TG_OP = 'INSERT' OR g.tgoldtable = 'old_rows')
+           AND (TG_OP = 'DELETE' OR g.tgnewtable = 'new_rows'))) THEN
         BEGIN
             IF TG_LEVEL = 'ROW' THEN
                 v_identities := '{}';

@@ -236,7 +236,8 @@ $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_whe
                    format('Rows of %s as conflictdb reads them; conflictdb.detach removes this.', v_table));
     PERFORM set_config('search_path', v_path, true);
     BEGIN
-        EXECUTE format('SELECT count(*) FROM conflictdb_attached.rows_%s(''{}''::text[], ''rows''::text)', p_attachment_id);
+        EXECUTE format('SELECT count(*) FROM conflictdb_attached.rows_%s(''{}''::text[], ''rows''::text)',
+                       p_attachment_id);
     EXCEPTION WHEN OTHERS THEN
         IF SQLSTATE !~ '^42' THEN
             RAISE;

@@ -119,7 +119,8 @@ BEGIN
         RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s(NULL::text[], $2::text) r
                                      WHERE r.identity IN (SELECT unnest($1))', p_attachment_id) USING v_asked, p_how;
     ELSIF cardinality(v_asked) > 0 THEN
-        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], $2::text) r', p_attachment_id)
+        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], $2::text) r',
+                                    p_attachment_id)
             USING v_asked, p_how;
     END IF;
 END

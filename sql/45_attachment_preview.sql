@@ -61,7 +61,8 @@ BEGIN
             INTO v_identities USING c_most_rows, p_objects;
         PERFORM _begin_attached();
         EXECUTE format('INSERT INTO pg_temp.staged_attached '
-                       'SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], ''carefully''::text) r', v_attachment.attachment_id)
+                       'SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], ''carefully''::text) r',
+                       v_attachment.attachment_id)
             USING v_identities;
         PERFORM _take_over_attached(v_attachment, '{}');
         v_objects := ARRAY(SELECT f.feature FROM (

@@ -250,8 +250,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _shown(geometry, text) IS
-'A footprint or path (longitude and latitude, straight in the plane of a scene) as layers of map programs have it: with '
-'points on its long edges, within +-180 degrees, cut at the seam.';
+'A footprint or path (longitude and latitude, straight in the plane of a scene) as layers of map programs have it: '
+'with points on its long edges, within +-180 degrees, cut at the seam.';
 
 CREATE OR REPLACE FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$

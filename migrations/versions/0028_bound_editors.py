@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b37bf48e8b68ca036991b35b4285722e8dc5bdb50908c895945b1359ce632db1"
+routines_sha256 = "9749def791582f7cd0b5c0405f7b6d5e5313f950328355892fe1ee55182a3b8d"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.

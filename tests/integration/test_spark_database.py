@@ -142,7 +142,7 @@ def test_a_scene_goes_through_spark_and_back(
         assert "0 opened, 0 changed, 0 closed" in run("spark", "write-back", "--scene", name, output).out
         copy = tmp_path / "copy.parquet"
         assert run("export", "--scene", name, copy).code == 0
-        assert run("detect", copy, "--scene", "copy").code == 0
+        assert run("detect", copy, "--scene", "copy", "--replace").code == 0
         assert known(run, "copy") == found
         run("detect", "--scene", name, "--full")
         assert known(run, name) == found
