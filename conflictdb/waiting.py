@@ -1,4 +1,4 @@
-"""Work that another thread does meanwhile, and waiting for it so that an interrupt is told as what it is."""
+"""Run work in another thread, and wait for it so that an interrupt is reported as one."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -39,7 +39,7 @@ BEGIN
         END;
     END LOOP;
     IF error IS NULL THEN
-        UPDATE attachment a SET turn = a.turn + 1, failed_at = NULL, error = NULL,
+        UPDATE attachment a SET failed_at = NULL, error = NULL,
                                 compared_at = CASE WHEN v_is_full THEN now() ELSE a.compared_at END
             WHERE a.attachment_id = p_attachment_id;
     ELSE

@@ -245,7 +245,7 @@ BEGIN
     ELSE
         v_shape := _drawn(p_geometry, p_plane);
     END IF;
-    -- What is cut is a collection of what it was, even of multilines.
+    -- Cutting returns a collection, also for multilines.
     RETURN ST_CollectionExtract(_wrapped(v_shape), ST_Dimension(v_shape) + 1);
 END
 $$;

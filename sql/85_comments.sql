@@ -272,7 +272,6 @@ COMMENT ON COLUMN attachment.identity_columns IS
 COMMENT ON COLUMN attachment.has_triggers IS 'Whether triggers note its changes.';
 COMMENT ON COLUMN attachment.every IS 'How often all its rows are compared.';
 COMMENT ON COLUMN attachment.attached_at IS 'When it was attached.';
-COMMENT ON COLUMN attachment.turn IS 'How often rows were taken over: who has read at another turn must read anew.';
 COMMENT ON COLUMN attachment.compared_at IS 'When all its rows were last compared; null if they never were.';
 COMMENT ON COLUMN attachment.failed_at IS 'When it could not be read, last; null if it could.';
 COMMENT ON COLUMN attachment.error IS 'Why it could not be read; null if it could.';

@@ -66,7 +66,7 @@ def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str
             known[name] = value
             continue
         if isinstance(value, str) and value.lstrip().startswith("["):
-            with suppress(ValueError, RecursionError):  # then it is refused as what it is: a text
+            with suppress(ValueError, RecursionError):  # text that is no JSON is refused as text
                 value = json.loads(value)
         known[lower] = value
     return known

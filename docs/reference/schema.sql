@@ -94,7 +94,6 @@ TABLE attachment (
     has_triggers boolean NOT NULL,
     every interval NOT NULL,
     attached_at timestamp with time zone NOT NULL DEFAULT now(),
-    turn bigint NOT NULL DEFAULT 0,
     compared_at timestamp with time zone,
     failed_at timestamp with time zone,
     error text

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9749def791582f7cd0b5c0405f7b6d5e5313f950328355892fe1ee55182a3b8d"
+routines_sha256 = "696020bc2ea055f3a5edf946f1cc5067304ea72c0683f2f338d474644009a4a4"
 
 REQUESTS = "ALTER TABLE conflictdb.probe_request ADD COLUMN failures smallint NOT NULL DEFAULT 0"
 # Their arguments or results change, or they are gone; sql/ makes what follows them.
@@ -66,6 +66,8 @@ def upgrade() -> None:
     op.execute(REQUESTS)
     for routine in REPLACED_ROUTINES:
         op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
+    # The lock of its row keeps sessions that follow a table apart.
+    op.execute("ALTER TABLE conflictdb.attachment DROP COLUMN turn")
     op.execute(ATTACHED)
     for statement in (NUMBERS_CHECKED, *NUMBERS):
         op.execute(statement)

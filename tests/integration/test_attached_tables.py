@@ -578,7 +578,7 @@ def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Databa
     ):
         with pytest.raises(InvalidInput, match=rule):
             db.attach("s", "area", "mission.odd", {**mapped, field: wrong})
-    # What depends on settings alone is fixed by the function that reads.
+    # The function that reads fixes the settings.
     db.detach("s", "mission.odd")
     do(
         db,

@@ -12,7 +12,7 @@ from psycopg import conninfo
 from conflictdb.db import extension, schema
 from conflictdb.errors import ServerError, StoreError
 
-# As somebody who waits for an administrator to install conflictdb; the function fits better than PostgreSQL's own.
+# A user plants this before an administrator installs conflictdb; the function fits better than PostgreSQL's own.
 PLANTED = """
 CREATE FUNCTION conflictdb.format(text, text) RETURNS text LANGUAGE plpgsql AS
     $$ BEGIN ALTER ROLE conflictdb_editor SUPERUSER; RETURN 'x'; END $$

@@ -21,7 +21,7 @@ TYPES = [
     *("text", "name", "smallint", "integer", "bigint", "double precision", "numeric", "boolean", "oid", "regclass"),
     *("regnamespace", "timestamptz", "interval", "tstzrange", "jsonb", "text[]", "bigint[]", "double precision[]"),
 ]
-# Of each name and all types that PostgreSQL's own takes, an overload that does the same, and tells as whom it runs.
+# Overloads of each name, with all types that PostgreSQL's own takes: each does the same and notes as whom it runs.
 # Notices outlive a statement that fails.
 PLANT = r"""
 DO $plant$

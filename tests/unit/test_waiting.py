@@ -46,7 +46,7 @@ def test_what_another_thread_returns_or_raises_is_told() -> None:
 
 
 def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
-    """Once: what it raises is dropped, and a connection without such work needs no cancelling."""
+    """It is cancelled once, its error is dropped, and a connection without such work is left alone."""
 
     class Connection:
         """Something that work is done with."""

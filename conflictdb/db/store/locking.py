@@ -100,7 +100,7 @@ def begin_taking(
 def _begin(
     conn: psycopg.Connection[Any], take: Callable[[float], _T | None], wait_s: float, longest_s: float
 ) -> _T | None:
-    """Begin the transaction; returns None, with none open, if somebody else keeps the lock for `wait_s`.
+    """Begin the transaction; return None, without a transaction, if another session keeps the lock for `wait_s`.
 
     longest_s : to wait for any other lock, from the first statement to the end of the transaction
     """
