@@ -322,14 +322,15 @@ static double vertex_bend(const Mover *mover, const Reach *reach, const Way *way
     return (s * c * c * c * c + 2.0 * turning * c * c * c / reach->up) * reach->cosine / (reach->up * reach->up);
 }
 
-/* A bound on the second derivative, in radii, of the offset of vertex i of a haven that changes. With subscripts the
+/* A bound on the second derivative, in radii, of the offset of vertex i in time. With subscripts the
  * partial derivatives of x(phi, f, s), of which x_f = x_phi, phi' = w and u' = w sec(phi)^2, and X the reference point,
  * linear in u, o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s'
  * + x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in
  * `vertex_acceleration`, over R sec(c)^2, |x_ff| and |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. */
-static double changing_bend(const Mover *mover, int64_t i, const Reach *reach, const Way *way) {
+static double offset_bend(const Mover *mover, int64_t i, const Reach *reach, const Way *way) {
     double rate = mover->leg.rate, furthest = most(fabs(way->phi0), fabs(way->phi1)), s = sin(reach->across);
     double secant = 1.0 / cos(furthest), tangent = tan(furthest);
+    /* 0 of a haven that does not change. */
     double f_rate = fabs(body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
     double s_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
     double reference_up = least(on_leg(&mover->leg, theta_at(mover, way->t0)).up, on_leg(&mover->leg, theta_at(mover, way->t1)).up);
@@ -350,13 +351,30 @@ static double share_deviation(const Mover *mover, const Way *way) {
     return u > 0.0 ? least(2.0 * turn * turn * tan(furthest) / u / 8.0, 1.0) : 0.0;
 }
 
+/* The reference point is linear in u = tan(phi) with u' = w sec(phi)^2: x'' = 2 w tan(phi) x', and
+ * x''' = 2 w^2 (1 + 3 tan(phi)^2) x'. */
+Acceleration circle_acceleration(const Mover *mover, double t0, double t1) {
+    Way way = way_of(mover, t0, t1);
+    double middle = 0.5 * (t0 + t1), rate = mover->leg.rate, tangent = tan(0.5 * (way.phi0 + way.phi1)), offset = 0.0;
+    double furthest = tan(most(fabs(way.phi0), fabs(way.phi1))), bent = 2.0 * rate * tangent;
+    Vector velocity = circle_velocity(mover, middle);
+    for (int64_t i = 0; i < mover->body->count; i++) {
+        Reach reach = vertex_reach(mover, i, t0, t1);
+        offset = most(offset, offset_bend(mover, i, &reach, &way));
+    }
+    double fastest = norm(velocity) * (1.0 + furthest * furthest) / (1.0 + tangent * tangent);
+    double jerk = 2.0 * rate * rate * (1.0 + 3.0 * furthest * furthest) * fastest;
+    return (Acceleration){{bent * velocity.x, bent * velocity.y},
+                          mover->scene->plane.radius_m * offset + 0.5 * (t1 - t0) * jerk};
+}
+
 Sweep circle_sweep(const Mover *mover, double t0, double t1, double change) {
     Way way = way_of(mover, t0, t1);
     double bend = 0.0, up = 1.0, h = t1 - t0;
     double u = sin(way.phi1 - way.phi0) / (cos(way.phi0) * cos(way.phi1));
     for (int64_t i = 0; i < mover->body->count; i++) {
         Reach reach = vertex_reach(mover, i, t0, t1);
-        double own = mover->body->changes ? changing_bend(mover, i, &reach, &way) * h * h
+        double own = mover->body->changes ? offset_bend(mover, i, &reach, &way) * h * h
                                           : vertex_bend(mover, &reach, &way) * u * u;
         bend = most(bend, own), up = least(up, reach.up);
     }

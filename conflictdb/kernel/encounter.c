@@ -25,6 +25,16 @@ Bounds encounter_bounds(const Encounter *pair, double t0, double t1) {
     return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
 }
 
+Bounds encounter_relative_bounds(const Encounter *pair, double t0, double t1) {
+    Bounds bounds = encounter_bounds(pair, t0, t1);
+    if (pair->a.body->motion == STANDS_STILL || pair->b.body->motion == STANDS_STILL) return bounds;
+    Acceleration a = mover_acceleration(&pair->a, t0, t1), b = mover_acceleration(&pair->b, t0, t1);
+    double relative = hypot(b.middle.x - a.middle.x, b.middle.y - a.middle.y) + a.variation + b.variation;
+    if (!(relative < bounds.acceleration)) return bounds;
+    /* The spread is that in the middle, and what half of the time adds. */
+    return (Bounds){relative, bounds.spread - 0.5 * (t1 - t0) * (bounds.acceleration - relative)};
+}
+
 Extent encounter_extent(Encounter *pair, double start, double end) {
     Extent extent = extent_none();
     encounter_put(pair, start, &pair->a0, &pair->b0);

@@ -161,6 +161,8 @@ typedef struct {
     double *spread;       /* no vertex has a velocity further from that */
     double *deviation;    /* havens: no vertex is further outside of the hull of the ends; of areas 0 */
     double *scale;        /* havens: no vertex has more plane metres per metre; of areas 1 */
+    double *curve;        /* (2, count) the second derivative of the reference point in the middle of the time; of areas 0 */
+    double *variation;    /* no vertex has a second derivative further from that; of areas 0 */
 } KernelBounds;
 
 /* What a piece of a scene is. */

@@ -51,6 +51,15 @@ Bounds mover_bounds(const Mover *mover, double t0, double t1) {
     return (Bounds){0.0, 0.0};
 }
 
+Acceleration mover_acceleration(const Mover *mover, double t0, double t1) {
+    switch (mover->body->motion) {
+        case STANDS_STILL: break;
+        case ON_RHUMB_LINE: return rhumb_acceleration(mover, t0, t1);
+        case ON_GREAT_CIRCLE: return circle_acceleration(mover, t0, t1);
+    }
+    return (Acceleration){{0.0, 0.0}, 0.0};
+}
+
 Vector mover_reference(const Mover *mover, double t) {
     switch (mover->body->motion) {
         case STANDS_STILL: break;

@@ -2,7 +2,7 @@
  *
  * A body is a piece of the scene, prepared once; a mover is a body in a pair, with seconds counted from the pair's
  * zero and plane metres from the pair's origin, so that coordinates keep their digits. A further motion is a further
- * case here, with the five functions of `mover_...` and its own file (docs/explanation/kernel.md).
+ * case here, with the functions of `mover_...` and its own file (docs/explanation/kernel.md).
  */
 #ifndef CONFLICTDB_MOTION_H
 #define CONFLICTDB_MOTION_H
@@ -97,6 +97,13 @@ typedef struct {
     double acceleration, spread;
 } Bounds;
 
+/* The second derivative of a mover's reference point in the middle of a time, and a bound on how far that of any vertex
+ * is from it at any instant of the time, plane m/s^2. */
+typedef struct {
+    Vector middle;
+    double variation;
+} Acceleration;
+
 /* Bounds on where a mover's vertices are during a time: how far any is outside of the hull of its ends, plane metres,
  * and the largest scale (plane.h) that one has. */
 typedef struct {
@@ -119,6 +126,7 @@ void mover_place(const Mover *mover, double t, Polygon *polygon);
 Vector mover_velocity(const Mover *mover, double t);
 
 Bounds mover_bounds(const Mover *mover, double t0, double t1);
+Acceleration mover_acceleration(const Mover *mover, double t0, double t1);
 
 /* Where the reference point of a haven is at t, plane metres. */
 Vector mover_reference(const Mover *mover, double t);
@@ -138,6 +146,7 @@ void rhumb_focus(Mover *mover, double t0, double t1);
 void rhumb_place(const Mover *mover, double t, Polygon *polygon);
 Vector rhumb_velocity(const Mover *mover, double t);
 Bounds rhumb_bounds(const Mover *mover, double t0, double t1);
+Acceleration rhumb_acceleration(const Mover *mover, double t0, double t1);
 Vector rhumb_reference(const Mover *mover, double t);
 Sweep rhumb_sweep(const Mover *mover, double t0, double t1, double change);
 
@@ -146,6 +155,7 @@ void circle_count_from(Mover *mover);
 void circle_place(const Mover *mover, double t, Polygon *polygon);
 Vector circle_velocity(const Mover *mover, double t);
 Bounds circle_bounds(const Mover *mover, double t0, double t1);
+Acceleration circle_acceleration(const Mover *mover, double t0, double t1);
 Vector circle_reference(const Mover *mover, double t);
 Sweep circle_sweep(const Mover *mover, double t0, double t1, double change);
 

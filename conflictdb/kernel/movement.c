@@ -88,7 +88,7 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
     KernelStatus status = check_rows(scene, rows, &largest);
     if (status != KERNEL_OK || rows->count == 0) return status;
     if (!t0 || !t1 || !bounds || !bounds->velocity || !bounds->acceleration || !bounds->spread) return KERNEL_NULL;
-    if (!bounds->deviation || !bounds->scale) return KERNEL_NULL;
+    if (!bounds->deviation || !bounds->scale || !bounds->curve || !bounds->variation) return KERNEL_NULL;
     double *memory = malloc((4 + FRAME) * (size_t)largest * sizeof *memory);
     if (!memory) return KERNEL_NO_MEMORY;
     Polygon start = {.x = memory, .y = memory + largest}, end = {.x = memory + 2 * largest, .y = memory + 3 * largest};
@@ -97,14 +97,18 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
         Vector velocity = {NAN, NAN};
         Bounds found = {NAN, NAN};
         Sweep sweep = {NAN, NAN};
+        Acceleration acceleration = {{NAN, NAN}, NAN};
         if (set_up(scene, rows, i, memory + 4 * largest, &mover)) {
             velocity = mover_velocity(&mover, 0.5 * (t0[i] + t1[i]));
             found = mover_bounds(&mover, t0[i], t1[i]);
+            acceleration = mover_acceleration(&mover, t0[i], t1[i]);
             sweep = mover_sweep(&mover, t0[i], t1[i], offset_change(&mover, t0[i], t1[i], &start, &end));
         }
         bounds->velocity[i] = velocity.x, bounds->velocity[rows->count + i] = velocity.y;
         bounds->acceleration[i] = found.acceleration, bounds->spread[i] = found.spread;
         bounds->deviation[i] = sweep.deviation, bounds->scale[i] = sweep.scale;
+        bounds->curve[i] = acceleration.middle.x, bounds->curve[rows->count + i] = acceleration.middle.y;
+        bounds->variation[i] = acceleration.variation;
     }
     free(memory);
     return KERNEL_OK;

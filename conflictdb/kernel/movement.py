@@ -27,6 +27,8 @@ class Bounds:
     spread : (n,) no vertex has a velocity further from that of the whole, plane m/s
     deviation : (n,) no vertex of a haven is further outside of the hull of the ends, plane metres; 0 of areas
     scale : (n,) no vertex of a haven is seen at a larger one, plane metres per metre; 1 of areas
+    curve : (2, n) the second derivative of the reference point in the middle, plane m/s^2; 0 of areas
+    variation : (n,) no vertex has a second derivative further from that, plane m/s^2; 0 of areas
     """
 
     velocity: Floats
@@ -34,6 +36,8 @@ class Bounds:
     spread: Floats
     deviation: Floats
     scale: Floats
+    curve: Floats
+    variation: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,9 @@ class Movement:
         """Return what is promised during [t0, t1], (n,) both, within the slices."""
         t0, t1 = (np.ascontiguousarray(t, np.float64) for t in (t0, t1))
         n = len(self.piece)
-        found = Bounds(np.empty((2, n)), *(np.empty(n) for _ in range(4)))
+        velocity, curve = np.empty((2, n)), np.empty((2, n))
+        acceleration, spread, deviation, scale, variation = (np.empty(n) for _ in range(5))
+        found = Bounds(velocity, acceleration, spread, deviation, scale, curve, variation)
         arguments = ctypes.byref(_Rows.of(self)), t0.ctypes.data, t1.ctypes.data, ctypes.byref(_Bounds.of(found))
         check(library().kernel_bounds(self.scene.handle, *arguments))
         return found

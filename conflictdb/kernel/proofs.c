@@ -75,7 +75,7 @@ static Window window_of(Encounter *pair, double start, double end, double margin
         Extent near = extent_within_reach(pair->plane, &a, &b, plane_span_m(pair->plane, wanted_m, largest));
         wanted = plane_span_m(pair->plane, wanted_m, plane_largest_scale(pair->plane, &near));
     }
-    Bounds bounds = encounter_bounds(pair, start, end);
+    Bounds bounds = encounter_relative_bounds(pair, start, end);
     double away = bounds.acceleration * h * h / 8.0 + wanted + KERNEL_TOUCH_M * largest;
     Vector from, to, now = polygon_distance(&pair->a_now, &pair->b_now, &from, &to).axis;
     narrow_along(&window, first, pair, away);
@@ -135,7 +135,7 @@ void undecided_separation_in(Encounter *pair, Intervals *intervals, double start
 static double clearance_upper_bound(Encounter *pair, double start, double end) {
     double middle = 0.5 * (start + end), h = end - start, clearance_m = encounter_clearance_m(pair, middle, NEAR_M);
     if (clearance_m > KERNEL_TOUCH_M) return INFINITY;
-    Bounds bounds = encounter_bounds(pair, start, end);
+    Bounds bounds = encounter_relative_bounds(pair, start, end);
     Speeds speeds = speeds_of(pair, middle, bounds);
     if (pair->separation_m > 0.0) {
         Extent extent = encounter_extent(pair, start, end);

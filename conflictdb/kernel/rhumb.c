@@ -291,6 +291,30 @@ Bounds rhumb_bounds(const Mover *mover, double t0, double t1) {
     return (Bounds){acceleration, spread + 0.5 * acceleration * (t1 - t0)};
 }
 
+/* A bound on the second derivative of the north of any vertex against the reference point, plane m/s^2: of
+ * a (psi(mu2) - psi(mu)) it is a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most
+ * a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. */
+static double north_acceleration(const Mover *mover, const Reach *reach, double secant, double tangent) {
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double own = leg->delta_mu / leg->leg_s, d = most(reach->up, -reach->down);
+    double y = 2.0 * leg->climb * leg->fastest * tangent + own * own * d * (1.0 + 2.0 * tangent * tangent);
+    return mover->scene->plane.radius_m * secant * y;
+}
+
+/* The reference point has x'' = rate_x mu' psi'' / leg_s and y'' = a mu'^2 psi'', and psi''' <= sec (1 + 2 tan^2). */
+Acceleration rhumb_acceleration(const Mover *mover, double t0, double t1) {
+    const KernelPlane *earth = &mover->scene->plane;
+    const RhumbLeg *leg = &mover->body->leg.rhumb;
+    double series[EARTH_TERMS], own = leg->delta_mu / leg->leg_s, into = mover->into_s + 0.5 * (t0 + t1);
+    earth_series(earth, leg->start_mu + into / leg->leg_s * leg->delta_mu, 2, series);
+    double x = leg->rate_x / leg->leg_s * own, y = earth->radius_m * own * own, curve = 2.0 * series[1];
+    Reach reach = reach_of(mover, t0, t1);
+    double tangent = tan(reach.highest), secant = sqrt(1.0 + tangent * tangent);
+    double east = step_acceleration(mover, &reach, secant, tangent), north = north_acceleration(mover, &reach, secant, tangent);
+    double jerk = hypot(x, y) * fabs(own) * secant * (1.0 + 2.0 * tangent * tangent);
+    return (Acceleration){{x * curve, y * curve}, ELLIPSOID_SLACK * (hypot(east, north) + 0.5 * (t1 - t0) * jerk)};
+}
+
 /* How far the vertices of a haven that does not change leave the hull of its ends. The reference point runs straight.
  * With p its psi, a vertex's offset o(p) leaves its chord by at most max |o''(p)| (p1 - p0)^2 / 8: d/dp is cos(mu) d/dmu,
  * and with c the largest cos(mu) and M the highest latitude of a vertex, the offset in x, a step sec, has
@@ -305,18 +329,14 @@ static double bent_m(const Mover *mover, const Reach *reach, double secant, doub
     return earth->radius_m * hypot(x, y) * way * way / 8.0;
 }
 
-/* The same of one that changes, in time: an offset leaves its chord by at most |o''| h^2 / 8. Its y is
- * a (psi(mu2) - psi(mu)) with y'' = a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), so that
- * |y''| <= a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. The share of
- * its way that the reference point has gone differs from that of the time by at most
- * (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that moves the chord by as much of how far the offset changes. */
+/* The same of one that changes, in time: an offset leaves its chord by at most |o''| h^2 / 8. The share of its way that
+ * the reference point has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that
+ * moves the chord by as much of how far the offset changes. */
 static double bent_on_the_way_m(const Mover *mover, const Reach *reach, double h, double secant, double tangent,
                                 double change) {
     const KernelPlane *earth = &mover->scene->plane;
-    const RhumbLeg *leg = &mover->body->leg.rhumb;
-    double own = leg->delta_mu / leg->leg_s, d = most(reach->up, -reach->down);
-    double y = 2.0 * leg->climb * leg->fastest * tangent + own * own * d * (1.0 + 2.0 * tangent * tangent);
-    double bent = hypot(step_acceleration(mover, reach, secant, tangent), earth->radius_m * secant * y) * h * h / 8.0;
+    double east = step_acceleration(mover, reach, secant, tangent), north = north_acceleration(mover, reach, secant, tangent);
+    double bent = hypot(east, north) * h * h / 8.0;
     double furthest = most(fabs(reach->mu0), fabs(reach->mu1)), way = fabs(reach->mu1 - reach->mu0);
     double ahead = way * tan(furthest) / cos(furthest) / earth_stretch(earth, reach->mu0, reach->mu1) / 8.0;
     return bent + least(ahead, 1.0) * change;

@@ -93,6 +93,12 @@ def test_no_vertex_accelerates_more_than_bounded(row: MotionRow, haven: Moving) 
 
 
 @for_every_motion(moving, fixed=extremes)
+def test_no_acceleration_is_further_from_that_of_the_reference_than_bounded(row: MotionRow, haven: Moving) -> None:
+    change = np.diff(haven.velocities, axis=2) - haven.bounds.curve[:, None] * haven.step_s
+    at_most(np.hypot(*change).max(), haven.bounds.variation[0] * haven.step_s + 4.0 * rounding_m(haven) / haven.step_s)
+
+
+@for_every_motion(moving, fixed=extremes)
 def test_no_velocity_is_further_from_that_of_the_whole_than_bounded(row: MotionRow, haven: Moving) -> None:
     spread = np.hypot(*(haven.velocities - haven.bounds.velocity[:, None])).max()
     at_most(spread, haven.bounds.spread[0] + 2.0 * rounding_m(haven) / haven.step_s)

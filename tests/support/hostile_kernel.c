@@ -259,6 +259,7 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
     double *origin = block(2 * n, 8), *t0 = block(n, 8), *t1 = block(n, 8), *xy = block(2 * room * n, 8);
     double *velocity = block(2 * n, 8), *acceleration = block(n, 8), *spread = block(n, 8);
     double *deviation = block(n, 8), *scale = block(n, 8), *reference = block(2 * n, 8);
+    double *curve = block(2 * n, 8), *variation = block(n, 8);
     int8_t *state = block(pieces, 1);
     for (int64_t i = 0; i < n; i++) {
         piece[i] = pieces > 0 && below(20 * odd) ? below(pieces) : instant(-3, 20, 2), zero[i] = instant(0, hour, odd);
@@ -266,12 +267,14 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
         t0[i] = number(0.0, 3600.0, odd), t1[i] = number(0.0, 7200.0, odd);
     }
     KernelRows rows = {below(50 * odd) ? n : -1, piece, zero, below(50 * odd) ? origin : NULL};
-    KernelBounds bounds = {velocity, acceleration, below(50 * odd) ? spread : NULL, deviation, scale};
+    KernelBounds bounds = {velocity, acceleration, below(50 * odd) ? spread : NULL, deviation, scale, curve,
+                           below(50 * odd) ? variation : NULL};
     calls[kernel_positions(scene, &rows, t0, below(20 * odd) ? room : below(slots + 1) - 1, xy)]++;
     calls[kernel_references(scene, &rows, t1, reference)]++;
     calls[kernel_bounds(scene, &rows, t0, t1, &bounds)]++;
     if (scene) calls[kernel_states(scene, state)]++;
-    void *blocks[] = {piece, zero, origin, t0, t1, xy, velocity, acceleration, spread, deviation, scale, reference, state};
+    void *blocks[] = {piece, zero,   origin,    t0,    t1,        xy,        velocity, acceleration,
+                      spread, deviation, scale, curve, variation, reference, state};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 
