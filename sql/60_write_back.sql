@@ -77,6 +77,22 @@ COMMENT ON FUNCTION _conflict_region(
 'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
 'not find it out: next to a pole on great circles, and what could not be cut or solved.';
 
+CREATE OR REPLACE FUNCTION _covering(p_region geometry, p_place geometry) RETURNS geometry
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_way_deg CONSTANT double precision := 1e-9;  -- half the width of what leads there: 0.1 mm
+    v_way geometry;
+BEGIN
+    IF p_region IS NULL OR p_place IS NULL OR ST_Covers(p_region, p_place) THEN
+        RETURN p_region;
+    END IF;
+    v_way := ST_Union(ST_Buffer(ST_ShortestLine(p_region, p_place), c_way_deg, 1), ST_Buffer(p_place, c_way_deg, 1));
+    RETURN ST_Union(p_region, ST_Intersection(v_way, ST_MakeEnvelope(-180, -90, 180, 90, 4326)));
+END
+$$;
+COMMENT ON FUNCTION _covering(geometry, geometry) IS
+'A region that covers a place, which may lie beyond it by what its sides bend in degrees, or by rounding.';
+
 CREATE OR REPLACE FUNCTION _known_conflicts_of(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[],
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
@@ -336,8 +352,8 @@ WITH member AS MATERIALIZED (
     ), located AS NOT MATERIALIZED (
         -- By the order of the keys: not even the order of its vertices depends on numbers.
         SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' THEN
-                        _conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id, o.b_version,
-                                         o.periods, v_plane)
+                        _covering(_conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id,
+                                                   o.b_version, o.periods, v_plane), o.first_contact_point)
                     ELSE o.region END AS known_region
         FROM placed o WHERE o.is_found
     ), rewritten AS (

@@ -103,7 +103,7 @@ def merged_by_object(
     # As in the pair: in the order of their keys, whatever their numbers are.
     one, other = (PieceRows(member[contacts.pair[order]]) for member in (pairs.a, pairs.b))
     times = contacts.start_s[order], contacts.end_s[order]
-    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, meet, threads)
+    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, meet, first_contact_deg, threads)
 
 
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:

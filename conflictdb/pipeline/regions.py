@@ -19,16 +19,20 @@ from conflictdb.kernel.rows import interleaved
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import COVER
+from conflictdb.pipeline.covering import covering, placed
 from conflictdb.pipeline.shared_areas import beyond, common_area, united
 from conflictdb.results import Kind
 
 # Goes up where the regions of the same answers become others: what a database holds is then written anew.
-EDITION: Final = 4
+EDITION: Final = 5
 # A union of so many parts is exact; of more, those next to each other in time are put together before: those of a track
 # that lies still for hours are thousands, each of them nearly the same.
 _FEW_PARTS: Final = 8
 # Of two areas with more contacts, what they have in common is found of the areas: a union of 10,000 parts takes 12 s.
 _MANY_PARTS: Final = 64
+# Sides that are straight in the plane and in degrees agree to the tolerance, or to this, metres. With less, regions
+# have more corners; with more, a point of contact may lie further outside.
+AGREE_M: Final = 1.0
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
 # About so many corners are added to a region at most. Of a track around the earth there were 12 million, more than
@@ -38,8 +42,7 @@ _MOST_CORNERS = 20_000
 _HEAD: Final = b"\x01" + np.array([3 | 0x2000_0000, SRID, 1], "<u4").tobytes()
 # Of a cross product, relative to its terms: of sides that are rounded once, and of three roundings more.
 _ROUNDING: Final = 1e-15
-# Sides on great circles are cut to this, metres of the plane, as in sql/11_plane.sql: so they leave the line by 50 m at
-# 60 degrees.
+# Sides on great circles are cut to this at least, metres of the plane, as in sql/11_plane.sql.
 _SIDE_M: Final = 25_000.0
 # Beyond this latitude, and where longitudes differ by more along such a side, a pole may be within.
 _HIGHEST_DEG: Final = 89.5
@@ -57,6 +60,7 @@ class Meetings:
     start_s, end_s : (m,) from when to when after the start of what they share; infinite of areas that are always there
     offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), one at least
     meet : (n,) whether they are nearer than wanted, not only within the tolerance of that
+    first_deg : (n, 2) longitude and latitude of the first contact; NaN where the method does not find it
     threads : of the kernel; the answer does not depend on it
     """
 
@@ -69,10 +73,11 @@ class Meetings:
     end_s: Floats
     offset: NDArray[np.int64]
     meet: NDArray[np.bool_]
+    first_deg: Floats
     threads: int
 
     def regions(self, rows: NDArray[np.int64]) -> Polygons:
-        """Return the regions of pairs (k,): valid, cut at the seam.
+        """Return the regions of pairs (k,): valid, cut at the seam. Each covers its first contact.
 
         Rows from n on are of pairs without a contact: nothing is known of where these are.
         """
@@ -83,7 +88,10 @@ class Meetings:
         count[in_contact] = np.diff(offset)
         times = self.start_s[contacts], self.end_s[contacts]
         a, b = PieceRows(self.a[contacts]), PieceRows(self.b[contacts])
-        return regions_of(self.scene, self.plane, self.prepared, a, b, times, offsets(count), threads=self.threads)
+        found = regions_of(self.scene, self.plane, self.prepared, a, b, times, offsets(count), threads=self.threads)
+        place = np.full((len(rows), 2), np.nan)
+        place[in_contact] = self.first_deg[rows[in_contact]]
+        return covering(found, place)
 
 
 def regions_of(
@@ -117,7 +125,7 @@ def regions_of(
     asked = np.flatnonzero(~has_cover)
     zero_us, _ = pieces.shared_span(a, b)
     low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[asked] for one in seconds)
-    reach_m = scene.tolerance_m + scene.separation_m
+    reach_m, agree_m = scene.tolerance_m + scene.separation_m, max(scene.tolerance_m, AGREE_M)
     ring, ring_offset, told = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
     is_known[group[has_cover]] = False
     is_known[group[asked[told == Told.UNKNOWN]]] = False
@@ -140,7 +148,7 @@ def regions_of(
             mine = slice(offset[crowded[pair]], offset[crowded[pair] + 1])
             parts = ragged_take(near_offset, near, np.arange(*near_end[:, pair]))
             found[k] = _of_areas(scene, plane, pieces, PieceRows(a[mine]), PieceRows(b[mine]), *parts)
-        return _to_degrees(plane, found)
+        return _to_degrees(plane, found, agree_m)
 
     areas = _each_alone(len(crowded), of_areas)
     rest = np.flatnonzero(~is_crowded[owner])
@@ -150,9 +158,13 @@ def regions_of(
     is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (plane.turn_m > 0.0)
     alone = np.flatnonzero(is_alone)
     xy, at = ragged_take(ring_offset, ring, alone)
-    lonlat = _degrees(plane, xy)
-    convex = np.flatnonzero(_are_convex(lonlat, at))
-    plain = _of_rings(*ragged_take(at, lonlat, convex))
+    convex = np.flatnonzero(_are_convex(_degrees(plane, xy), at))
+    xy, at, is_cut = _with_corners(plane, *ragged_take(at, xy, convex), agree_m)
+    plain = _of_rings(_degrees(plane, xy), at)
+    # Sides of thin parts may cross where they bend.
+    is_valid = np.ones(len(convex), np.bool_)
+    is_valid[is_cut] = shapely.is_valid(plain.take(np.flatnonzero(is_cut)).geometries())
+    plain, convex = plain.take(np.flatnonzero(is_valid)), convex[is_valid]
     is_plain = np.zeros(len(count), np.bool_)
     is_plain[owner[alone[convex]]] = True
 
@@ -162,11 +174,12 @@ def regions_of(
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
-        return _in_degrees(plane, xy, at[first : last + 1], owner[first:last] - wanted[0], ~moves[others[wanted]])
+        of = owner[first:last] - wanted[0]
+        return _in_degrees(plane, xy, at[first : last + 1], of, ~moves[others[wanted]], agree_m)
 
     made = _each_alone(len(others), of_pairs)
     parts = (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)), (crowded, Polygons.of(areas))
-    return _merged(len(count), *parts)
+    return placed(len(count), *parts)
 
 
 def _of_areas(
@@ -255,17 +268,13 @@ def _of_rings(lonlat: Floats, offset: NDArray[np.int64]) -> Polygons:
     return Polygons(data, offsets(len(_HEAD) + 4 + 16 * count))
 
 
-def _merged(n: int, *parts: tuple[NDArray[np.int64], Polygons]) -> Polygons:
-    """Return n, the rows of each part where it says; of others nothing is known."""
-    sizes = np.zeros((len(parts), n), np.int64)
-    for size, (rows, some) in zip(sizes, parts, strict=True):
-        size[rows] = np.diff(some.offset)
-    data = interleaved([(some.data, offsets(size)) for size, (_, some) in zip(sizes, parts, strict=True)])
-    return Polygons(data, offsets(sizes.sum(axis=0)))
-
-
 def _in_degrees(
-    plane: Plane, ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], stand: NDArray[np.bool_]
+    plane: Plane,
+    ring: Floats,
+    offset: NDArray[np.int64],
+    owner: NDArray[np.int64],
+    stand: NDArray[np.bool_],
+    agree_m: float,
 ) -> NDArray[np.object_]:
     """Return the regions (n,) of pairs in longitude and latitude.
 
@@ -277,12 +286,43 @@ def _in_degrees(
     filled = np.flatnonzero(count)
     parts = _polygons(ring[offset[0] : offset[-1]], count[filled])
     _put(found, parts, owner[filled], stand)
-    return _to_degrees(plane, found)
+    return _to_degrees(plane, found, agree_m)
 
 
-def _to_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return polygons (n,) of the plane, where parts are put together as their sides are straight there, in degrees."""
-    return _straight_in_degrees(plane, found) if plane.turn_m else _on_great_circles(plane, found)
+def _to_degrees(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
+    """Return polygons (n,) of the plane, where parts are put together as their sides are straight there, in degrees.
+
+    agree_m : by how much their sides may leave those of the plane
+    """
+    if not plane.turn_m:
+        return _on_great_circles(plane, found, agree_m)
+    side_m = np.maximum(_longest_rhumb_m(plane, agree_m), shapely.length(found) / _MOST_CORNERS)
+    return _straight_in_degrees(plane, shapely.segmentize(found, np.nan_to_num(side_m, nan=np.inf)))
+
+
+def _longest_rhumb_m(plane: Plane, agree_m: float) -> float:
+    """Return how far north a side of the Mercator plane may go, plane metres.
+
+    Latitude has the second derivative -sin cos, at most 1/2, in psi: a chord leaves it by at most psi^2 / 16.
+    """
+    return float(np.sqrt(16.0 * plane.kernel_plane.radius_m * agree_m))
+
+
+def _with_corners(
+    plane: Plane, ring: Floats, offset: NDArray[np.int64], agree_m: float
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
+    """Return closed rings of the Mercator plane with corners on long sides, their offsets, and (n,) which have some."""
+    if not len(ring):
+        return ring, offset, np.zeros(0, np.bool_)
+    side = np.roll(ring, -1, axis=0) - ring
+    side[offset[1:] - 1] = 0.0
+    parts = np.maximum(np.ceil(np.abs(side[:, 1]) / _longest_rhumb_m(plane, agree_m)), 1.0)
+    total = np.repeat(np.add.reduceat(parts, offset[:-1]), np.diff(offset))
+    count = np.ceil(parts * np.minimum(1.0, _MOST_CORNERS / total)).astype(np.int64)
+    bounds = offsets(count)
+    share = (np.arange(bounds[-1]) - np.repeat(bounds[:-1], count)) / np.repeat(count, count)
+    more = np.repeat(ring, count, axis=0) + share[:, None] * np.repeat(side, count, axis=0)
+    return more, bounds[offset], np.maximum.reduceat(count, offset[:-1]) > 1
 
 
 def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
@@ -303,7 +343,7 @@ def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np
     return np.asarray(found)
 
 
-def _on_great_circles(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
+def _on_great_circles(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
     """Return polygons (n,) of a gnomonic plane in longitude and latitude, cut at the seam; None next to a pole."""
     lonlat, of = shapely.get_coordinates(
         shapely.transform(shapely.segmentize(found, _SIDE_M), lambda xy: _degrees(plane, xy)), return_index=True
@@ -316,10 +356,16 @@ def _on_great_circles(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.ob
     furthest = np.zeros(len(found))
     np.maximum.at(furthest, of, np.abs(lonlat[:, 0]))
     result = np.full(len(found), None, dtype=object)
+    highest = np.zeros(len(found))
+    np.maximum.at(highest, of, np.abs(lonlat[:, 1]))
+    # Along a great circle longitude and latitude curve by at most 1.16 tan(latitude) of the way.
+    curve = 1.16 * np.maximum(np.tan(np.radians(highest)), 1e-3) / plane.kernel_plane.radius_m
+    side_m = np.sqrt(8.0 * agree_m / curve)
+    side_m = np.minimum(_SIDE_M, np.maximum(side_m, shapely.length(found) / _MOST_CORNERS))
     within = is_known & (furthest <= 180.0)
-    result[within] = _straight_in_degrees(plane, shapely.segmentize(found[within], _SIDE_M))
+    result[within] = _straight_in_degrees(plane, shapely.segmentize(found[within], side_m[within]))
     for k in np.flatnonzero(is_known & (furthest > 180.0)).tolist():
-        sides = shapely.segmentize(shapely.intersection(found[k], _sides_of_seam(plane)), _SIDE_M)
+        sides = shapely.segmentize(shapely.intersection(found[k], _sides_of_seam(plane)), side_m[k])
         parts = []
         for side in _straight_in_degrees(plane, sides[~shapely.is_empty(sides)]):
             west, _, east, _ = side.bounds

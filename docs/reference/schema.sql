@@ -874,6 +874,9 @@ FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 FUNCTION _cover_all(p_scene_id bigint)
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
+FUNCTION _covering(p_region geometry, p_place geometry)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
     RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "696020bc2ea055f3a5edf946f1cc5067304ea72c0683f2f338d474644009a4a4"
+routines_sha256 = "62779b4e1aa39643b22ddec87f54f1db3e236b2d01c60697aeeb92eca84134e0"
 
 
 def upgrade() -> None:
