@@ -67,6 +67,46 @@ def test_corner_that_grazes_a_side_is_timed_to_the_microsecond(tolerance_m: floa
     assert found.time_error_s <= RESOLUTION_S
 
 
+def true_ends_s(scene: Scene, track: Track, about_us: int, within_s: float) -> tuple[float, float]:
+    """The ends of the contact of AREA and a track about an instant, seconds from it, by halving in 30 digits."""
+
+    def end(outer: mpf) -> float:
+        inner = mpf(0)
+        while abs(outer - inner) > mpf(10) ** -7:
+            middle = (inner + outer) / 2
+            if separation(scene, AREA, track, middle, about_us) == 0:
+                inner = middle
+            else:
+                outer = middle
+        return float(inner)
+
+    with mp.workdps(30):
+        assert separation(scene, AREA, track, mpf(0), about_us) == 0
+        return end(-mpf(within_s)), end(mpf(within_s))
+
+
+def test_glancing_contacts_of_less_than_a_micrometre_follow_the_law() -> None:
+    """The gap is k t^2 / 2 less the depth d; ends are reported at 3 r and certain at -r (accuracy.md)."""
+    scene, last_touch_deg, deep_m, length_s = Scene("s", tolerance_m=0.0), -8.9557429916e-6, (2e-7, 1e-6, 4e-6), []
+    for depth in deep_m:
+        track = moved(TRACK, last_touch_deg + depth / METRES_PER_DEGREE)
+        (found,) = solved(scene, [AREA], [track]).values()
+        ((start_us, end_us),) = found.periods_us
+        assert start_us is not None
+        assert end_us is not None
+        middle, half_s = (start_us + end_us) // 2, (end_us - start_us) / 2e6
+        start_s, end_s = true_ends_s(scene, track, middle, half_s + 1.0)
+        off_s = max(start_s + half_s, half_s - end_s)
+        assert -RESOLUTION_S <= off_s <= found.time_error_s + RESOLUTION_S
+        length_s.append(end_s - start_s)
+        # T^2 = 8 d / k: what T adds tells k, and k what the depth is.
+        if len(length_s) > 1:
+            by_k = (length_s[-1] ** 2 - length_s[0] ** 2) / (depth - deep_m[0])
+            share = TOUCH_M / (length_s[-1] ** 2 / by_k)
+            law_s = 0.5 * length_s[-1] * (np.sqrt(1.0 + 3.0 * share) - np.sqrt(1.0 - share))
+            assert 0.5 * law_s < found.time_error_s < 2.0 * law_s
+
+
 def closing_mps(scene: Scene, one: Area | Track, other: Track, meeting: oracle.Meeting, end_s: float) -> float:
     """How fast the pair parts beside an end of its contact, metres of the plane per second."""
     apart = []
