@@ -19,7 +19,7 @@ from conflictdb.results import Verdict
 
 DIGITS = 60
 SLOWEST_MPS, FASTEST_MPS = 1e-10, 1e-4
-PAIRS = 50  # of a test
+PAIRS = 20  # of a test
 TOLERANCES_M = (0.0, 1e-6, 1e-3, 1.0)
 FURTHEST_LAT = 78.0
 # What two places in degrees are rounded to, metres: a pair may be laid out so much nearer or further than meant.
