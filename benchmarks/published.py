@@ -1,29 +1,30 @@
-"""The published formulas of stage 3, as printed and with their signs mended, against the truth.
+"""The published formulas of stage 3, as printed and with their extents mended, against the truth.
 
     ./.venv/bin/python benchmarks/published.py [--pairs 400] [--checked 50] [--document docs/explanation/accuracy.md]
 
 A. Bienkowski, D. Sidoti, K. R. Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
 section IV-C, calls the projection exact for an area and a track. Nothing in the package uses what is below.
 
-The formulas as they are read here, from how their errors are described: the paper's text was not at hand. The region
-of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the least and
-the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference point,
-rho_b how far behind it (negative), as fractions of the leg.
+The region of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the
+least and the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference
+point, rho_b how far behind it (negative), as fractions of the leg.
 
-    as printed   extents taken off at both ends, and those of a rigid haven:
-                 first = rho_min - rho_f    last = rho_max - |rho_b|
-    mended       first = rho_min - rho_f    last = rho_max - rho_b     still rigid, as the haven is at the leg's start
+    as printed   first = rho_min + rho_b    last = rho_max - rho_f    the haven is rigid
+    mended       first = rho_min - rho_f    last = rho_max - rho_b    still rigid, as the haven is at the leg's start
     `window`     the product: extents over both ends of the leg, and a bound on how they bend in between
 
-Contact ends when the haven's rear leaves the region: by then the reference point is beyond it. Taking the rear off
-instead ends the window early by twice the time that the haven takes to pass its own rear: half a haven of 15 nmi at
-12 kn makes 150 minutes, which is the size measured. What is left after mending is the haven's growth in the Mercator
-plane.
+Each is clamped to the leg, 0 to 1.
+
+Contact begins when the haven's front reaches the region, so the front is to be taken off at the start; as printed the
+rear is. A haven that is longer ahead starts late by the difference. Contact ends when the rear leaves the region: by then
+the reference point is beyond it. As printed the front is taken off, so that the window ends early by the time that
+the haven takes to pass its own length: 30 nmi at 12 kn make 150 minutes. What is left after mending is the haven's
+growth in the Mercator plane.
 
 A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
-latitudes; areas have 3 to 10 vertices and are 50 to 100 nmi around; havens are 20 to 40 nmi long, half as wide, with
-the reference point in the middle; speeds are 5 to 20 kn. The truth is the package's `exact` at tolerance 0,
-and for some pairs of each row also brute force (tests/support/oracle.py), which must agree.
+latitudes. Areas and havens are those of the paper's random workload (made_scenes.py): 3 to 10 vertices, each 50 to 100
+nmi from the middle; rectangles of 20 to 40 nmi a side. Speeds are 5 to 20 kn. The truth is the package's `exact` at
+tolerance 0, and for some pairs of each row also brute force (tests/support/oracle.py), which must agree.
 """
 
 import argparse
@@ -42,6 +43,7 @@ import shapely
 from numpy.typing import NDArray
 from scenes import T0_US
 from tables import markdown, put_into
+from workloads import convex_around
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.answers import Conflicts
@@ -77,8 +79,8 @@ CASES: Final = (
     Case((70.0, 80.0), (300.0, 600.0)),
 )
 LONGITUDES_DEG: Final = (-45.0, -15.0)
-AROUND_AREA_NMI: Final = (50.0, 100.0)
-HAVEN_NMI: Final = (20.0, 40.0)
+RADIUS_NMI: Final = (50.0, 100.0)
+SIDE_NMI: Final = (20.0, 40.0)
 SPEED_KN: Final = (5.0, 20.0)
 SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
 LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
@@ -90,7 +92,7 @@ ROUNDING_S: Final = 3e-6
 def published_windows(earth: Earth, pieces: Pieces, pairs: Pairs, *, mended: bool) -> tuple[Floats, Floats]:
     """Return (first, last), (n,) seconds after the start of each pair's shared span, by the published formulas.
 
-    mended : with the extent behind added to the end, not taken off it; rigid all the same
+    mended : with the front taken off the start and the rear off the end, not the other way round; rigid all the same
 
     Both members' windows are intersected for two tracks. first > last where the formulas find no time.
     """
@@ -144,7 +146,7 @@ def _fractions(
     rho_min, rho_max = np.full(len(member), np.inf), np.full(len(member), -np.inf)
     np.minimum.at(rho_min, region, rho)
     np.maximum.at(rho_max, region, rho)
-    low, high = rho_min - rho_f, rho_max - rho_b if mended else rho_max + rho_b
+    low, high = (rho_min - rho_f, rho_max - rho_b) if mended else (rho_min + rho_b, rho_max - rho_f)
     mu0, mu1 = (earth.rectifying(np.radians(at[member, 1])) for at in (pieces.leg_start_deg, pieces.leg_end_deg))
     psi0, psi1 = earth.isometric(mu0), earth.isometric(mu1)
 
@@ -167,13 +169,14 @@ def throw_pair(rng: np.random.Generator, case: Case, number: int) -> tuple[Area,
         end = rhumb_direct(earth, lon, lat, bearing, leg_m)
         if case.latitudes[0] <= end[1] <= case.latitudes[1]:
             break
-    haven_m = rng.uniform(*HAVEN_NMI) * METRES_PER_NMI
-    outline = rectangle_outline_m(haven_m / 2.0, haven_m / 2.0, haven_m / 4.0, haven_m / 4.0)
-    ring_m = convex_ring(rng) * rng.uniform(*AROUND_AREA_NMI) * METRES_PER_NMI
+    length_m, width_m = rng.uniform(*SIDE_NMI, 2) * METRES_PER_NMI
+    fore_m, port_m = length_m * rng.uniform(0.1, 0.9), width_m * rng.uniform(0.1, 0.9)
+    outline = rectangle_outline_m(fore_m, length_m - fore_m, port_m, width_m - port_m)
+    ring_m = convex_around(rng, RADIUS_NMI) * METRES_PER_NMI
     radius_m = np.hypot(*ring_m.T).max()
     # Anywhere about the leg that the haven reaches: also beside, before and after it.
-    along = rng.uniform(-haven_m / 2.0 - radius_m, leg_m + haven_m / 2.0 + radius_m)
-    across = rng.uniform(-1.0, 1.0) * (haven_m / 4.0 + radius_m)
+    along = rng.uniform(fore_m - length_m - radius_m, leg_m + fore_m + radius_m)
+    across = rng.uniform(-port_m - radius_m, width_m - port_m + radius_m)
     middle = rhumb_direct(earth, *rhumb_direct(earth, lon, lat, bearing, along), bearing + 90.0, across)
     heading, distance = np.degrees(np.arctan2(*ring_m.T)), np.hypot(*ring_m.T)
     ring = np.stack(rhumb_direct(earth, *middle, heading, distance), axis=1)
@@ -181,16 +184,6 @@ def throw_pair(rng: np.random.Generator, case: Case, number: int) -> tuple[Area,
     area = Area(f"A{number:04}", shapely.MultiPolygon([shapely.Polygon(ring).convex_hull]))
     times = np.array([T0_US, T0_US + int(hours * 3.6e9)])
     return area, Track(f"T{number:04}", np.array([(lon, lat), end], dtype=np.float64), times, outline)
-
-
-def convex_ring(rng: np.random.Generator) -> Floats:
-    """Return the corners, (3 to 10, 2), of a convex polygon about the origin, 1 around."""
-    while True:
-        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(3, 11))))
-        if np.diff(np.append(angle, angle[0] + 2.0 * np.pi)).max() < 0.95 * np.pi:
-            break
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return np.asarray(ring / shapely.length(shapely.Polygon(ring)))
 
 
 @dataclass(frozen=True)
@@ -210,7 +203,7 @@ class Errors:
 
 
 PRINTED: Final = "as printed"
-MENDED: Final = "signs mended, rigid"
+MENDED: Final = "extents mended, rigid"
 WINDOW: Final = "window"
 
 
@@ -291,10 +284,11 @@ def report(pairs: int, checked: int, seed: int) -> str:
     rows = []
     for case in CASES:
         found = errors_of(case, pairs, checked, seed)
-        early = found.early[PRINTED]
+        late, early = found.late[PRINTED], found.early[PRINTED]
         rows.append(
             [
                 case.name,
+                f"{np.median(late):.0f} / {late.max():.0f} min",
                 f"{np.median(early):.0f} / {early.max():.0f} min",
                 f"{minutes(found.late[MENDED].max())} / {minutes(found.early[MENDED].max())}",
                 minutes(max(found.late[WINDOW].max(), found.early[WINDOW].max())),
@@ -303,8 +297,9 @@ def report(pairs: int, checked: int, seed: int) -> str:
         )
     heads = (
         f"{pairs} pairs each, sphere",
+        "as printed: start too late, median / worst",
         "as printed: end too early, median / worst",
-        "signs mended: start too late / end too early, worst",
+        "extents mended: start too late / end too early, worst",
         "`window`: late or early",
         "slack of `window`: median / 95 % / worst",
     )

@@ -4,10 +4,11 @@ Every contact lies in the intersection of the two swept hulls. Along the track, 
 last and its foremost vertex. So while the haven is in the region, the reference point is within the haven's length of
 it: that bounds the time. The answer is a superset of the true window: it never misses.
 
-Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula adds the
-haven's extent with the wrong sign at one end, and takes it as constant. In the Mercator plane the haven grows with
-latitude. Here its extent is the larger of those at both ends of the slice, plus a bound on how far vertices leave their
-chords in between.
+Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula takes the
+haven's extent behind off the start and its extent ahead off the end, and takes both as constant. Contact needs the
+extent ahead off the start and the extent behind off the end, and in the Mercator plane the haven grows with latitude.
+Here each extent is the larger of those at both ends of the slice, plus a bound on how far vertices leave their chords in
+between.
 """
 
 from typing import Final

@@ -23,6 +23,8 @@ class Workload:
     """How to throw a scene; lengths in nautical miles, latitudes and longitudes in degrees, times in hours.
 
     window : side of the square (in latitude degrees) that a scene is thrown into
+    radius_area : of each vertex of a convex area, in place of `around_area`
+    side_haven : of each side of a rectangular haven, in place of `around_haven`
     """
 
     name: str
@@ -32,6 +34,8 @@ class Workload:
     leg: tuple[float, float]
     around_area: tuple[float, float] = (50.0, 100.0)
     around_haven: tuple[float, float] = (20.0, 40.0)
+    radius_area: tuple[float, float] | None = None
+    side_haven: tuple[float, float] | None = None
     legs: tuple[int, int] = (1, 4)
     speed_kn: tuple[float, float] = (5.0, 25.0)
     start_h: tuple[float, float] = (0.0, 6.0)
@@ -125,6 +129,17 @@ def _ring(rng: np.random.Generator, count: int, around_m: float) -> np.ndarray:
     return xy * around_m / shapely.length(shapely.polygons(xy))
 
 
+def convex_around(rng: np.random.Generator, radius: tuple[float, float]) -> np.ndarray:
+    """Corners (3 to 10, 2) of the hull of points around the middle, each at a random bearing and a distance in range."""
+    count = int(rng.integers(3, 11))
+    while True:
+        angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+        if np.diff(np.append(angle, angle[0] + 2 * np.pi)).max() < np.pi:
+            break
+    xy = rng.uniform(*radius, (count, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(shapely.get_coordinates(shapely.MultiPoint(xy).convex_hull)[:-1])
+
+
 def _ground(lon: float, lat: float, xy_m: np.ndarray) -> np.ndarray:
     return np.stack(
         [lon + xy_m[:, 0] / METRES_PER_DEGREE / np.cos(np.radians(lat)), lat + xy_m[:, 1] / METRES_PER_DEGREE], axis=1
@@ -139,7 +154,10 @@ def _wrapped(polygon: shapely.Polygon) -> shapely.MultiPolygon:
 
 
 def _area(rng: np.random.Generator, workload: Workload, key: str, lon: float, lat: float) -> Area:
-    xy = _ring(rng, int(rng.integers(3, 11)), rng.uniform(*workload.around_area) * NMI)
+    if workload.radius_area:
+        xy = convex_around(rng, workload.radius_area) * NMI
+    else:
+        xy = _ring(rng, int(rng.integers(3, 11)), rng.uniform(*workload.around_area) * NMI)
     holes = []
     kind = rng.choice(
         ["plain", "star", "hole"], p=[1 - workload.odd_share, workload.odd_share / 2, workload.odd_share / 2]
@@ -185,7 +203,11 @@ def _track(rng: np.random.Generator, workload: Workload, key: str, lon: float, l
     for i in np.flatnonzero(np.diff(np.array(points)[:, 0]) == 0.0):
         lonlat[i + 1, 0] = lonlat[i, 0]
     around = rng.uniform(*workload.around_haven) * NMI
-    if rng.random() < workload.odd_share:
+    if workload.side_haven:
+        length, width = rng.uniform(*workload.side_haven, 2) * NMI
+        fore, port = length * rng.uniform(0.1, 0.9), width * rng.uniform(0.1, 0.9)
+        outline = rectangle_outline_m(fore, length - fore, port, width - port)
+    elif rng.random() < workload.odd_share:
         outline = _ring(rng, int(rng.integers(3, 8)), around)[:: int(rng.choice([1, -1]))]
     else:
         length = rng.uniform(0.25, 0.45) * around

@@ -23,23 +23,38 @@ from conflictdb.earth.geodesy import earth_of
 from conflictdb.model import EarthModel
 
 
-def test_published_formulas_on_the_equator_where_havens_are_rigid() -> None:
-    """Mended, they are the contact itself; as printed, they end early by twice the time of the haven's rear."""
+@pytest.mark.parametrize(("fore", "aft"), [(4000, 2000), (2000, 4000)])
+def test_published_formulas_on_the_equator_where_havens_are_rigid(fore: int, aft: int) -> None:
+    """Mended, they are the contact itself; as printed, the rear is taken off the start and the front off the end."""
     degree = scenes.parallel_m(EarthModel.SPHERE, 0.0)
-    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=fore, aft=aft, port=500, starboard=500)
     with whole_legs():
         pieces, pairs = one_pair_each([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))], [track])
-    begins, ends, rear = (0.5 - 4000 / degree) * 3600, (0.6 + 2000 / degree) * 3600, 2000 / degree * 3600
-    for mended, last in ((True, ends), (False, ends - 2.0 * rear)):
+    expected = {
+        False: [(0.5 - aft / degree) * 3600, (0.6 - fore / degree) * 3600],
+        True: [(0.5 - fore / degree) * 3600, (0.6 + aft / degree) * 3600],
+    }
+    for mended, window in expected.items():
         windows = published_windows(earth_of(EarthModel.SPHERE), pieces, pairs, mended=mended)
-        assert np.allclose(np.concatenate(windows), [begins, last], rtol=0.0, atol=1e-3)
+        assert np.allclose(np.concatenate(windows), window, rtol=0.0, atol=1e-3)
+
+
+def test_published_windows_are_clamped_to_the_leg() -> None:
+    """An area that covers the whole leg: both forms start no earlier than it, and end no later."""
+    track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], fore=4000, aft=2000, port=500, starboard=500)
+    with whole_legs():
+        pieces, pairs = one_pair_each([scenes.area("A", shapely.box(-1.0, -1.0, 2.0, 1.0))], [track])
+    for mended in (False, True):
+        first, last = published_windows(earth_of(EarthModel.SPHERE), pieces, pairs, mended=mended)
+        assert (first[0], last[0]) == (0.0, 3600.0)
 
 
 def test_published_formulas_are_worse_than_mended_ones_and_window_never_fails() -> None:
-    """On few pairs of the worst row: printed ends hours early, mended minutes, `window` not at all."""
+    """On few pairs of the worst row: printed starts and ends hours off, mended minutes, `window` not at all."""
     found = errors_of(CASES[-1], count=15, checked=3)
     printed, mended = found.early[PRINTED].max(), max(found.early[MENDED].max(), found.late[MENDED].max())
     assert printed > 120.0
+    assert found.late[PRINTED].max() > 60.0
     assert 1.0 < mended < printed / 2.0
     assert max(found.early[WINDOW].max(), found.late[WINDOW].max()) <= ROUNDING_S / 60.0
     assert found.checked == 3
