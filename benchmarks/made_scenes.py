@@ -1,15 +1,18 @@
 """Random scenes of a size: what is thrown into the paper's box, and a sea of constant density.
 
 The paper's random workload (Bienkowski, Sidoti, Pattipati 2021): latitudes 0 to 30, longitudes 45 to 15 west; areas of
-3 to 10 vertices, 50 to 100 nmi across; tracks of one leg of 50 to 100 nmi; havens 20 to 40 nmi long. Areas are there
-throughout; tracks begin within six hours.
+3 to 10 vertices, each 50 to 100 nmi from the middle; tracks of one leg of 50 to 100 nmi; rectangular havens, each side
+of which is 20 to 40 nmi long. Areas are there throughout; tracks begin within six hours.
+
+Choices of this file, not of the paper: vertices have random bearings from a middle that lies between them, and the area
+is their convex hull; reference points keep a tenth of each side away from the sides; speeds are 5 to 25 kn; one track in
+seven stays for up to two hours where its leg ends.
 """
 
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
-from math import pi
 from pathlib import Path
 from typing import Final
 
@@ -33,15 +36,14 @@ class Kind(StrEnum):
         return areas, objects - areas
 
 
-# Convex; a polygon that is 1 across is pi around at most, a rectangle 1 long 3 or so.
 BOX: Final = replace(
     PAPER,
     latitudes=(15.0, 15.0),
     longitudes=(-30.0, -30.0),
     window=30.0,
     legs=(1, 2),
-    around_area=(50.0 * pi, 100.0 * pi),
-    around_haven=(60.0, 120.0),
+    radius_area=(50.0, 100.0),
+    side_haven=(20.0, 40.0),
     odd_share=0.0,
 )
 

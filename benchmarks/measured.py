@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
@@ -33,6 +33,7 @@ from psycopg.conninfo import make_conninfo
 import conflictdb
 from conflictdb import Area, Scene, Track
 from conflictdb.db import schema, store
+from conflictdb.server import embedded
 
 WARM: Final = "strait"  # the scene that comes with the package: what is slow the first time only is over with it
 STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
@@ -74,8 +75,9 @@ def fresh_database(target: str | None) -> Iterator[str]:
     It is dropped at the end. The user must be allowed to create databases and extensions.
     """
     name = f"conflictdb_benchmark_{os.getpid()}"
-    with conflictdb.connect(target, create=True) as db:
-        dsn = target or db.connection.info.dsn
+    with ExitStack() as uses:
+        # The everyday user of the embedded database may not create databases.
+        dsn = target or uses.enter_context(embedded()).admin_dsn
         with psycopg.connect(dsn, autocommit=True) as conn:
             conn.execute(sql.SQL("CREATE DATABASE {}").format(sql.Identifier(name)))
             try:

@@ -1,12 +1,13 @@
 """The paper's study again: what a detection takes, in all and stage by stage, for each kind of scene.
 
-    ./.venv/bin/python benchmarks/study.py [--objects 100 ... 800] [--seeds 3] [--methods exact nlp] [--dsn DSN]
+    ./.venv/bin/python benchmarks/study.py [--objects 100 ... 800] [--seeds 10] [--methods exact nlp] [--dsn DSN]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--redraw]
 
 Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021, figures 6 to
 12: total time against objects and against conflicts, the time of each stage against what it is given, and stage 4 for
 pairs that do meet and for false alarms. Random scenes of its workload (made_scenes.py): areas alone, areas and tracks,
-tracks alone; WGS84, tolerance 1 m, in the database, every row new; the median of so many scenes of a size.
+tracks alone; WGS84, tolerance 1 m, in the database, every row new; several scenes of each size, as in figure 6: their
+median, and the least and the most of the whole and of the conflicts.
 Seconds are processor seconds of client and server (measured.py); one column is by the clock.
 
 The last two columns are stage 4 alone, on the scene's pairs of pieces in memory: processor time for a pair that meets
@@ -115,6 +116,7 @@ def study(dsn: str, sizes: list[int], seeds: int, methods: list[Method]) -> list
                     found = [measure(db, kind, objects, seed, method, seeds) for seed in range(seeds)]
                     row = {"method": method.value, "kind": kind.value, "objects": objects, "scenes": seeds}
                     row |= asdict(medians([one for one, _ in found]))
+                    row |= spread([one for one, _ in found])
                     for name in ("met_us", "apart_us"):
                         known = [value for _, pair in found if (value := getattr(pair, name)) is not None]
                         row[name] = statistics.median(known) if known else None
@@ -123,6 +125,15 @@ def study(dsn: str, sizes: list[int], seeds: int, methods: list[Method]) -> list
                         f"{method:>6} {kind:>7} {objects:>5}: {row['conflicts']:>7} conflicts, {row['total_s']:.3f} s"
                     )
     return rows
+
+
+def spread(found: list[Detection]) -> dict[str, object]:
+    """Return the least and the most of the conflicts and the processor seconds of scenes of one size; None: unknown."""
+    row: dict[str, object] = {}
+    for name in ("conflicts", "cpu_s"):
+        known = [value for one in found if (value := getattr(one, name)) is not None]
+        row[f"{name}_least"], row[f"{name}_most"] = (min(known), max(known)) if known else (None, None)
+    return row
 
 
 def draw(rows: list[dict], path: Path) -> None:
@@ -146,6 +157,11 @@ def draw(rows: list[dict], path: Path) -> None:
                 for kind, colour in colours.items():
                     own = [row for row in rows if (row["method"], row["kind"]) == (method, kind)]
                     at = sorted((row[across], row[up]) for row in own if row[across] and row[up])
+                    if (up, across) == ("cpu_s", "objects"):
+                        ends = sorted((row[across], row["cpu_s_least"], row["cpu_s_most"]) for row in own if row[up])
+                        if ends:
+                            sizes, least, most = zip(*ends, strict=True)
+                            panel.fill_between(sizes, least, most, color=colour, alpha=0.25, linewidth=0)
                     if at:
                         line = "o-" if method == Method.EXACT else "s:"
                         panel.plot(*zip(*at, strict=True), line, color=colour, markersize=3, label=f"{kind}, {method}")
@@ -163,8 +179,10 @@ def table(rows: list[dict]) -> str:
         "scene",
         "candidates",
         "conflicts",
+        "least - most",
         "all, s",
         "processor, s",
+        "least - most",
         *(name.split("_")[0] for name in STAGES),
     )
     lines = [
@@ -173,15 +191,18 @@ def table(rows: list[dict]) -> str:
             row["kind"],
             f"{row['candidate_pairs']:,}",
             f"{row['conflicts']:,}",
+            f"{row['conflicts_least']:,} - {row['conflicts_most']:,}",
             f"{row['total_s']:.3g}",
             "" if row["cpu_s"] is None else f"{row['cpu_s']:.3g}",
+            "" if row["cpu_s"] is None else f"{row['cpu_s_least']:.3g} - {row['cpu_s_most']:.3g}",
             *(f"{row[name]:.2g}" for name in STAGES),
             *("" if row[name] is None else f"{row[name]:,.2g}" for name in ("met_us", "apart_us")),
         ]
         for row in rows
         if row["objects"] == largest
     ]
-    return f"{largest} objects:\n\n" + markdown((*heads, "a pair that meets, us", "a false alarm, us"), lines)
+    scenes = max(row["scenes"] for row in rows)
+    return f"{largest} objects, medians of {scenes} scenes:\n\n" + markdown((*heads, "a pair that meets, us", "a false alarm, us"), lines)
 
 
 def main() -> None:
@@ -189,7 +210,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dsn", help="server to make a database on (default: the embedded one)")
     parser.add_argument("--objects", type=int, nargs="+", default=[100, 200, 300, 400, 500, 600, 700, 800])
-    parser.add_argument("--seeds", type=int, default=3, help="scenes of each size; medians count")
+    parser.add_argument("--seeds", type=int, default=10, help="scenes of each size")
     parser.add_argument("--methods", type=Method, nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--folder", type=Path, help="write study.csv and study.svg there (the figure needs matplotlib)")
     parser.add_argument("--document", type=Path, help="put the table there")

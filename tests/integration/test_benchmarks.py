@@ -20,10 +20,12 @@ def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
     """Stages add up to the whole, and a scene without tracks has no pairs for stage 4."""
     methods = [Method.EXACT, Method.NLP]
     with fresh_database(server_dsn) as dsn:
-        rows = study.study(dsn, [40], 1, methods)
+        rows = study.study(dsn, [40], 2, methods)
     assert [(row["method"], row["kind"]) for row in rows] == [(m.value, k.value) for m in methods for k in Kind]
     for row in rows:
         assert sum(row[stage] for stage in STAGES) == pytest.approx(row["cpu_s"])
+        assert row["cpu_s_least"] <= row["cpu_s"] <= row["cpu_s_most"]
+        assert row["conflicts_least"] <= row["conflicts"] <= row["conflicts_most"]
         assert row["candidate_pairs"] >= row["intersecting_pairs"] >= row["conflicts"]
     by_kind = {row["kind"]: row for row in rows if row["method"] == "exact"}
     assert by_kind["static"]["conflicts"] > 0
@@ -31,7 +33,7 @@ def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
     assert by_kind["mixed"]["met_us"] > 0.0
     text = study.table(rows)
     assert text.count("\n| `exact` |") == 3
-    assert text.startswith("40 objects:")
+    assert text.startswith("40 objects, medians of 2 scenes:")
 
 
 @pytest.mark.parametrize("series", ["sea", "box"])

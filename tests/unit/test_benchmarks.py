@@ -2,23 +2,28 @@
 
 import json
 import math
+import statistics
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import growth
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import quick_sea
 import real_runs
 import scale_out
+import shapely
 import sparked
+import study
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
 from scenes import T0_US
 
 from conflictdb import Scene, solve
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
+from conflictdb.model import METRES_PER_NMI
 
 DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, None, 1.0)
 
@@ -32,6 +37,33 @@ def test_box_holds_what_its_kind_says(kind: Kind) -> None:
     assert all(len(track.times_us) >= 2 for track in tracks)
     assert box(kind, 7, 3)[0] == scene
     assert [area.footprint for area in box(kind, 7, 3)[1]] == [area.footprint for area in areas]
+
+
+def test_box_is_as_large_as_the_paper_draws_it() -> None:
+    """Vertices of areas are 50 to 100 nmi from a middle, sides of havens 20 to 40 nmi long; areas are convex."""
+    _, areas, tracks = box(Kind.MIXED, 400, 1)
+    across = []
+    for area in areas:
+        (polygon,) = area.footprint.geoms
+        assert polygon.equals(polygon.convex_hull)
+        nmi = shapely.transform(polygon, lambda lonlat: 60.0 * lonlat * [np.cos(np.radians(lonlat[:, 1].mean())), 1.0])
+        across.append(2.0 * shapely.minimum_bounding_radius(nmi))
+        assert 3 <= len(polygon.exterior.coords) - 1 <= 10
+    assert 99.0 < min(across) < 130.0
+    assert 190.0 < max(across) < 203.0
+    sides = np.array([np.ptp(track.outline_m, axis=0) for track in tracks]) / METRES_PER_NMI
+    assert 20.0 <= sides.min() < 21.0
+    assert 39.0 < sides.max() <= 40.0
+    assert np.corrcoef(sides.T)[0, 1] == pytest.approx(0.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("kind", "conflicts"), [(Kind.STATIC, 4_545), (Kind.MIXED, 2_881), (Kind.TRACKS, 804)])
+def test_box_has_as_many_conflicts_as_the_papers_numbers_give(kind: Kind, conflicts: int) -> None:
+    found = []
+    for seed in range(3):
+        scene, areas, tracks = box(kind, 800, seed)
+        found.append(len(solve(tracks, areas, scene)))
+    assert statistics.median(found) == pytest.approx(conflicts, rel=0.06)
 
 
 def test_sea_has_every_object_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,6 +140,13 @@ def test_medians_go_column_by_column() -> None:
     others = replace(DETECTION, total_s=3.0, conflicts=5), replace(DETECTION, total_s=2.0, pieces_s=9.0)
     found = medians([DETECTION, *others])
     assert (found.total_s, found.pieces_s, found.conflicts, found.cpu_s) == (2.0, 0.1, 2, None)
+
+
+def test_spread_is_the_least_and_the_most_of_some_scenes() -> None:
+    """What is known of none is not known."""
+    found = study.spread([DETECTION, replace(DETECTION, conflicts=5, cpu_s=0.7), replace(DETECTION, cpu_s=0.2)])
+    assert found == {"conflicts_least": 2, "conflicts_most": 5, "cpu_s_least": 0.2, "cpu_s_most": 0.7}
+    assert study.spread([DETECTION])["cpu_s_most"] is None
 
 
 def test_exponent_is_that_of_the_power_law() -> None:
