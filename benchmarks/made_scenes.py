@@ -5,8 +5,8 @@ The paper's random workload (Bienkowski, Sidoti, Pattipati 2021): latitudes 0 to
 of which is 20 to 40 nmi long. Areas are there throughout; tracks begin within six hours.
 
 Choices of this file, not of the paper: vertices have random bearings from a middle that lies between them, and the area
-is their convex hull; reference points keep a tenth of each side away from the sides; speeds are 5 to 25 kn; one track in
-seven stays for up to two hours where its leg ends.
+is their convex hull; reference points keep a tenth of each side away from the sides; speeds are 5 to 25 kn; one track
+in seven stays for up to two hours where its leg ends.
 """
 
 import sys

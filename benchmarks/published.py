@@ -15,11 +15,11 @@ point, rho_b how far behind it (negative), as fractions of the leg.
 
 Each is clamped to the leg, 0 to 1.
 
-Contact begins when the haven's front reaches the region, so the front is to be taken off at the start; as printed the
-rear is. A haven that is longer ahead starts late by the difference. Contact ends when the rear leaves the region: by then
-the reference point is beyond it. As printed the front is taken off, so that the window ends early by the time that
-the haven takes to pass its own length: 30 nmi at 12 kn make 150 minutes. What is left after mending is the haven's
-growth in the Mercator plane.
+Contact begins when the haven's front reaches the region, so the front belongs off the start; as printed the rear is
+taken off. The window of a haven that is longer ahead starts late by the difference. Contact ends when the rear leaves
+the region: by then the reference point is beyond it. As printed the front is taken off, so that the window ends early
+by the time that the haven takes to pass its own length: 30 nmi at 12 kn make 150 minutes. What is left after mending is
+the haven's growth in the Mercator plane.
 
 A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
 latitudes. Areas and havens are those of the paper's random workload (made_scenes.py): 3 to 10 vertices, each 50 to 100

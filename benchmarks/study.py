@@ -202,7 +202,8 @@ def table(rows: list[dict]) -> str:
         if row["objects"] == largest
     ]
     scenes = max(row["scenes"] for row in rows)
-    return f"{largest} objects, medians of {scenes} scenes:\n\n" + markdown((*heads, "a pair that meets, us", "a false alarm, us"), lines)
+    heads = (*heads, "a pair that meets, us", "a false alarm, us")
+    return f"{largest} objects, medians of {scenes} scenes:\n\n{markdown(heads, lines)}"
 
 
 def main() -> None:

@@ -7,8 +7,7 @@ it: that bounds the time. The answer is a superset of the true window: it never 
 Reference: Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section IV-C. Deviations: the published formula takes the
 haven's extent behind off the start and its extent ahead off the end, and takes both as constant. Contact needs the
 extent ahead off the start and the extent behind off the end, and in the Mercator plane the haven grows with latitude.
-Here each extent is the larger of those at both ends of the slice, plus a bound on how far vertices leave their chords in
-between.
+Here each extent is the larger of those at both ends of the slice, plus a bound on how far vertices leave their chords.
 """
 
 from typing import Final

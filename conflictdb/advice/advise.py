@@ -14,9 +14,10 @@ Each setting then makes the pieces of the drawn objects and takes the drawn pair
 `memory.solve` does. Counts and shares carry their 95 % interval, also where they are nothing or everything. The truth
 that answers are held against is method `exact` at tolerance 0 on the scene's own earth, on the same pairs.
 
-Seconds are processor time on this machine: what a detection takes where it need not share. The pieces, the regions of
-stage 2 and stages 3 and 4 are timed; what only a database does (its joins, rows in and out) is set in proportion to the
-making of pieces, by the ratios below. `benchmarks/advice.py` holds both against detections.
+Seconds are processor time on this machine: what a detection in full takes that changes every row, as after a change of
+method. The pieces, the regions of stage 2, stages 3 and 4 and the regions of conflicts are timed. The database's part
+(joins, rows in and out, regions that the kernel leaves to it) is set in proportion to the making of pieces, by the
+ratios below. `benchmarks/advice.py` holds both against detections.
 """
 
 import time
@@ -50,6 +51,7 @@ from conflictdb.methods import METHODS, Method, Tried
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pipeline.run import Funnel, run_stages
+from conflictdb.results import Verdict
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 
@@ -73,12 +75,16 @@ LEAST_COPIES: Final = 2
 MOST_COPIES: Final = 8
 COPIES_S: Final = 1.0
 
-# What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 80 to
-# 2,000 objects with PostgreSQL 15 (benchmarks/advice.py). Another scene or disk may make it half of that, or twice.
+# What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 600 to
+# 5,000 objects with PostgreSQL 15 that changed every row (benchmarks/advice.py). Another scene or disk may make it half
+# of that, or twice.
 DATABASE_PER_PIECE: Final = 2.4  # its row in, the marks
-JOIN_PER_PIECE: Final = 4.5  # stage 1; its pairs and pieces out
-TEST_PER_CANDIDATE: Final = 0.16  # stage 2
-WRITE_PER_CONFLICT: Final = 2.3
+JOIN_PER_PIECE: Final = 2.3  # stage 1; its pairs and pieces out
+TEST_PER_CANDIDATE: Final = 0.04  # stage 2
+WRITE_PER_CONFLICT: Final = 4.5
+# Of a row without a region of the kernel, above all where swept hulls meet and the objects do not: methods that decide
+# nothing report many such pairs, and the database finds the region from the hulls.
+REGION_PER_CONFLICT: Final = 45.0
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 
 _SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
@@ -258,7 +264,10 @@ class _Measure:
             self._frame.total(of_pair, self._drawn, self._frame.pieces_per_pair)
             for of_pair in (done.candidates, done.met, done.solved)
         )
-        conflicts = self._frame.total(np.isin(self._drawn[:n], found.pair), self._drawn[:n], 1.0)
+        conflicts, without_region = (
+            self._frame.total(np.isin(self._drawn[:n], pairs), self._drawn[:n], 1.0)
+            for pairs in (found.pair, done.without_region)
+        )
         of_reported = self._frame.sampling(n, found.pair).share
         of_meeting = self._frame.sampling(n, truth.pair[~truth.is_unresolved]).share
         # The truth is not wrong against itself, and that nothing is missed on the scene's own earth is proven.
@@ -280,7 +289,9 @@ class _Measure:
                 stage2_s=made_s * TEST_PER_CANDIDATE * candidate.value + region_s,
                 stage3_s=extrapolated_s(done.once.stage3_s, done.more.stage3_s, done.copies, done.handled, pairs),
                 stage4_s=extrapolated_s(done.once.stage4_s, done.more.stage4_s, done.copies, done.handled, pairs),
-                write_s=made_s * WRITE_PER_CONFLICT * conflicts.value + FIXED_S,
+                write_s=made_s * WRITE_PER_CONFLICT * conflicts.value
+                + made_s * REGION_PER_CONFLICT * without_region.value
+                + FIXED_S,
             ),
             wrong=wrong,
             false_share=false_share(wrong.false_pairs, wrong.reported),
@@ -300,13 +311,13 @@ class _Measure:
         started = time.process_time()
         pairs = intersections(pieces, PieceRows(a[some]), PieceRows(b[some]), regions=regions)
         region_s = time.process_time() - started if regions else 0.0
-        conflicts, once = self._run_stages(scene, pieces, pairs)
+        conflicts, once, has_region = self._run_stages(scene, pieces, pairs)
         # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
         copies, more = 1, once
         if is_timed and METHODS[scene.method].tried is Tried.WIDELY and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
             copies = min(max(copies, LEAST_COPIES), MOST_COPIES)
-            more = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))[1]
+            _, more, _ = self._run_stages(scene, *_copied(pieces, pairs, copies, len(self._objects)))
         return conflicts, _Pass(
             candidates=np.bincount(drawn, minlength=len(self._drawn)),
             met=met_of,
@@ -316,18 +327,25 @@ class _Measure:
             once=once,
             copies=copies,
             more=more,
+            without_region=self._objects.keys_of(conflicts)[~has_region],
         )
 
-    def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, Funnel]:
-        """Return the conflicts of pairs, and what was counted: seconds of stages 3 and 4 are processor time."""
+    def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, Funnel, NDArray[np.bool_]]:
+        """Return the conflicts of pairs, what was counted, and which conflicts have a region, or need none.
+
+        Seconds of stages 3 and 4 are processor time; stage 4 includes the regions.
+        """
         footprint = self._objects.footprint
         started = time.process_time()
         conflicts, funnel = run_stages(
             scene, plane_of(scene), pieces, pairs, lambda numbers: footprint[numbers % len(self._objects)]
         )
+        region = conflicts.where(np.arange(len(conflicts)))
+        has_region = (np.diff(region.offset) > 0) | (conflicts.verdict == Verdict.NEAR.code)
         # It goes by the clock on the wall: only how the time is shared is taken from that.
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
-        return conflicts, replace(funnel, stage3_s=pace * funnel.stage3_s, stage4_s=pace * funnel.stage4_s)
+        funnel = replace(funnel, stage3_s=pace * funnel.stage3_s, stage4_s=pace * funnel.stage4_s)
+        return conflicts, funnel, has_region
 
     def _stage1(self, scene: Scene) -> tuple[Pieces, PieceRows, PieceRows]:
         """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
@@ -356,6 +374,7 @@ class _Pass:
     handled : pairs of pieces of those it ran on, after stage 2
     region_s : processor time of their regions
     once, more : what was counted of these, and of so many copies of these, in processor time
+    without_region : keys of the reported pairs of objects whose region the kernel leaves to the database
     """
 
     candidates: NDArray[np.int64]
@@ -366,6 +385,7 @@ class _Pass:
     once: Funnel
     copies: int
     more: Funnel
+    without_region: NDArray[np.int64]
 
 
 def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pieces, Pairs]:

@@ -9,11 +9,21 @@ import psycopg
 import pytest
 import shapely
 from commands import STRAIT, Run, runner
+from made_scenes import sea
 from workloads import LONG_LEGS, PAPER, throw
 
 import conflictdb
 from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track
-from conflictdb.advice.advise import NLP_LEAST, TOLERANCES_M, Advice, Estimate, advise
+from conflictdb.advice.advise import (
+    FIXED_S,
+    NLP_LEAST,
+    REGION_PER_CONFLICT,
+    TOLERANCES_M,
+    WRITE_PER_CONFLICT,
+    Advice,
+    Estimate,
+    advise,
+)
 from conflictdb.advice.estimates import Setting
 from conflictdb.advice.sample import Affordable, Objects
 from conflictdb.db import store
@@ -113,6 +123,37 @@ def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
             ):
                 assert true / 3 <= count.value <= true * 3, method
                 assert count.low <= true <= count.high, method
+
+
+def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
+    dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`screen` reports pairs whose hulls meet and that do not: the database finds their regions, at ten rows' cost."""
+    without: list[int] = []
+    stage = store.stage
+
+    def counted(conn: Any, staged: Any, part: Any, region: Any) -> None:
+        without.append(int((np.diff(region.offset) == 0).sum()))
+        stage(conn, staged, part, region)
+
+    monkeypatch.setattr(store, "stage", counted)
+    ((areas, tracks),) = sea(300, 1)
+    left, units, foretold = {}, {}, {}
+    with conflictdb.connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("sea"), areas, tracks, merge=False)
+        advice = db.advise("sea", sample=10_000)
+        assert advice.sampled_pairs == advice.pairs.value
+        for method in (Method.SCREEN, Method.EXACT):
+            without.clear()
+            done = db.detect("sea", method=method, full=True)
+            left[method] = sum(without) / done.conflicts
+            units[method] = WRITE_PER_CONFLICT * done.conflicts + REGION_PER_CONFLICT * sum(without)
+            foretold[method] = of(advice, method, 1.0).cost.write_s - FIXED_S
+    assert left[Method.SCREEN] > 0.2
+    assert left[Method.EXACT] == 0.0
+    # What making a piece takes, by the clock, cancels out.
+    ratio = foretold[Method.SCREEN] / foretold[Method.EXACT]
+    assert ratio == pytest.approx(units[Method.SCREEN] / units[Method.EXACT], rel=1e-6)
 
 
 @pytest.mark.parametrize("earth", list(EarthModel))

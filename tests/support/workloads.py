@@ -130,7 +130,7 @@ def _ring(rng: np.random.Generator, count: int, around_m: float) -> np.ndarray:
 
 
 def convex_around(rng: np.random.Generator, radius: tuple[float, float]) -> np.ndarray:
-    """Corners (3 to 10, 2) of the hull of points around the middle, each at a random bearing and a distance in range."""
+    """Corners (3 to 10, 2) of the hull of points around the middle, each at a random bearing and distance."""
     count = int(rng.integers(3, 11))
     while True:
         angle = np.sort(rng.uniform(0, 2 * np.pi, count))
