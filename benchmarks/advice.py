@@ -2,10 +2,11 @@
 
     ./run server start; ./.venv/bin/python benchmarks/advice.py [--dsn DSN] [--objects 40 300 1500] [--repeat 3]
 
-Random scenes of so many areas and as many tracks, in a window that grows with them. Below each scene: what the database
-took for a row, in units of what making a piece takes in memory, as the constants of `conflictdb.advice.advise` are
-given. Foretold seconds are processor time: on a busy machine detections take longer. The scenes stay in the database,
-named `advice 40` and so on.
+Random scenes of so many areas and as many tracks, in a window that grows with them. Every detection follows one by
+another method, so that it changes every row; the median of processor seconds of client and server counts. Below each
+scene: what the database took for a row, in units of what making a piece takes in memory, as the constants of
+`conflictdb.advice.advise` are given; a row of a conflict includes the regions that the kernel leaves to the database.
+The scenes stay in the database, named `advice 40` and so on.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from statistics import median
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
+from measured import detect, medians
 from workloads import PAPER, throw
 
 import conflictdb
@@ -28,7 +30,6 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 
 METHODS = (Method.SCREEN, Method.WINDOW, Method.EXACT)
-STAGES = ("pieces", "stage1", "stage2", "stage3", "stage4")
 ROW = "{:>12} {:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>7}"
 DEGREES_PER_ROOT = 2.5 / 40**0.5  # degrees of the window for the root of the number of areas
 
@@ -66,16 +67,16 @@ def compare(db, scene, areas, tracks, repeat) -> None:
     """Print one row per method, and the ratios."""
     foretold = {one.setting: one for one in db.advise(scene.name).estimates}
     units, made_s = {}, []
-    for method in METHODS:
-        runs, totals = [], []
+    for method, other in zip(METHODS, (METHODS[-1], *METHODS[:-1]), strict=True):
+        runs = []
         for _ in range(repeat):
             started = time.perf_counter()
             pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
             made_s.append((time.perf_counter() - started) / len(pieces))
-            totals.append(db.detect(scene.name, method=method, full=True).total_s)
-            runs.append(store.runs(db.connection, scene.name)[0])
-        run, one = runs[-1], foretold[Setting(method, scene.earth, scene.tolerance_m)]
-        seconds = median(totals)
+            detect(db, scene.name, method=other, jobs=1)
+            runs.append(detect(db, scene.name, method=method, jobs=1))
+        run, one = medians(runs), foretold[Setting(method, scene.earth, scene.tolerance_m)]
+        seconds = run.cpu_s or run.total_s
         print(
             ROW.format(
                 scene.name,
@@ -92,12 +93,11 @@ def compare(db, scene, areas, tracks, repeat) -> None:
             flush=True,
         )
         unit = median(made_s)
-        took = {stage: median(getattr(run, f"{stage}_s") for run in runs) for stage in STAGES}
         units[method] = {
-            "per piece": took["pieces"] / len(pieces) / unit - 1.0,
-            "join per piece": took["stage1"] / len(pieces) / unit,
-            "test per candidate": took["stage2"] / run.candidate_pairs / unit,
-            "write per conflict": (seconds - sum(took.values())) / run.conflicts / unit,
+            "per piece": run.pieces_s / len(pieces) / unit - 1.0,
+            "join per piece": run.stage1_s / len(pieces) / unit,
+            "test per candidate": run.stage2_s / run.candidate_pairs / unit,
+            "write per conflict": run.write_s / run.conflicts / unit,
         }
     for method, ratios in units.items():
         print(f"    {method.value:>8}: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items()))
