@@ -19,7 +19,7 @@ from statistics import median
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from measured import detect, medians
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 import conflictdb
 from conflictdb import Method
@@ -56,7 +56,7 @@ def main() -> None:
     print(ROW.format(*heads))
     with conflictdb.connect(args.dsn) as db:
         for n in args.objects:
-            workload = replace(PAPER, window=DEGREES_PER_ROOT * n**0.5, latitudes=(0.0, 5.0))
+            workload = replace(LOW_LATITUDE, window=DEGREES_PER_ROOT * n**0.5, latitudes=(0.0, 5.0))
             scene, areas, tracks = throw(workload, 1, n, n)
             scene = replace(scene, name=f"advice {n}")
             store.replace_scene(db.connection, scene, areas, tracks, merge=False)

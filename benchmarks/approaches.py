@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 import numpy as np
 from numpy.typing import NDArray
-from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, OCEAN, PAPER, Workload, throw
+from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -165,7 +165,7 @@ def main() -> None:
     args = parser.parse_args()
     names = ("median", "mean", "90 %", "touch", "far", "place", "error", "worst", "threads")
     print(f"{'workload':>14} {'earth':>6} {'candidates':>10} {'near':>5} " + " ".join(f"{name:>7}" for name in names))
-    for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS, GROWING, HARBOUR, OCEAN):
+    for workload in (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, GROWING, HARBOUR, OCEAN):
         earths = [EarthModel.SPHERE] if workload.motion is Motion.GREAT_CIRCLE else list(EarthModel)
         nearest_m = 1e3 if workload is HARBOUR else 5e4
         for earth in earths:

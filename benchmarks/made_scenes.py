@@ -18,7 +18,7 @@ from typing import Final
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb import Area, Scene, Track
 
@@ -37,7 +37,7 @@ class Kind(StrEnum):
 
 
 BOX: Final = replace(
-    PAPER,
+    LOW_LATITUDE,
     latitudes=(15.0, 15.0),
     longitudes=(-30.0, -30.0),
     window=30.0,
@@ -49,7 +49,7 @@ BOX: Final = replace(
 
 # Ships, drones and closed areas of some miles: some ten slices, three candidates and half a conflict an object.
 SEA: Final = replace(
-    PAPER,
+    LOW_LATITUDE,
     latitudes=(0.0, 0.0),
     longitudes=(0.0, 0.0),
     leg=(15.0, 40.0),

@@ -7,7 +7,7 @@ section IV-C, calls the projection exact for an area and a track. Nothing in the
 
 The region of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the
 least and the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference
-point, rho_b how far behind it (negative), as fractions of the leg.
+point, rho_b how far behind it (taken as negative), as fractions of the leg.
 
     as printed   first = rho_min + rho_b    last = rho_max - rho_f    the haven is rigid
     mended       first = rho_min - rho_f    last = rho_max - rho_b    still rigid, as the haven is at the leg's start
@@ -292,7 +292,7 @@ def report(pairs: int, checked: int, seed: int) -> str:
                 f"{np.median(early):.0f} / {early.max():.0f} min",
                 f"{minutes(found.late[MENDED].max())} / {minutes(found.early[MENDED].max())}",
                 minutes(max(found.late[WINDOW].max(), found.early[WINDOW].max())),
-                " / ".join(minutes(slack) for slack in np.quantile(found.slack, [0.5, 0.95, 1.0])),
+                " / ".join(f"{slack:.1f} min" for slack in np.quantile(found.slack, [0.5, 0.95, 1.0])),
             ]
         )
     heads = (

@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, throw
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
 from conflictdb import Method
@@ -27,7 +27,13 @@ WIDTHS = (14, 8, 8, 8, 8, 9, 7, 7, 7)
 LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e9)  # the last: one slice per leg
 # Ships and closed areas of some miles, in a sea so wide that most meet nobody.
 SPARSE = replace(
-    PAPER, name="sparse", window=3.0, leg=(15.0, 40.0), around_area=(4.0, 12.0), around_haven=(0.4, 1.6), odd_share=0.6
+    LOW_LATITUDE,
+    name="sparse",
+    window=3.0,
+    leg=(15.0, 40.0),
+    around_area=(4.0, 12.0),
+    around_haven=(0.4, 1.6),
+    odd_share=0.6,
 )
 
 
@@ -39,7 +45,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3)
     args = parser.parse_args()
     chosen = cutting.WHOLE_LEG_HAVENS
-    for workload in (SPARSE, PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
+    for workload in (SPARSE, LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
         scene, areas, tracks = throw(workload, 1, args.areas, args.tracks)
         print(f"\n{workload.name}: {len(areas)} areas, {len(tracks)} tracks; seconds")
         heads = ("leg, havens", "pieces", "boxes", "hulls", "windows", "pieces s", "1-2 s", "3-4 s", "all s")

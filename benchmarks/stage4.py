@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 import numpy as np
 from numpy.typing import NDArray
-from workloads import HIGH_LATITUDE, LONG_LEGS, PAPER, Workload, throw
+from workloads import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
@@ -130,7 +130,7 @@ def main() -> None:
     names += ["uniform", "SLSQP", "prepare", "threads"]
     print(f"{'batch':>6} {'workload':>15} {'pairs':>7} {'meet':>5} " + " ".join(f"{name:>8}" for name in names))
     for areas, tracks in ((0, args.tracks), (10, 10)):
-        for workload in (PAPER, HIGH_LATITUDE, LONG_LEGS):
+        for workload in (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS):
             given = load(workload, args.scenes, areas, tracks)
             uniform = load(workload, args.scenes, areas, tracks, equatorial=True)
             prepared, level = given.prepared(), uniform.prepared()

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from accuracy import Scenes
 from tables import markdown, put_into
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, PAPER, Workload
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -24,7 +24,7 @@ from conflictdb.model import EarthModel
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_stages
 
-WORKLOADS: Final = (PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR)
+WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR)
 TOLERANCES_M: Final = (0.0, 1.0, 10.0, 100.0, 1000.0)
 OBJECTS: Final = 10
 ROUNDS: Final = 7

@@ -1,6 +1,6 @@
 """Random pairs of pieces of every workload, the product held to dense samples of their motion (`support/sampling.c`).
 
-    python tests/acceptance/dense.py --pairs 10000000 [--seed 1] [--workload paper] [--objects 120]
+    python tests/acceptance/dense.py --pairs 10000000 [--seed 1] [--workload "low latitude"] [--objects 120]
 
 No sample may overlap outside of the contacts reported for its pair, nor be apart within a certain one. Pairs that
 the broad phase dismissed are sampled, too. Prints a line per workload and every contradiction, and exits 1 if there is

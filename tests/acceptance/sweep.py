@@ -1,6 +1,6 @@
 """Random scenes of every workload, the product held to the oracle; more of them than a test run can afford.
 
-    python tests/acceptance/sweep.py --seeds 100:200 [--workload paper] [--objects 12] [--separation-m 500]
+    python tests/acceptance/sweep.py --seeds 100:200 [--workload "low latitude"] [--objects 12] [--separation-m 500]
     python tests/acceptance/sweep.py --seeds 100:200 --workload wild
 
 Prints one line per workload and every disagreement, and exits 1 if there is any. Runs without a database, through

@@ -19,7 +19,7 @@ import pytest
 from own_server import OwnServer, own_server
 from patience import killed_after
 from verdicts import Pair, Reported, by_pair, solved
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -79,7 +79,7 @@ PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at f
 @pytest.fixture(scope="module")
 def changed() -> tuple[Scene, list[Area], list[Track], list[Area], list[Track]]:
     """A scene, and the same after a third of it was replaced by something else."""
-    scene, areas, tracks = throw(PAPER, 2, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 2, 8, 8)
     aside = np.array([0.3, 0.2])
     moved = [Track(t.key, t.positions_deg + aside, t.times_us + 3_600_000_000, t.outline_m) for t in tracks[:3]]
     return scene, areas, tracks, areas[4:], moved + tracks[3:]

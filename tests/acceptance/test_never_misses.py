@@ -102,7 +102,7 @@ def test_stage_four_is_right(conn: psycopg.Connection[Any], workload: str, seed:
 
 
 @pytest.mark.parametrize(("tolerance_m", "separation_m"), [(0.0, 0.0), (100.0, 0.0), (1.0, 1852.0)])
-@pytest.mark.parametrize("workload", ["paper", "high latitude", "harbour"])
+@pytest.mark.parametrize("workload", ["low latitude", "high latitude", "harbour"])
 def test_tolerance_and_separation(workload: str, tolerance_m: float, separation_m: float) -> None:
     scene, areas, tracks = thrown(workload, 2, EarthModel.WGS84)
     scene = replace(scene, tolerance_m=tolerance_m, separation_m=separation_m)

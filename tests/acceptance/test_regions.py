@@ -9,7 +9,7 @@ import oracle_circle
 import pytest
 import shapely
 from numpy.typing import NDArray
-from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, PAPER, SEAM, Workload, throw
+from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
@@ -54,7 +54,7 @@ def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon
 
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("method", [Method.EXACT, Method.WINDOW, Method.SCREEN])
-@pytest.mark.parametrize("workload", [PAPER, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
 def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
     """At instants of the periods: what the polygons have in common; regions are valid and within +-180 degrees."""
     scene, areas, tracks = throw(replace(workload, window=1.5), 3, 8, 10, earth, tolerance_m=0.0)
@@ -141,7 +141,7 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
     assert cut > 0 or workload.name != "seam"
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda workload: workload.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda workload: workload.name)
 def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: Workload) -> None:
     """Of two areas it is what they have in common; a haven that only just touches leaves but a spot."""
     scene, areas, tracks = throw(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
@@ -213,7 +213,7 @@ def agrees(scene: Scene, region: shapely.Geometry, one: Area, other: Area, at_us
 
 
 def test_regions_do_not_depend_on_threads() -> None:
-    scene, areas, tracks = throw(PAPER, 4, 20, 40)
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 20, 40)
     one, three = found(scene, areas, tracks), found(scene, areas, tracks, jobs=3)
     assert shapely.to_wkb(regions_of(one)).tolist() == shapely.to_wkb(regions_of(three)).tolist()
 

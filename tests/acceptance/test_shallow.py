@@ -12,7 +12,7 @@ from mpmath import mp, mpf
 from oracle_precise import separation
 from test_grazing import edge_of_contact, moved
 from verdicts import CERTIFIED, Reported, compare, solved
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, METRES_PER_DEGREE, PAPER, Workload, throw
+from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, METRES_PER_DEGREE, Workload, throw
 
 from conflictdb.model import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
 from conflictdb.stage4.constants import TOUCH_M
@@ -139,7 +139,7 @@ def shallow_problems(scene: Scene, other: Area | Track, track: Track) -> list[st
 
 # Pairs of random scenes, and how far north the track has to go for contact to end, from `edge_of_contact`.
 EDGES = [
-    (PAPER, 3, EarthModel.SPHERE, "A2", "T0", 0.1602096934322731),
+    (LOW_LATITUDE, 3, EarthModel.SPHERE, "A2", "T0", 0.1602096934322731),
     (LONG_LEGS, 4, EarthModel.WGS84, "A0", "T2", 0.17865612203291908),
     (HARBOUR, 2, EarthModel.WGS84, "A2", "T4", 0.0013066326872655056),
     (HIGH_LATITUDE, 3, EarthModel.SPHERE, "A2", "T0", 0.0813041461542858),
@@ -163,7 +163,7 @@ def test_bounds_of_shallow_contacts_follow_the_speed_at_which_they_begin(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("earth", EarthModel)
-@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, LONG_LEGS, HARBOUR], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR], ids=lambda w: w.name)
 @pytest.mark.parametrize("seed", range(80, 84))
 def test_shallow_contacts_sweep(workload: Workload, earth: EarthModel, seed: int) -> None:
     rng = np.random.default_rng(seed)

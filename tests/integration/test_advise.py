@@ -10,7 +10,7 @@ import pytest
 import shapely
 from commands import STRAIT, Run, runner
 from made_scenes import sea
-from workloads import LONG_LEGS, PAPER, throw
+from workloads import LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
 from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track
@@ -106,7 +106,7 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
 
 def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
     """Of 240 objects some are looked at, and 150 pairs of these: within the errors, and within a factor of 3."""
-    scene, areas, tracks = throw(replace(PAPER, window=6.0), 4, 120, 120)
+    scene, areas, tracks = throw(replace(LOW_LATITUDE, window=6.0), 4, 120, 120)
     advice = advise(scene, areas, tracks, sample=150, seed=1, affordable=Affordable(objects=60, pieces=350))
     assert 100 < advice.objects_looked_at < 200
     assert advice.sampled_pairs == 150
@@ -176,7 +176,7 @@ def test_on_the_scenes_own_earth_nothing_is_missed_or_short(earth: EarthModel) -
 
 
 def test_the_same_seed_draws_the_same_sample_whatever_the_order_of_objects() -> None:
-    scene, areas, tracks = throw(PAPER, 3, 10, 10)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 10, 10)
     first = advise(scene, areas, tracks, sample=12, seed=7)
     assert first.sampled_pairs == 12
     assert NLP_LEAST <= first.nlp_pairs <= 12
@@ -211,7 +211,7 @@ def test_boxes_that_meet_without_their_hulls_are_told_apart_by_stage_2() -> None
 
 def test_pairs_that_only_come_near_are_no_conflicts() -> None:
     """`nearest_m` adds pairs without conflict to what a detection finds: they are neither reported nor wrong."""
-    scene, areas, tracks = throw(PAPER, 3, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 8, 8)
     plain = advise(scene, areas, tracks)
     near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
     # Also where the scene's own method does not look for them.
@@ -274,7 +274,7 @@ def test_wrong_arguments_and_unknown_scenes_are_refused(dsn: str) -> None:
 
 
 def test_progress_counts_settings() -> None:
-    scene, areas, tracks = throw(PAPER, 3, 4, 4)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 4, 4)
     told: list[tuple[int, int]] = []
     advice = advise(scene, areas, tracks, progress=lambda done, total: told.append((done, total)))
     total = len(advice.estimates)
@@ -282,7 +282,7 @@ def test_progress_counts_settings() -> None:
 
 
 def test_keys_of_pairs_are_one_number_for_both_orders() -> None:
-    scene, areas, tracks = throw(PAPER, 3, 3, 3)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 3, 3)
     objects = Objects.of(areas, tracks)
     pieces = objects.pieces(scene, np.arange(len(objects)))
     a, b = np.arange(len(pieces) - 1), np.arange(1, len(pieces))
@@ -303,7 +303,7 @@ def test_the_command_prints_tables(run: Run) -> None:
 
 
 def test_the_command_says_what_nlp_was_tried_on(run: Run, dsn: str) -> None:
-    scene, areas, tracks = throw(PAPER, 3, 12, 12)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 12, 12)
     with conflictdb.connect(dsn) as db:
         store.replace_scene(db.connection, replace(scene, name="s"), areas, tracks, merge=False)
     done = run("advise", "--scene", "s", "--sample", "60", "--seed", "3")

@@ -13,7 +13,7 @@ import pytest
 import shapely
 from piecework import load
 from psycopg import conninfo, sql
-from workloads import ARCTIC, GROWING, PAPER, SEAM, throw
+from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 
 from conflictdb import connect
 from conflictdb.db import detect, probes, store
@@ -58,7 +58,7 @@ def same(found: list[Conflict], expected: list[Conflict]) -> bool:
     )
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM, GROWING, ARCTIC], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, GROWING, ARCTIC], ids=lambda w: w.name)
 def test_a_probe_finds_what_a_detection_finds(conn: Conn, workload: Any) -> None:
     """Each object of a scene, as a plan for the rest of it: also across the seam and around the pole."""
     scene, areas, tracks = throw(workload, 11, 5, 5)

@@ -4,7 +4,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -104,7 +104,7 @@ def test_marks_that_an_editor_makes_lose_no_conflict(conn: Conn) -> None:
     """Nothing depends on their version, and marks of what is not there are cleared."""
     conn.execute("SET search_path = conflictdb, public")
     conn.commit()
-    scene, areas, tracks = throw(PAPER, 31, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     found = {(c.a_key, c.b_key, c.periods) for c in store.conflicts(conn, scene.name)}
@@ -127,7 +127,7 @@ def test_editors_load_and_edit_as_before(conn: Conn) -> None:
     """By functions, by statements with names of columns, and by COPY."""
     conn.execute("SET ROLE conflictdb_editor")
     conn.execute("SET search_path = conflictdb, public")
-    scene, areas, tracks = throw(PAPER, 31, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     with conn.cursor() as cursor, cursor.copy("COPY area (scene_id, key, footprint) FROM STDIN") as copy:
         copy.write_row((1, "COPIED", "SRID=4326;MULTIPOLYGON(((0 0,1 0,1 1,0 1,0 0)))"))

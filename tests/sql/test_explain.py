@@ -7,7 +7,7 @@ import psycopg
 import pytest
 import shapely
 from piecework import load
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect
 from conflictdb.db import detect
@@ -91,7 +91,7 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
 @pytest.mark.parametrize("method", list(Method))
 def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -> None:
     """Who is no conflict is apart, and not by a stage that left something of the pair."""
-    scene, areas, tracks = throw(PAPER, 7, 6, 6)
+    scene, areas, tracks = throw(LOW_LATITUDE, 7, 6, 6)
     scene = Scene("s", method=method)
     load(conn, scene, areas, tracks)
     detect.detect(conn, "s", jobs=1)

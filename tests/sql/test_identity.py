@@ -6,7 +6,7 @@ from typing import Any
 import psycopg
 import pytest
 from piecework import load, refresh, stage
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -204,7 +204,7 @@ def test_replicas_inherit_nothing_either(conn: Conn, numbers: dict[str, int]) ->
 
 def test_tracks_inherit_nothing(conn: Conn) -> None:
     conn.execute("SET search_path = conflictdb, public")
-    scene, areas, tracks = throw(PAPER, 31, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     load(conn, scene, areas, tracks)
     conn.commit()
     detect(conn, scene.name, jobs=1)

@@ -8,7 +8,7 @@ import psycopg
 import pytest
 import shapely
 from piecework import load, refresh, stored_pieces
-from workloads import PAPER, SEAM, Workload, throw
+from workloads import LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
@@ -33,7 +33,7 @@ def names(pieces: Pieces) -> list[tuple[int, ...]]:
     return [tuple(map(int, row)) for row in zip(*columns, strict=True)]
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda w: w.name)
 def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) -> None:
     scene_id = load(conn, *throw(workload, 11, 20, 20))
     made = refresh(conn, scene_id)
@@ -56,7 +56,7 @@ def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) ->
 
 
 def test_without_regions_none_is_computed(conn: Conn) -> None:
-    scene_id = load(conn, *throw(PAPER, 12, 10, 10))
+    scene_id = load(conn, *throw(LOW_LATITUDE, 12, 10, 10))
     refresh(conn, scene_id)
     _, with_regions = intersecting(conn, scene_id)
     conn.rollback()
@@ -98,7 +98,7 @@ def test_pieces_come_back_as_they_were_stored(conn: Conn, workload: Workload) ->
 
 
 def test_order_follows_the_content_not_the_order_of_loading(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 14, 15, 15)
+    scene, areas, tracks = throw(LOW_LATITUDE, 14, 15, 15)
     answers = []
     for name, sequence in (("forth", slice(None)), ("back", slice(None, None, -1))):
         scene_id = load(conn, replace(scene, name=name), areas[sequence], tracks[sequence])

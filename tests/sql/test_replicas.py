@@ -5,7 +5,7 @@ from typing import Any
 import psycopg
 import pytest
 from piecework import load
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import schema, store
 from conflictdb.db.detect import detect
@@ -17,7 +17,7 @@ Conn = psycopg.Connection[Any]
 
 @pytest.fixture
 def scene(conn: Conn) -> Scene:
-    scene, areas, tracks = throw(PAPER, 31, 8, 8)
+    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     load(conn, scene, areas, tracks)
     detect(conn, scene.name, jobs=1)
     return scene

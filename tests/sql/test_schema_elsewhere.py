@@ -12,7 +12,7 @@ from commands import runner
 from databases import TestServer, client_programs
 from piecework import load
 from psycopg import conninfo, sql
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import detect, schema, store
 from conflictdb.errors import SchemaOutdated
@@ -20,7 +20,7 @@ from conflictdb.model import EarthModel
 from conflictdb.results import Conflict
 
 Conn = psycopg.Connection[Any]
-MIXED = replace(PAPER, changing_share=0.5)  # havens of every kind
+MIXED = replace(LOW_LATITUDE, changing_share=0.5)  # havens of every kind
 
 
 @pytest.fixture

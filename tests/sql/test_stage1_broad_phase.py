@@ -6,7 +6,7 @@ from typing import Any
 import psycopg
 import pytest
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
-from workloads import HARBOUR, PAPER, SEAM, throw
+from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.sources import joined
@@ -39,7 +39,7 @@ def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: 
     assert must
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda w: w.name)
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_every_pair_of_meeting_boxes_is_found_once(conn: Conn, workload: Any, earth: EarthModel) -> None:
     scene_id = load(conn, *throw(workload, 3, 25, 25, earth))
@@ -55,7 +55,7 @@ def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[li
     return [list(zip(some.a.tolist(), some.b.tolist(), strict=True)) for some in found]
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM, HARBOUR], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR], ids=lambda w: w.name)
 @pytest.mark.parametrize("is_layered", [False, True])
 def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     conn: Conn, workload: Any, is_layered: bool
@@ -64,7 +64,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     scene, areas, tracks = throw(workload, 3, 25, 25)
     if is_layered:
         areas = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
-    other = load(conn, *throw(replace(PAPER, name="other"), 16, 10, 10))
+    other = load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, 10, 10))
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, other)
     refresh(conn, scene_id)
@@ -85,7 +85,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
 
 
 def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene_id = load(conn, *throw(PAPER, 15, 5, 5))
+    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 5, 5))
     refresh(conn, scene_id)
     count = len(stored_pieces(conn, scene_id))
     conn.rollback()
@@ -107,7 +107,7 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monke
 
 
 def test_heights_and_other_scenes_keep_pairs_apart(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 4, 20, 20)
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 20, 20)
     layered = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
     scene_id = load(conn, scene, layered, tracks)
     other = load(conn, replace(scene, name="other", earth=EarthModel.SPHERE), areas, tracks)
@@ -117,7 +117,7 @@ def test_heights_and_other_scenes_keep_pairs_apart(conn: Conn) -> None:
 
 
 def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 5, 25, 25)
+    scene, areas, tracks = throw(LOW_LATITUDE, 5, 25, 25)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change")
@@ -135,8 +135,8 @@ def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> Non
 @pytest.mark.parametrize(("is_all", "others"), [(True, 5), (True, 30), (False, 5)])
 def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn, is_all: bool, others: int) -> None:
     """Beside another scene in the same place, which is smaller or larger."""
-    scene_id = load(conn, *throw(PAPER, 15, 20, 20))
-    refresh(conn, load(conn, *throw(replace(PAPER, name="other"), 16, others, others)))
+    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 20, 20))
+    refresh(conn, load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, others, others)))
     refresh(conn, scene_id)
     conn.execute("ANALYZE conflictdb.piece")
     if not is_all:
@@ -159,7 +159,7 @@ def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn,
 
 
 def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 6, 10, 10)
+    scene, areas, tracks = throw(LOW_LATITUDE, 6, 10, 10)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change")
@@ -170,7 +170,7 @@ def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None
 
 def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
     """Every one of them, whatever the planner thinks of a table that small."""
-    scene, areas, tracks = throw(PAPER, 7, 30, 30)
+    scene, areas, tracks = throw(LOW_LATITUDE, 7, 30, 30)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change WHERE object_id <> (SELECT min(area_id) FROM conflictdb.area)")
@@ -185,7 +185,7 @@ def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
 
 
 def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 8, 200, 200)
+    scene, areas, tracks = throw(LOW_LATITUDE, 8, 200, 200)
     refresh(conn, load(conn, scene, areas, tracks))
     plan = "\n".join(
         row[0] for row in conn.execute("EXPLAIN SELECT * FROM conflictdb.candidates(%s)", [scene.name]).fetchall()
@@ -201,13 +201,13 @@ def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> Non
 
 
 def test_detection_must_read_one_snapshot(conn: Conn) -> None:
-    scene_id = load(conn, *throw(PAPER, 9, 2, 2))
+    scene_id = load(conn, *throw(LOW_LATITUDE, 9, 2, 2))
     with pytest.raises(StoreError, match="REPEATABLE READ"):
         list(store.candidates(conn, scene_id, 1))
 
 
 def test_unbounded_spans_meet_everything(conn: Conn) -> None:
-    scene, areas, tracks = throw(PAPER, 10, 2, 1)
+    scene, areas, tracks = throw(LOW_LATITUDE, 10, 2, 1)
     areas = [Area("always", areas[0].footprint), Area("also", areas[0].footprint, end_us=-(10**15))]
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)

@@ -1,8 +1,8 @@
-"""Random scenes, seeded: the published workload and ones that are harder.
+"""Random scenes, seeded, at low latitudes and where it is harder.
 
-`paper` follows the random workload of Bienkowski, Sidoti and Pattipati (2021): areas of 3 to 10 vertices, 50 to 100 nmi
-around; tracks of 50 to 100 nmi; havens 20 to 40 nmi around; all between latitudes 0 and 30. Here every scene is thrown
-into a small window of that region, so that a few dozen objects meet often.
+`low latitude` has areas of 3 to 10 vertices, 50 to 100 nmi around, tracks of 50 to 100 nmi and havens 20 to 40 nmi
+around, between latitudes 0 and 30. Every scene is thrown into a small window of that region, so that a few dozen
+objects meet often. Objects of Bienkowski, Sidoti and Pattipati (2021) are larger: benchmarks/made_scenes.py has these.
 """
 
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class Workload:
     changing_share: float = 0.0  # of havens that grow, or change from waypoint to waypoint
 
 
-PAPER: Final = Workload("paper", (0.0, 30.0), (-45.0, -15.0), 2.5, (50.0, 100.0))
+LOW_LATITUDE: Final = Workload("low latitude", (0.0, 30.0), (-45.0, -15.0), 2.5, (50.0, 100.0))
 HIGH_LATITUDE: Final = Workload("high latitude", (60.0, 78.0), (-180.0, 180.0), 3.0, (50.0, 200.0), highest=82.0)
 SOUTH: Final = Workload("high southern latitude", (-78.0, -60.0), (-180.0, 180.0), 3.0, (50.0, 200.0), highest=82.0)
 LONG_LEGS: Final = Workload(
@@ -74,7 +74,7 @@ GROWING: Final = replace(
 )
 GROWING_CIRCLES: Final = replace(OCEAN, name="growing circles", around_haven=(5.0, 200.0), changing_share=0.8)
 WORKLOADS: Final = (
-    PAPER,
+    LOW_LATITUDE,
     HIGH_LATITUDE,
     SOUTH,
     LONG_LEGS,

@@ -7,7 +7,7 @@ import oracle
 import pytest
 from accuracy import Row, Scenes, by_name, row_of, table
 from verdicts import Reported, periods_us
-from workloads import PAPER
+from workloads import LOW_LATITUDE
 
 from conflictdb import Scene, Verdict, solve
 from conflictdb.model import EarthModel, Method
@@ -30,7 +30,7 @@ def told(verdict: Verdict, *periods_s: tuple[float, float], error_s: float = 0.0
 def row(truth: dict[accuracy.Pair, oracle.Meeting], answer: accuracy.Answer, tolerance_m: float = 1.0) -> Row:
     """Return the row of one answer."""
     scene = Scene("s", tolerance_m=tolerance_m)
-    return row_of(PAPER, scene, Method.NLP, truth, answer, [14e-6, 7e-6, 21e-6], 7)
+    return row_of(LOW_LATITUDE, scene, Method.NLP, truth, answer, [14e-6, 7e-6, 21e-6], 7)
 
 
 def test_row_of_a_right_answer_has_no_errors() -> None:
@@ -66,7 +66,7 @@ def test_row_counts_what_is_missed_false_and_only_near() -> None:
 @pytest.mark.parametrize("earth", EarthModel)
 def test_batch_of_scenes_gives_the_answers_of_each(earth: EarthModel) -> None:
     """What is timed in one batch is what `solve` says of the scenes one by one."""
-    scenes = Scenes.of(PAPER, earth, scenes=3, objects=5)
+    scenes = Scenes.of(LOW_LATITUDE, earth, scenes=3, objects=5)
     batch = replace(scenes.scene, method=Method.WINDOW, tolerance_m=10.0)
     answer = by_name(run_stages(batch, plane_of(batch), *scenes.batch(10.0), scenes.footprints)[0])
     expected = {}

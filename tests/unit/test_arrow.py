@@ -13,7 +13,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_strategies import assert_same, scenes
-from workloads import GROWING, PAPER, SEAM, Workload, throw
+from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
@@ -94,7 +94,7 @@ def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataO
         assert_same(one, other)
 
 
-@pytest.mark.parametrize("workload", [PAPER, GROWING, SEAM], ids=lambda one: one.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
 def test_pieces_come_back_as_they_were(workload: Workload) -> None:
     _, _, pieces = pieces_thrown(workload)
     assert pieces.changes == (workload is GROWING)
@@ -106,14 +106,14 @@ def test_pieces_come_back_as_they_were(workload: Workload) -> None:
 
 
 def test_pieces_share_their_memory_with_arrow() -> None:
-    _, _, pieces = pieces_thrown(PAPER)
+    _, _, pieces = pieces_thrown(LOW_LATITUDE)
     batch = of_pieces(pieces)
     back = to_pieces(batch)
     for name in ("object_id", "start_us", "floor_m", "hull_xy", "shape_xy"):
         assert np.shares_memory(getattr(pieces, name), getattr(back, name)), name
 
 
-@pytest.mark.parametrize("workload", [PAPER, GROWING, SEAM], ids=lambda one: one.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
 def test_answers_are_the_same_through_arrow(workload: Workload) -> None:
     """Pieces and pairs through Arrow give the conflicts of the arrays, which come back as they were."""
     scene, areas, pieces = pieces_thrown(workload)
@@ -139,7 +139,7 @@ def test_answers_are_the_same_through_arrow(workload: Workload) -> None:
     assert its_region.geometries().tolist() == region.geometries().tolist()[1:]
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM], ids=lambda one: one.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda one: one.name)
 def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> None:
     """What executors make of arrays is what `solve` returns, in columns."""
     scene, areas, tracks = throw(workload, 7, 8, 12)
@@ -164,7 +164,7 @@ def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> Non
 
 
 def test_nothing_comes_back_as_nothing() -> None:
-    _, _, pieces = pieces_thrown(PAPER)
+    _, _, pieces = pieces_thrown(LOW_LATITUDE)
     none = pieces.take(np.empty(0, np.int64))
     assert len(to_pieces(of_pieces(none))) == 0
     assert len(to_pieces(PIECES.schema.empty_table())) == 0
@@ -178,7 +178,7 @@ def test_nothing_comes_back_as_nothing() -> None:
 
 
 def test_a_region_that_is_not_known_stays_so() -> None:
-    scene, areas, pieces = pieces_thrown(PAPER)
+    scene, areas, pieces = pieces_thrown(LOW_LATITUDE)
     a, b = candidates(pieces)
     pairs = intersections(pieces, a, b, regions=False)
     found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from workloads import HARBOUR, LONG_LEGS, PAPER, SEAM, Workload, throw
+from workloads import HARBOUR, LONG_LEGS, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -36,7 +36,7 @@ def anchored(key: str, legs: int, **changes: object) -> Track:
     return Track(key, at, np.arange(legs + 1) * MINUTE_US, OUTLINE_M, **changes)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("workload", [PAPER, SEAM, HARBOUR, LONG_LEGS], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR, LONG_LEGS], ids=lambda w: w.name)
 def test_bundles_hold_every_piece_and_meet_where_pieces_do(workload: Workload) -> None:
     scene, areas, tracks = throw(workload, 4, 25, 25)
     pieces = made(scene, areas, tracks)

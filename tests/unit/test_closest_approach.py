@@ -25,8 +25,8 @@ from workloads import (
     HARBOUR,
     HIGH_LATITUDE,
     LONG_LEGS,
+    LOW_LATITUDE,
     OCEAN,
-    PAPER,
     SEAM,
     WORKLOADS,
     Workload,
@@ -267,7 +267,7 @@ def on_great_circles(given: Given, pairs: list[list[Any]]) -> Floats:
 
 
 QUICK = [
-    (PAPER, "wgs84"),
+    (LOW_LATITUDE, "wgs84"),
     (HIGH_LATITUDE, "sphere"),
     (GROWING, "wgs84"),
     (OCEAN, "sphere"),
@@ -330,7 +330,7 @@ def test_any_number_of_threads_any_order_and_any_company_give_the_same_bits(work
     assert one.distance_m.min() == 0.0
 
 
-@pytest.mark.parametrize("workload", [PAPER, LONG_LEGS, GROWING_CIRCLES], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, LONG_LEGS, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_a_group_is_as_close_as_its_closest_pair(workload: Workload) -> None:
     given = Given.of(workload, 4, 8, EarthModel.SPHERE, nearest_m=5e4)
     n = len(given.a)
@@ -353,7 +353,7 @@ def test_a_group_is_as_close_as_its_closest_pair(workload: Workload) -> None:
 
 
 def test_nothing_is_told_of_what_is_further_than_wanted() -> None:
-    given = Given.of(PAPER, 4, 8, EarthModel.WGS84).some(300)
+    given = Given.of(LOW_LATITUDE, 4, 8, EarthModel.WGS84).some(300)
     everything, some = given.closest(), given.closest(wanted_m=1e5)
     far = everything.distance_m > 1e5
     assert 20 < far.sum() < len(far) - 20
@@ -363,7 +363,7 @@ def test_nothing_is_told_of_what_is_further_than_wanted() -> None:
     np.testing.assert_allclose(some.distance_m[~far], everything.distance_m[~far], atol=1e-3)
 
 
-@pytest.mark.parametrize("workload", [PAPER, HIGH_LATITUDE, GROWING_CIRCLES], ids=lambda w: w.name)
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_a_distance_that_need_not_be_known_well_takes_less_work_and_is_not_far_off(workload: Workload) -> None:
     """Then it is the distance told, to a hundredth of what was asked for, and nowhere less than the bound."""
     given = Given.of(workload, 7, 12, EarthModel.SPHERE, nearest_m=1e5).some(200)
@@ -424,7 +424,7 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
 
 
 def test_what_is_no_number_is_not_known_and_costs_no_other_group_anything() -> None:
-    given = Given.of(PAPER, 3, 6, EarthModel.WGS84).some(60)
+    given = Given.of(LOW_LATITUDE, 3, 6, EarthModel.WGS84).some(60)
     expected = given.closest()
     spoilt, shape = int(given.a[0]), given.pieces.shape_xy.copy()
     shape[given.pieces.shape_offset[spoilt]] = np.nan
@@ -439,6 +439,6 @@ def test_what_is_no_number_is_not_known_and_costs_no_other_group_anything() -> N
 
 @pytest.mark.parametrize("offset", [[1, 60], [0, 59], [0, 61], [0, 30, 20, 60]])
 def test_groups_that_are_none_are_refused(offset: list[int]) -> None:
-    given = Given.of(PAPER, 3, 6, EarthModel.WGS84).some(60)
+    given = Given.of(LOW_LATITUDE, 3, 6, EarthModel.WGS84).some(60)
     with pytest.raises(ValueError, match="offsets of groups"):
         given.closest(offset)

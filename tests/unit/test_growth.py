@@ -9,7 +9,7 @@ import scenes
 import shapely
 from scenes import HOUR_S
 from verdicts import periods_us
-from workloads import GROWING, PAPER, throw
+from workloads import GROWING, LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -172,7 +172,7 @@ def test_growth_beyond_the_plane_is_refused() -> None:
 @pytest.mark.parametrize("earth", EarthModel)
 def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: EarthModel) -> None:
     """A rectangle that grows, or the outlines that it grows to."""
-    scene, areas, tracks = throw(replace(PAPER, odd_share=0.0), 3, 6, 6, earth)
+    scene, areas, tracks = throw(replace(LOW_LATITUDE, odd_share=0.0), 3, 6, 6, earth)
     by_speed = [replace(t, grow_mps=0.5) for t in tracks]
     by_outlines = []
     for t in tracks:
@@ -186,7 +186,7 @@ def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: Eart
 
 
 def test_a_growth_of_nothing_is_the_same_answer() -> None:
-    scene, areas, tracks = throw(PAPER, 3, 6, 6)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 6, 6)
     same = [replace(t, outlines_m=np.array([t.outline_m] * len(t.times_us))) for t in tracks]
     assert solve(tracks, areas, scene) == solve(same, areas, scene)
     assert solve(tracks, areas, scene) == solve([replace(t, grow_mps=0.0) for t in tracks], areas, scene)

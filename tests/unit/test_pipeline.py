@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from workloads import PAPER, throw
+from workloads import LOW_LATITUDE, throw
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -20,7 +20,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import Funnel, PairSource, run_scene
 from conflictdb.stage1_broad_phase import candidates
 
-SCENE, AREAS, TRACKS = throw(PAPER, 3, 6, 6)
+SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
 SCENE = replace(SCENE, nearest_m=20_000.0)
 
 
@@ -90,7 +90,7 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
 
 def test_who_solves_the_pairs_does_not_matter() -> None:
     """One thread, or three that share them."""
-    scene, areas, tracks = throw(PAPER, 3, 140, 140)
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 140, 140)
     batch = AreaBatch.of(areas)
     pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
     alone, funnel = run(scene, pieces)

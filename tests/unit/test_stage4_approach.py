@@ -286,7 +286,7 @@ slow = pytest.mark.slow  # the oracle looks closely at all that comes near
     ("workload", "seed", "objects", "near_m"),
     [
         (workloads.HIGH_LATITUDE, 3, 3, 50e3),
-        pytest.param(workloads.PAPER, 3, 3, 50e3, marks=slow),
+        pytest.param(workloads.LOW_LATITUDE, 3, 3, 50e3, marks=slow),
         *(
             pytest.param(workload, seed, 4, near_m, marks=slow)
             for workload, near_m in ((workloads.EQUATOR, 50e3), (workloads.SEAM, 50e3), (workloads.HARBOUR, 1e3))
