@@ -84,7 +84,7 @@ TEST_PER_CANDIDATE: Final = 0.04  # stage 2
 WRITE_PER_CONFLICT: Final = 4.5
 # Of a row without a region of the kernel, above all where swept hulls meet and the objects do not: methods that decide
 # nothing report many such pairs, and the database finds the region from the hulls.
-REGION_PER_CONFLICT: Final = 45.0
+REGION_PER_CONFLICT: Final = 100.0
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 
 _SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing

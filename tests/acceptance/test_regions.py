@@ -171,7 +171,7 @@ def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: W
 
 
 EVERYWHERE = replace(
-    PAPER, name="everywhere", latitudes=(0.0, 88.0), longitudes=(-180.0, 180.0), window=3.0, highest=88.0
+    LOW_LATITUDE, name="everywhere", latitudes=(0.0, 88.0), longitudes=(-180.0, 180.0), window=3.0, highest=88.0
 )
 EVERY_CIRCLE = replace(EVERYWHERE, name="every circle", motion=Motion.GREAT_CIRCLE)
 

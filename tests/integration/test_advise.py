@@ -128,7 +128,7 @@ def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
 def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
     dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`screen` reports pairs whose hulls meet and that do not: the database finds their regions, at ten rows' cost."""
+    """`screen` reports pairs whose hulls meet and that do not: the database finds their regions, at 20 rows' cost."""
     without: list[int] = []
     stage = store.stage
 
