@@ -30,10 +30,14 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """A conflict as a list has it: its number, its objects and where they first touch, degrees, None if not known."""
+    """A conflict as a list has it: its number, its objects and where they first touch, degrees, None if not known.
+
+    is_current : False if one of the objects changed since
+    """
 
     number: int
     pair: Pair
+    is_current: bool
     first_contact_deg: tuple[float, float] | None
 
 
@@ -67,9 +71,9 @@ def listed(packed: bytes) -> list[Listed]:
     head = from_json(packed[_LENGTH.size : at])
     found = []
     for a, b in zip(head["a"], head["b"], strict=True):
-        number, _, _, _, lon, lat, *_, periods = _CONFLICT.unpack_from(packed, at)
+        number, _, is_current, _, lon, lat, *_, periods = _CONFLICT.unpack_from(packed, at)
         at += _CONFLICT.size + _PERIOD_BYTES * periods
-        found.append(Listed(number, Pair(a, b), None if math.isnan(lon) else (lon, lat)))
+        found.append(Listed(number, Pair(a, b), bool(is_current), None if math.isnan(lon) else (lon, lat)))
     return found
 
 

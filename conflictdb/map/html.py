@@ -92,12 +92,14 @@ def _check(scene: str, count: int, what: str, most: int) -> None:
 def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: list[Listed]) -> dict[str, Any]:
     """Return a FeatureCollection for each layer."""
     found: dict[str, list[Any]] = {"areas": [], "tracks": [], "conflicts": [], "first_contacts": []}
+    is_current = {one.number: one.is_current for one in conflicts}
     for layer, number, key, shape in store.map_shapes(conn, scene):
-        found[layer].append(_feature(number, {"key": key}, json.loads(shape)))
+        known = {"is_current": is_current[number]} if layer == "conflicts" else {"key": key}
+        found[layer].append(_feature(number, known, json.loads(shape)))
     for one in conflicts:
         if one.first_contact_deg is not None:
             point = {"type": "Point", "coordinates": list(one.first_contact_deg)}
-            found["first_contacts"].append(_feature(one.number, {}, point))
+            found["first_contacts"].append(_feature(one.number, {"is_current": one.is_current}, point))
     return {layer: {"type": "FeatureCollection", "features": features} for layer, features in found.items()}
 
 

@@ -3,12 +3,12 @@
 import { byId } from "./dom.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
-import { clock, counted, day, instantOf } from "./format.js";
+import { clock, counted, day, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
-import { Filter, MERCATOR_END, Model } from "./model.js";
+import { Filter, MERCATOR_END, meet, Model } from "./model.js";
 import { ServerSource } from "./source.js";
 import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
@@ -60,19 +60,23 @@ async function readConflicts() {
 function tell(text, isLost = false) {
   const state = byId("state");
   state.classList.toggle("lost", isLost);
-  state.textContent = text;
+  state.textContent = printable(text);
 }
 
 function describe() {
   const { scene } = model;
-  document.title = `${scene.scene} · conflictdb`;
-  byId("title").textContent = scene.scene;
+  document.title = `${printable(scene.scene)} · conflictdb`;
+  byId("title").textContent = printable(scene.scene);
   tell([counted(model.areas.length, "area"), counted(model.tracks.length, "track"),
     scene.is_current ? null : scene.remark,
     scene.copied ? `as of ${scene.copied}, changes since are not in this file` : null].filter(Boolean).join(" · "));
   byId("beyond").hidden = model.beyond === 0;
   byId("beyond").textContent = `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond `
     + `${MERCATOR_END.toFixed(2)}° of latitude, where the map ends: the list has what it cannot show.`;
+  const stale = model.conflicts.filter((c) => !c.is_current).length;
+  byId("stale").hidden = stale === 0;
+  byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
+    + "detect again to know what holds now.";
   byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
 }
 
@@ -113,22 +117,35 @@ function mark() {
   clearTimeout(marking);
   marking = null;
   marked = performance.now();
-  const pair = chosen ? new Set([chosen.a, chosen.b]) : new Set();
+  const flagsOf = flags();
   if (view.overview) {
     const before = performance.now();
-    const isHidden = ({ key, id }) => (key === undefined ? hiddenConflicts.has(id) : havens.marks.hidden.has(key));
-    view.overview.mark(t, isHidden, (one) => one === chosen || pair.has(one.key));
+    view.overview.mark(flagsOf);
     markTakes = performance.now() - before;
     if (!view.showsDetail()) return;
   }
-  const object = ({ key, id, start, end }) => [id, {
-    on: (start ?? -Infinity) <= t && (end ?? Infinity) >= t, hidden: havens.marks.hidden.has(key), chosen: pair.has(key),
-  }];
-  view.show("areas", model.areas.map(object));
-  view.show("tracks", model.tracks.map(object));
-  view.show("conflicts", model.conflicts.map((c) => [c.id, {
-    on: c.periods.some(([a, b]) => t >= a && t <= b), hidden: hiddenConflicts.has(c.id), chosen: c.id === chosen?.id,
-  }]));
+  for (const kind of ["areas", "tracks", "conflicts"]) view.show(kind, model[kind].map((one) => [one.id, flagsOf(one)]));
+}
+
+// Returns what says of an object or a conflict how it is shown: on, hidden, chosen, of a chosen pair which (a, b), or dimmed
+// since another pair is chosen. Conflicts at heights where the chosen one cannot be are hidden.
+function flags() {
+  const heights = chosen && model.heightsOf(chosen);
+  return (one) => {
+    if (one.key === undefined) {
+      const isChosen = one.id === chosen?.id;
+      const isApart = heights !== null && !isChosen && !meet(heights, model.heightsOf(one));
+      return {
+        on: one.periods.some(([a, b]) => t >= a && t <= b), hidden: isApart || hiddenConflicts.has(one.id),
+        chosen: isChosen, dim: chosen !== null && !isChosen,
+      };
+    }
+    const [a, b] = [one.key === chosen?.a, one.key === chosen?.b];
+    return {
+      on: (one.start ?? -Infinity) <= t && (one.end ?? Infinity) >= t, hidden: havens.marks.hidden.has(one.key),
+      chosen: a || b, dim: chosen !== null && !a && !b, a, b,
+    };
+  };
 }
 
 function markSoon() {
@@ -148,7 +165,7 @@ function moveTo(at) {
   const on = left.filter((c) => c.periods.some(([a, b]) => t >= a && t <= b));
   havens.t = t;
   havens.marks.inConflict = new Set(on.flatMap(({ a, b }) => [a, b]));
-  havens.marks.chosen = chosen ? new Set([chosen.a, chosen.b]) : new Set();
+  havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
   havens.draw();
   markSoon();
   if (filter.now) filterSoon();
@@ -348,10 +365,19 @@ function listen() {
     const object = havens.at(point);
     if (object) {
       if (chosen) unchoose();
-      byId("words").value = object.key;
+      byId("words").value = printable(object.key);
       readFilter();
     }
   });
+  // Canvases are printed as they are on the screen: Chromium does not scale what is drawn on them from here on, except WebGL,
+  // whose picture is gone by now.
+  for (const [event, isPrinted] of [["beforeprint", true], ["afterprint", false]]) {
+    window.addEventListener(event, () => {
+      list.print(isPrinted);
+      havens.isStill = isPrinted;
+      view.map.redraw();
+    });
+  }
   document.addEventListener("keydown", (event) => {
     const isTyping = event.target.closest("input:not([type=checkbox]):not([type=range]), select, textarea");
     if (event.ctrlKey || event.metaKey || event.altKey || (isTyping && event.key !== "Escape")) return;

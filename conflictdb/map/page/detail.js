@@ -1,7 +1,7 @@
 // One conflict: both objects, when, where, how sure, and which stage decided.
 
 import { element } from "./dom.js";
-import { bound, duration, heights, metres, moment, period, place } from "./format.js";
+import { bound, duration, heights, metres, moment, period, place, printable } from "./format.js";
 import { MERCATOR_END } from "./model.js";
 import { plan } from "./plan.js";
 
@@ -11,7 +11,8 @@ const SAYS = {
   conflict: "Conflict", grazing: "Grazing: too close to call", unresolved: "Unresolved: not proven apart",
 };
 
-const fact = (name, ...values) => [element("dt", {}, element("bdi", {}, name)), element("dd", {}, ...values)];
+const fact = (name, hue, ...values) => (
+  [element("dt", {}, element("bdi", { class: hue }, printable(name))), element("dd", {}, ...values)]);
 
 export class Detail {
   // `on`: back(), goTo(t), acknowledge(conflict, reason or null)
@@ -28,7 +29,8 @@ export class Detail {
     const why = element("div", { class: "why" });
     const stages = element("div");
     const heading = element("h2", { tabindex: "-1" },
-      element("bdi", {}, conflict.a), element("span", { class: "soft" }, " and "), element("bdi", {}, conflict.b));
+      element("bdi", { class: "key-a" }, printable(conflict.a)), element("span", { class: "soft" }, " and "),
+      element("bdi", { class: "key-b" }, printable(conflict.b)));
     this.container.replaceChildren(
       element("button", { type: "button", class: "plain back", click: this.on.back }, "All conflicts"),
       heading,
@@ -43,7 +45,7 @@ export class Detail {
     try {
       found = await pair;
     } catch (error) {
-      why.replaceChildren(element("p", { class: "problem" }, `Why, and what is around, is not known: ${error.message}`));
+      why.replaceChildren(element("p", { class: "problem" }, `Why, and what is around, is not known: ${printable(error.message)}`));
       figure.remove();
       return;
     }
@@ -79,10 +81,13 @@ export class Detail {
   facts(conflict, objects) {
     const found = objects.flatMap((object, i) => {
       const key = [conflict.a, conflict.b][i];
-      if (!object) return fact(key, "is no more");
-      return fact(key, object.name ? `${object.name}, ` : "", `${object.kind}, ${heights(object.floor, object.ceiling)}`);
+      const hue = `key-${"ab"[i]}`;
+      if (!object) return fact(key, hue, "is no more");
+      return fact(key, hue, object.name ? element("bdi", {}, printable(object.name)) : null, object.name ? ", " : null,
+        `${object.kind}, ${heights(object.floor, object.ceiling)}`);
     });
-    return conflict.is_current ? found : [...found, ...fact("State", "one of them has changed since")];
+    return conflict.is_current ? found
+      : [...found, ...fact("State", null, "one of them has changed since: the region is that of the last detection, and hatched")];
   }
 
   acknowledgement(conflict, mayAcknowledge) {
@@ -94,13 +99,13 @@ export class Detail {
       try {
         await this.on.acknowledge(conflict, reason);
       } catch (error) {
-        problem.textContent = error.message;
+        problem.textContent = printable(error.message);
       }
     };
     if (who !== null) {
       const until = conflict.acknowledged_until ? `, until ${conflict.acknowledged_until.slice(0, 16).replace("T", " ")} UTC` : "";
       return element("section", { class: "acknowledge" },
-        element("p", {}, "Acknowledged by ", element("bdi", {}, who), `${until}: `, element("bdi", {}, why)),
+        element("p", {}, "Acknowledged by ", element("bdi", {}, printable(who)), `${until}: `, element("bdi", {}, printable(why))),
         mayAcknowledge ? element("button", { type: "button", click: (event) => send(event, null) }, "Take back") : null, problem);
     }
     if (!mayAcknowledge) return "";
@@ -124,6 +129,6 @@ export class Detail {
 }
 
 const sentence = (text) => {
-  const said = text.charAt(0).toUpperCase() + text.slice(1);
+  const said = printable(text.charAt(0).toUpperCase() + text.slice(1));
   return /[.?!]$/.test(said) ? said : `${said}.`;
 };

@@ -2,6 +2,15 @@
 
 const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 
+const UNPRINTABLE = /[\p{C}\p{Zl}\p{Zp}]|(?! )\p{Zs}/gu;
+
+// A text that somebody wrote, with every sign that is not printed, or turns the order of others, as its number (printable.py).
+export const printable = (text) => text.replace(UNPRINTABLE, (sign) => {
+  const number = sign.codePointAt(0);
+  const [letter, digits] = number < 0x100 ? ["x", 2] : number < 0x10000 ? ["u", 4] : ["U", 8];
+  return { "\n": "\\n", "\r": "\\r", "\t": "\\t" }[sign] ?? `\\${letter}${number.toString(16).padStart(digits, "0")}`;
+});
+
 const two = (n) => String(n).padStart(2, "0");
 
 function parts(t) {

@@ -1,5 +1,6 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
+import { printable } from "./format.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -7,6 +8,16 @@ const DOT_PX = 3; // a haven that is smaller is a dot
 const MOST_NAMES = 80; // more would cover the map
 const NEAR_PX = 8; // how near a click must be
 const MOST_PARTS = 128; // of which a leg is drawn
+const DIMMED = 0.35;
+// Of the first and second object of the pair that is chosen, of what is in conflict while none is, and of all else.
+const TONES = { plain: "haven", inConflict: "conflict", a: "a", b: "b" };
+const INKS = { plain: "ink-soft", inConflict: "conflict-ink", a: "a-ink", b: "b-ink" };
+const RANKS = { a: 0, b: 0, inConflict: 1, plain: 2 };
+
+function kindOf(key, { pair, inConflict }) {
+  if (pair.length) return key === pair[0] ? "a" : key === pair[1] ? "b" : "plain";
+  return inConflict.has(key) ? "inConflict" : "plain";
+}
 
 export class Havens {
   constructor(canvas, view) {
@@ -18,7 +29,8 @@ export class Havens {
     this.areas = [];
     this.shown = []; // of each track that was drawn: x, y, reach in pixels
     this.t = 0;
-    this.marks = { hidden: new Set(), inConflict: new Set(), chosen: new Set() };
+    this.isStill = false; // while it is printed
+    this.marks = { hidden: new Set(), inConflict: new Set(), pair: [] };
     view.map.on("render", () => this.draw());
   }
 
@@ -70,11 +82,12 @@ export class Havens {
   }
 
   draw() {
+    if (this.isStill) return;
     const frame = this.view.frame();
     const { context, marks } = this;
     this.resize(frame.width, frame.height);
     this.shown = [];
-    const kinds = { plain: [], inConflict: [], chosen: [] };
+    const kinds = { plain: [], inConflict: [], a: [], b: [] };
     const reach = { w: frame.width / frame.size, h: frame.height / frame.size };
     for (const track of this.tracks) {
       if (marks.hidden.has(track.key)) continue;
@@ -87,17 +100,15 @@ export class Havens {
       // On each turn of the world that is in view.
       let x = place[0] - Math.floor(place[0] - (frame.left - margin));
       for (; x < frame.left + reach.w + margin; x += 1) {
-        const kind = marks.chosen.has(track.key) ? "chosen" : marks.inConflict.has(track.key) ? "inConflict" : "plain";
+        const kind = kindOf(track.key, marks);
         const one = { track, x: (x - frame.left) * frame.size, y: (place[1] - frame.top) * frame.size, reachPx, turn: x - place[0] };
         kinds[kind].push(one);
         this.shown.push(one);
       }
     }
-    const tones = { plain: "haven", inConflict: "conflict", chosen: "conflict" };
     for (const [kind, some] of Object.entries(kinds)) {
       if (!some.length) continue;
-      context.fillStyle = context.strokeStyle = colour(tones[kind]);
-      context.lineWidth = kind === "chosen" ? 2.5 : 1.5;
+      context.fillStyle = context.strokeStyle = colour(TONES[kind]);
       this.drawAll(some, frame, kind);
     }
     this.drawNames(frame);
@@ -105,6 +116,10 @@ export class Havens {
 
   drawAll(some, frame, kind) {
     const { context } = this;
+    const isPair = kind === "a" || kind === "b";
+    const strength = this.marks.pair.length && !isPair ? DIMMED : 1; // beside a pair that is chosen
+    context.lineWidth = isPair ? 2.5 : 1.5;
+    context.setLineDash(kind === "b" ? [6, 3] : []);
     context.beginPath();
     for (const one of some) {
       if (one.reachPx < DOT_PX) continue;
@@ -117,18 +132,20 @@ export class Havens {
       });
       context.closePath();
     }
-    context.globalAlpha = kind === "plain" ? 0.25 : 0.3;
+    context.globalAlpha = (kind === "plain" ? 0.25 : 0.3) * strength;
     context.fill();
-    context.globalAlpha = 1;
+    context.globalAlpha = strength;
     context.stroke();
+    context.setLineDash([]);
     const size = kind === "plain" ? DOT_PX : DOT_PX + 1;
     for (const { x, y, reachPx } of some) if (reachPx < DOT_PX) context.fillRect(x - size / 2, y - size / 2, size, size);
+    context.globalAlpha = 1;
   }
 
   // Names of havens, and of areas that are there, where there is room: those in conflict first.
   drawNames(frame) {
     const { context, marks, t } = this;
-    const rank = ({ key }) => (marks.chosen.has(key) ? 0 : marks.inConflict.has(key) ? 1 : 2);
+    const rank = ({ key }) => RANKS[kindOf(key, marks)];
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y: y - Math.min(reachPx, 60) - 9 }));
     for (const area of this.areas) {
       const isThere = (area.start ?? -Infinity) <= t && (area.end ?? Infinity) >= t;
@@ -151,7 +168,8 @@ export class Havens {
     context.lineJoin = "round";
     const taken = [];
     for (const { object, x, y } of some) {
-      const text = object.key.length > 24 ? `${object.key.slice(0, 23)}…` : object.key;
+      const key = printable(object.key);
+      const text = key.length > 24 ? `${key.slice(0, 23)}…` : key;
       const half = context.measureText(text).width / 2 + 3;
       const box = [x - half, y - 8, x + half, y + 8];
       if (taken.some((o) => box[0] < o[2] && o[0] < box[2] && box[1] < o[3] && o[1] < box[3])) continue;
@@ -159,7 +177,7 @@ export class Havens {
       context.strokeStyle = colour("sea");
       context.lineWidth = 3;
       context.strokeText(text, x, y);
-      context.fillStyle = rank(object) < 2 ? colour("conflict-ink") : colour("ink-soft");
+      context.fillStyle = colour(INKS[kindOf(object.key, marks)]);
       context.fillText(text, x, y);
     }
   }

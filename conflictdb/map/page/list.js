@@ -1,10 +1,11 @@
 // The list of conflicts, by first contact. Only rows in view are elements: there may be tens of thousands.
 
 import { element } from "./dom.js";
-import { bound, clock, duration, moment } from "./format.js";
+import { bound, clock, duration, moment, printable } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
+const MOST_PRINTED = 500; // rows
 const TOLD_S = 0.1; // an error of times that is smaller is told of one conflict, not in the list
 
 export class List {
@@ -17,6 +18,7 @@ export class List {
     this.shown = new Map();
     this.chosen = null;
     this.t = 0;
+    this.isPrinted = false;
     container.addEventListener("scroll", () => this.render(), { passive: true });
     new ResizeObserver(() => this.render()).observe(container);
     this.rows.addEventListener("keydown", (event) => {
@@ -66,9 +68,25 @@ export class List {
     this.shown.get(n)?.querySelector("button").focus();
   }
 
+  // Has all rows there, or as many as paper takes, while they are printed.
+  print(isPrinted) {
+    this.isPrinted = isPrinted;
+    this.render();
+    if (this.conflicts.length === 0) return;
+    const left = this.conflicts.length - MOST_PRINTED;
+    this.empty.hidden = !isPrinted || left <= 0;
+    this.empty.textContent = left > 0 ? `and ${left.toLocaleString("en")} more` : "";
+  }
+
+  // The rows that are wanted, from the first to before the last.
+  wanted() {
+    if (this.isPrinted) return [0, Math.min(this.conflicts.length, MOST_PRINTED)];
+    const { scrollTop, clientHeight } = this.container;
+    return [Math.max(0, Math.floor(scrollTop / ROW) - MORE), Math.min(this.conflicts.length, Math.ceil((scrollTop + clientHeight) / ROW) + MORE)];
+  }
+
   render() {
-    const first = Math.max(0, Math.floor(this.container.scrollTop / ROW) - MORE);
-    const last = Math.min(this.conflicts.length, Math.ceil((this.container.scrollTop + this.container.clientHeight) / ROW) + MORE);
+    const [first, last] = this.wanted();
     for (const [n, row] of this.shown) {
       if (n < first || n >= last) {
         row.remove();
@@ -101,7 +119,8 @@ export class List {
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
         element("span", { class: "keys" },
-          element("bdi", {}, conflict.a), element("span", { class: "soft" }, " and "), element("bdi", {}, conflict.b)),
+          element("bdi", {}, printable(conflict.a)), element("span", { class: "soft" }, " and "),
+          element("bdi", {}, printable(conflict.b))),
         element("span", { class: "when" }, when),
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },

@@ -9,32 +9,47 @@ import { mercatorX, mercatorY } from "./world.js";
 maplibregl.prewarm(); // its threads load while the scene does
 
 const state = (name) => ["boolean", ["feature-state", name], false];
-// Hidden: nothing; else what holds for a feature that is chosen, on at the time that is shown, or neither.
-const byState = (chosen, on, off) => ["case", state("hidden"), 0, state("chosen"), chosen, state("on"), on, off];
+// Hidden: nothing; else what holds for a feature that is chosen, dimmed since others are, on at the time that is shown, or
+// none of these.
+const byState = (chosen, on, off, dim) => (
+  ["case", state("hidden"), 0, state("chosen"), chosen, state("dim"), dim, state("on"), on, off]);
+// The objects of the pair that is chosen have hues of their own.
+const hue = () => ["case", state("a"), colour("a"), state("b"), colour("b"), colour("object")];
 
 // What each layer looks like in the colours of the theme.
 const looks = () => ({
   sea: { "background-color": colour("sea") },
   land: { "fill-color": colour("land"), "fill-antialias": false },
   coast: { "line-color": colour("coast"), "line-width": 0.8 },
-  areas: { "fill-color": colour("object"), "fill-opacity": byState(0.28, 0.14, 0.03) },
+  areas: { "fill-color": hue(), "fill-opacity": byState(0.2, 0.14, 0.03, 0.02) },
   "areas-edge": {
-    "line-color": colour("object"), "line-width": ["case", state("chosen"), 2, 1],
-    "line-opacity": byState(1, 0.75, 0.25),
+    "line-color": hue(), "line-width": ["case", state("chosen"), 2.5, 1],
+    "line-opacity": byState(1, 0.75, 0.25, 0.15),
   },
   tracks: {
-    "line-color": colour("object"), "line-width": ["case", state("chosen"), 2, 1],
-    "line-opacity": byState(0.95, 0.4, 0.12),
+    "line-color": hue(), "line-width": ["case", state("chosen"), 2.5, 1],
+    "line-opacity": byState(1, 0.4, 0.12, 0.08),
   },
-  conflicts: { "fill-color": colour("conflict"), "fill-opacity": byState(0.55, 0.45, 0.1) },
+  conflicts: { "fill-color": colour("conflict"), "fill-opacity": byState(0.6, 0.45, 0.1, 0.03) },
   "conflicts-edge": {
     "line-color": colour("conflict"), "line-width": ["case", state("chosen"), 2.5, 1.2],
-    "line-opacity": byState(1, 0.95, 0.35),
+    "line-opacity": byState(1, 0.95, 0.35, 0.12),
+  },
+  // Of objects that changed since: what is shown is not what would be found now.
+  "stale-conflicts": { "fill-pattern": "stale", "fill-opacity": byState(0.9, 0.7, 0.35, 0.1) },
+  "stale-conflicts-edge": {
+    "line-color": colour("conflict"), "line-width": ["case", state("chosen"), 2, 1], "line-dasharray": [3, 2],
+    "line-opacity": byState(0.9, 0.7, 0.35, 0.12),
   },
   "first-contacts": {
     "circle-color": colour("conflict"), "circle-radius": ["case", state("chosen"), 5, 2.5],
-    "circle-opacity": byState(1, 0.9, 0.4), "circle-stroke-color": colour("paper"),
-    "circle-stroke-width": ["case", state("hidden"), 0, 1],
+    "circle-opacity": byState(1, 0.9, 0.4, 0.15), "circle-stroke-color": colour("paper"),
+    "circle-stroke-width": ["case", state("hidden"), 0, state("dim"), 0, 1],
+  },
+  "stale-first-contacts": {
+    "circle-color": colour("paper"), "circle-radius": ["case", state("chosen"), 4, 2],
+    "circle-opacity": byState(1, 0.9, 0.4, 0.15), "circle-stroke-color": colour("conflict"),
+    "circle-stroke-width": ["case", state("hidden"), 0, state("dim"), 0.5, 1],
   },
 });
 
@@ -51,8 +66,32 @@ const LAYERS = [
   ["tracks", "line", "tracks"],
   ["conflicts", "fill", "conflicts"],
   ["conflicts-edge", "line", "conflicts"],
+  ["stale-conflicts", "fill", "conflicts"],
+  ["stale-conflicts-edge", "line", "conflicts"],
   ["first-contacts", "circle", "first_contacts"],
+  ["stale-first-contacts", "circle", "first_contacts"],
 ];
+
+const CONFLICT_LAYERS = ["first-contacts", "stale-first-contacts", "conflicts", "stale-conflicts"];
+const FLAGS = ["on", "hidden", "chosen", "dim", "a", "b"];
+const HIDDEN = 1 << FLAGS.indexOf("hidden");
+const HATCH_PX = 8;
+
+// Hatching of regions that are not current, as an image.
+function hatch() {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = HATCH_PX;
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.strokeStyle = colour("conflict");
+  context.lineWidth = 1.5;
+  context.beginPath();
+  for (const from of [-HATCH_PX, 0, HATCH_PX]) { // each line enters where the one of the next tile leaves
+    context.moveTo(from - 1, HATCH_PX + 1);
+    context.lineTo(from + HATCH_PX + 1, -1);
+  }
+  context.stroke();
+  return context.getImageData(0, 0, HATCH_PX, HATCH_PX);
+}
 
 const MERCATOR_M = 2 * Math.PI * 6378137;
 const SMALL_DEG = 30; // around a scene that is smaller than this, with its margin, land is the finer one
@@ -98,7 +137,11 @@ export class MapView {
     this.map.getCanvas().setAttribute("aria-label", "Map");
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
-    this.map.once("style.load", () => { this.isReady = true; });
+    this.map.once("style.load", () => {
+      this.isReady = true;
+      this.map.addImage("stale", hatch());
+    });
+    this.map.on("render", () => this.measure());
     this.overview = detailZoom > 0
       ? new Overview(document.getElementById("overview"), this, () => !this.showsDetail() || !this.isDetailLoaded()) : null;
     this.loaded = new Promise((resolve) => this.map.once("load", resolve));
@@ -106,11 +149,12 @@ export class MapView {
 
   style(sources) {
     const layers = LAYERS.filter(([, , from]) => from in sources || from in this.places).map((one) => this.layer(one));
-    return { version: 8, sources, layers: [{ id: "sea", type: "background", paint: looks().sea }, ...layers] };
+    return { version: 8, sources, transition: { duration: 0, delay: 0 }, layers: [{ id: "sea", type: "background", paint: looks().sea }, ...layers] };
   }
 
   layer([id, type, from]) {
-    const kind = (id) => /^(near-)?(land|coast)$/.test(id) && { filter: ["==", ["get", "kind"], id.replace("near-", "")] };
+    const kind = (id) => (/^(near-)?(land|coast)$/.test(id) ? { filter: ["==", ["get", "kind"], id.replace("near-", "")] }
+      : /conflicts|contacts/.test(id) && { filter: ["==", ["get", "is_current"], !id.startsWith("stale-")] });
     const { source = from, sourceLayer } = this.places[from] ?? {};
     return { id, type, source, paint: looks()[id.replace("near-", "")], ...kind(id), ...(sourceLayer && { "source-layer": sourceLayer }) };
   }
@@ -128,6 +172,7 @@ export class MapView {
   }
 
   paint() {
+    if (this.map.hasImage("stale")) this.map.updateImage("stale", hatch());
     const paint = looks();
     for (const { id } of this.map.getStyle()?.layers ?? []) {
       for (const [name, value] of Object.entries(paint[id.replace("near-", "")] ?? {})) {
@@ -163,13 +208,24 @@ export class MapView {
     if (!this.isReady) return;
     const known = this.states.get(kind);
     const layers = kind === "conflicts" ? ["conflicts", "first_contacts"] : [kind];
-    for (const [id, { on = false, hidden = false, chosen = false }] of wanted) {
-      const mark = (on ? 1 : 0) + (hidden ? 2 : 0) + (chosen ? 4 : 0);
+    for (const [id, flags] of wanted) {
+      const mark = FLAGS.reduce((sum, flag, n) => sum + (flags[flag] ? 1 << n : 0), 0);
       if ((known.get(id) ?? 0) !== mark) {
         known.set(id, mark);
-        for (const layer of layers) this.map.setFeatureState({ ...this.places[layer], id }, { on, hidden, chosen });
+        const states = Object.fromEntries(FLAGS.map((flag) => [flag, Boolean(flags[flag])]));
+        for (const layer of layers) this.map.setFeatureState({ ...this.places[layer], id }, states);
       }
     }
+  }
+
+  // Says the shape of the map and the width of its scale to style.css, which prints all canvases as one picture.
+  measure() {
+    const { clientWidth: width, clientHeight: height } = this.map.getContainer();
+    const scale = this.map.getContainer().querySelector(".maplibregl-ctrl-scale");
+    const { style } = this.map.getContainer().parentElement;
+    if (matchMedia("print").matches) return;
+    style.setProperty("--map-shape", width / height);
+    style.setProperty("--scale-share", scale ? scale.getBoundingClientRect().width / width : 0);
   }
 
   // Where pixels are: of a place in units of the world (0 to 1, Web Mercator), for what is drawn above the map.
@@ -195,8 +251,8 @@ export class MapView {
   conflictsAt(point) {
     if (!this.showsDetail()) return this.overview.conflictsAt(point);
     const around = [[point.x - 4, point.y - 4], [point.x + 4, point.y + 4]];
-    return this.map.queryRenderedFeatures(around, { layers: ["first-contacts", "conflicts"] })
-      .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & 2))
+    return this.map.queryRenderedFeatures(around, { layers: CONFLICT_LAYERS })
+      .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & HIDDEN))
       .map(({ id }) => id);
   }
 }

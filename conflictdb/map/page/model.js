@@ -1,5 +1,6 @@
 // A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
 
+import { printable } from "./format.js";
 import { Motion } from "./motion.js";
 
 export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
@@ -211,6 +212,12 @@ export class Model {
     return [west, south, east, north];
   }
 
+  // The heights where both objects of a conflict may be: [floor, ceiling], metres.
+  heightsOf({ a, b }) {
+    const pair = [this.objects.get(a), this.objects.get(b)];
+    return [Math.max(...pair.map((object) => object?.floor ?? -Infinity)), Math.min(...pair.map((object) => object?.ceiling ?? Infinity))];
+  }
+
   // The box to show of a conflict: both havens at an instant, and the place of contact.
   around(conflict, t) {
     const middle = conflict.lon ?? (conflict.west + conflict.east) / 2;
@@ -253,6 +260,9 @@ export function narrowest(spans) {
   return gap <= 0 ? [-180, 180] : [west, west + 360 - gap];
 }
 
+// Whether two spans of heights have one in common.
+export const meet = ([floor, ceiling], [other, top]) => Math.max(floor, other) < Math.min(ceiling, top);
+
 // What a filter leaves. Words are of keys and names, in any case; a height counts where both objects may be.
 export class Filter {
   constructor() {
@@ -276,7 +286,7 @@ export class Filter {
     const wanted = this.text.trim().toLowerCase();
     if (wanted === "") return true;
     return object !== undefined
-      && (object.key.toLowerCase().includes(wanted) || (object.name ?? "").toLowerCase().includes(wanted));
+      && [object.key, object.name ?? ""].some((text) => [text, printable(text)].some((one) => one.toLowerCase().includes(wanted)));
   }
 
   leavesObject(object) {
@@ -286,11 +296,9 @@ export class Filter {
 
   leaves(conflict, model, t) {
     const pair = [model.objects.get(conflict.a), model.objects.get(conflict.b)];
-    const floor = Math.max(this.floor, ...pair.map((object) => object?.floor ?? -Infinity));
-    const ceiling = Math.min(this.ceiling, ...pair.map((object) => object?.ceiling ?? Infinity));
     return this.verdicts.has(conflict.verdict)
       && conflict.periods.some(([a, b]) => a <= this.to && b >= this.from && (!this.now || (t >= a && t <= b)))
-      && floor < ceiling
+      && meet(model.heightsOf(conflict), [this.floor, this.ceiling])
       && !(this.open && conflict.acknowledged_by !== null)
       && pair.some((object, i) => this.names(object ?? { key: [conflict.a, conflict.b][i], name: null }));
   }

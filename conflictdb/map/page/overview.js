@@ -6,14 +6,18 @@
 import { colour, theme } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
-const [OFF, ON, CHOSEN, HIDDEN] = [0, 1, 2, 3]; // what an object looks like
-// Of what is off, on and chosen, as map.js has it for tiles.
-const AREA_OPACITY = [0.03, 0.14, 0.28];
-const EDGE_OPACITY = [0.25, 0.75, 1];
-const PATH_OPACITY = [0.12, 0.4, 0.95];
-const LINE_PX = [1, 1, 2];
-const CONTACT_OPACITY = [0.4, 0.9, 1];
-const CONTACT_PX = [2.5, 2.5, 5];
+// What an object or conflict looks like, from below to above: dimmed while others are chosen, off, on, or chosen (of objects
+// the first or second).
+const LOOKS = ["dim", "off", "on", "chosen", "a", "b"];
+const HIDDEN = LOOKS.length;
+// As map.js has it for tiles.
+const COLOURS = ["object", "object", "object", "object", "a", "b"];
+const AREA_OPACITY = [0.02, 0.03, 0.14, 0.2, 0.2, 0.2];
+const EDGE_OPACITY = [0.15, 0.25, 0.75, 1, 1, 1];
+const PATH_OPACITY = [0.08, 0.12, 0.4, 1, 1, 1];
+const LINE_PX = [1, 1, 1, 2.5, 2.5, 2.5];
+const CONTACT_OPACITY = [0.15, 0.4, 0.9, 1];
+const CONTACT_PX = [2.5, 2.5, 2.5, 5];
 const TOGETHER = 50; // shapes of a path: of thousands in one, the time grows with the square
 const SPECK_PX = 1.5; // what is smaller is a point
 const STEP_PX = 0.7; // points of a line that are nearer than this are left out
@@ -101,13 +105,14 @@ export class Overview {
     this.contactLooks = new Uint8Array(conflicts.length);
   }
 
-  // Shows what is on at a time; `isHidden` and `isChosen` are asked of each object and conflict.
-  mark(t, isHidden, isChosen) {
-    const look = (one, isOn) => (isHidden(one) ? HIDDEN : isChosen(one) ? CHOSEN : isOn ? ON : OFF);
-    for (const { objects, looks } of this.kinds) {
-      objects.forEach((object, n) => { looks[n] = look(object, (object.start ?? -Infinity) <= t && (object.end ?? Infinity) >= t); });
-    }
-    this.conflicts.forEach((one, n) => { this.contactLooks[n] = look(one, one.periods.some(([a, b]) => t >= a && t <= b)); });
+  // Shows what is on and chosen; `flagsOf` is asked of each object and conflict (app.js).
+  mark(flagsOf) {
+    const look = (one) => {
+      const { on, hidden, chosen, dim, a, b } = flagsOf(one);
+      return hidden ? HIDDEN : LOOKS.indexOf(a ? "a" : b ? "b" : chosen ? "chosen" : dim ? "dim" : on ? "on" : "off");
+    };
+    for (const { objects, looks } of this.kinds) objects.forEach((object, n) => { looks[n] = look(object); });
+    this.conflicts.forEach((one, n) => { this.contactLooks[n] = look(one); });
     this.marks += 1;
     this.draw();
   }
@@ -128,8 +133,8 @@ export class Overview {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, frame.width, frame.height);
     if (!drawn) return;
-    context.fillStyle = context.strokeStyle = colour("object");
-    for (const look of [OFF, ON, CHOSEN]) {
+    for (const look of LOOKS.keys()) {
+      context.fillStyle = context.strokeStyle = colour(COLOURS[look]);
       context.lineWidth = LINE_PX[look];
       this.kinds.forEach((kind, n) => this.drawKind(kind, look, frame, n === 0 ? AREA_OPACITY[look] : 0, [EDGE_OPACITY, PATH_OPACITY][n][look]));
     }
@@ -190,10 +195,11 @@ export class Overview {
     const { width, height } = this.canvas;
     const image = new ImageData(width, height);
     const pixels = new Uint32Array(image.data.buffer);
-    for (const look of [OFF, ON, CHOSEN]) {
-      const dot = dotOf(CONTACT_PX[look] * ratio, ratio, CONTACT_OPACITY[look]);
+    for (const look of CONTACT_PX.keys()) {
+      const [current, stale] = [true, false].map((isCurrent) => dotOf(CONTACT_PX[look] * ratio, ratio, CONTACT_OPACITY[look], isCurrent));
       for (let n = 0; n < this.conflicts.length; n += 1) {
         if (this.contactLooks[n] !== look) continue;
+        const dot = this.conflicts[n].is_current ? current : stale;
         const y = Math.round((this.contacts[2 * n + 1] - frame.top) * frame.size * ratio);
         if (!(y > -dot.reach && y < height + dot.reach)) continue;
         const from = this.contacts[2 * n] - frame.left;
@@ -225,8 +231,8 @@ export class Overview {
 
 const bounded = (y) => Math.min(SOUTH, Math.max(NORTH, y));
 
-// A disc with a rim as its pixels: places about the middle, and colours.
-function dotOf(radius, rim, opacity) {
+// A disc with a rim as its pixels: places about the middle, and colours; a ring for what is not current.
+function dotOf(radius, rim, opacity, isCurrent) {
   const reach = Math.ceil(radius + rim);
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 2 * reach + 1;
@@ -238,14 +244,21 @@ function dotOf(radius, rim, opacity) {
     context.arc(reach + 0.5, reach + 0.5, size, 0, 2 * Math.PI);
     context.fill();
   };
-  disc(radius + rim, colour("paper"), opacity);
-  disc(radius, colour("conflict"), 1);
+  disc(radius + rim, colour(isCurrent ? "paper" : "conflict"), opacity);
+  context.globalCompositeOperation = "copy";
+  context.save();
+  context.beginPath();
+  context.arc(reach + 0.5, reach + 0.5, radius, 0, 2 * Math.PI);
+  context.clip();
+  disc(radius, colour(isCurrent ? "conflict" : "paper"), opacity);
+  context.restore();
   const { data } = context.getImageData(0, 0, canvas.width, canvas.width);
   const colours = new Uint32Array(data.buffer);
   const pixels = [];
   colours.forEach((value, i) => {
     const alpha = Math.round(data[4 * i + 3]);
-    if (alpha > 0) pixels.push({ x: (i % canvas.width) - reach, y: Math.floor(i / canvas.width) - reach, value, isFull: alpha > 127 });
+    const [x, y] = [(i % canvas.width) - reach, Math.floor(i / canvas.width) - reach];
+    if (alpha > 0) pixels.push({ x, y, value, isFull: Math.hypot(x, y) <= radius });
   });
   return { reach, pixels };
 }

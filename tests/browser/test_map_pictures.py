@@ -1,0 +1,283 @@
+"""What the page of `conflictdb map` draws is true: on paper, over time, of a chosen pair, and of what changed."""
+
+import json
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from browsing import Open, rows, wait_until
+from commands import runner
+from map_page import Serve
+from piecework import load
+from playwright.sync_api import Page, expect
+
+import conflictdb
+from conflictdb.db.detect import detect
+from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.printable import printable
+
+Conn = psycopg.Connection[Any]
+HOUR_US = 3_600_000_000
+T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
+T0_S = T0_US / 1e6
+DRAWN_MS = 500
+
+
+@pytest.fixture
+def strait(dsn: str, serve: Serve) -> str:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    return serve(dsn, "strait")
+
+
+def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
+    """Return the state of each feature that layers of the map show, by the keys of its objects."""
+    page.wait_for_timeout(DRAWN_MS)
+    found = page.evaluate(
+        """(layers) => conflictdbPage.view.map.queryRenderedFeatures({layers}).map(({properties: p, state}) => (
+            [p.key ?? `${p.a_key} and ${p.b_key}`, state]))""",
+        list(layers),
+    )
+    return dict(found)
+
+
+def pixel(page: Page, lon: float, lat: float, of: str) -> list[int]:
+    """Return red, green, blue and opacity of a canvas above the map at a place."""
+    script = """([lon, lat, of]) => {
+        const {view} = conflictdbPage, {x, y} = view.map.project([lon, lat]), canvas = document.getElementById(of);
+        return [...canvas.getContext('2d').getImageData(Math.round(x), Math.round(y), 1, 1).data];
+    }"""
+    return list(page.evaluate(script, [lon, lat, of]))
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["wide", "narrow"])
+def test_havens_are_printed_where_they_are(strait: str, open_page: Open, size: tuple[int, int]) -> None:
+    """On paper the page has another width, and nobody draws anew: all that the map is made of keeps one shape."""
+    page = open_page(strait, size=size)
+    # As while it is printed: no frame is drawn between the screen and the paper.
+    page.evaluate("""(() => {
+        const {view: {map}, havens} = conflictdbPage;
+        map.resize = map.redraw = map.triggerRepaint = () => map;
+        havens.draw = () => {};
+    })()""")
+    script = """['.maplibregl-canvas', '#graticule', '#overview', '#havens'].map((one) => {
+        const canvas = document.querySelector(one), {x, y, width, height} = canvas.getBoundingClientRect();
+        return [x, y, width, height];
+    })"""
+    screen = page.evaluate(script)
+    scale = page.evaluate("document.querySelector('.maplibregl-ctrl-scale').getBoundingClientRect().width")
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 700, "height": 1000})
+    paper = page.evaluate(script)
+    x, y, width, height = paper[0]
+    assert width != pytest.approx(screen[0][2], rel=0.1)
+    for box in paper:
+        assert box == pytest.approx([x, y, width, height], abs=0.6)
+    assert width / height == pytest.approx(screen[0][2] / screen[0][3], rel=0.005)
+    printed = page.evaluate("document.querySelector('.maplibregl-ctrl-scale').getBoundingClientRect().width")
+    assert printed / width == pytest.approx(scale / screen[0][2], rel=0.01)
+
+
+def test_printing_has_all_rows_and_marks_without_backgrounds(strait: str, open_page: Open) -> None:
+    """Who prints without backgrounds tells a conflict from grazing; the page is as before afterwards."""
+    page = open_page(strait, size=(1280, 400))
+    page.evaluate("""window.addEventListener('beforeprint', () => {
+        window.printed = {rows: document.querySelectorAll('.row').length, isStill: conflictdbPage.havens.isStill};
+    })""")
+    assert page.pdf(print_background=False).startswith(b"%PDF")
+    assert page.evaluate("window.printed") == {"rows": 7, "isStill": True}
+    assert page.evaluate("conflictdbPage.havens.isStill") is False
+    borders = page.evaluate("""['conflict', 'grazing'].map((verdict) => {
+        const mark = document.createElement('span');
+        mark.className = `mark ${verdict}`;
+        document.body.append(mark);
+        const {borderLeftWidth, width} = getComputedStyle(mark);
+        return 2 * parseFloat(borderLeftWidth) / parseFloat(width);
+    })""")
+    assert borders[0] == 1
+    assert borders[1] < 0.5
+
+
+def test_dots_of_a_large_scene_show_what_is_on(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """A first contact is strong while its conflict is on, and pale before and after."""
+    times = np.array([T0_US, T0_US + 10 * HOUR_US])
+    small = rectangle_outline_m(10, 10, 10, 10)
+    far = [Track(f"T{n}", [(lon, 8.0), (lon, 9.0)], times, small) for n, lon in enumerate(np.linspace(1.0, 4.0, 2001))]
+    outline = rectangle_outline_m(500, 500, 500, 500)
+    crossing = [
+        Track("EAST", [(2.0, 2.0), (3.0, 2.0)], times, outline),
+        Track("NORTH", [(2.5, 1.5), (2.5, 2.5)], times, outline),
+    ]
+    load(conn, Scene("s"), [], far + crossing)
+    detect(conn, "s", jobs=1)
+    page = open_page(serve(dsn, "s"))
+    ((lon, lat, start),) = page.evaluate("conflictdbPage.model.conflicts.map(({lon, lat, start}) => [lon, lat, start])")
+    opacity = []
+    for at in (start - 2 * 3600, start + 60, start + 3 * 3600):
+        page.evaluate(
+            """(t) => { const slider = document.getElementById('slider'); slider.value = t;
+            slider.dispatchEvent(new Event('input', {bubbles: true})); }""",
+            at,
+        )
+        page.wait_for_timeout(DRAWN_MS)
+        opacity.append(pixel(page, lon, lat, "overview")[3])
+    assert opacity[1] > 220
+    assert max(opacity[0], opacity[2]) < 190  # with the paths below it
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_chosen_pair_stands_out(strait: str, open_page: Open, scheme: str) -> None:
+    """Its objects have two hues, all else is dimmed, and regions at heights where they are not are hidden."""
+    page = open_page(strait, color_scheme=scheme)
+    page.get_by_role("button", name="FERRY and TOW").click()
+    page.evaluate("conflictdbPage.view.map.jumpTo({center: [9.0, 57.93], zoom: 8})")
+    wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
+    seen = states(page, "conflicts")
+    assert seen["FERRY and TOW"]["chosen"]
+    assert not seen["FERRY and TOW"]["dim"]
+    assert not seen["FERRY and TOW"]["hidden"]
+    # Under water, where neither can be.
+    assert seen["CABLE and SUB-1"]["hidden"]
+    assert not seen["FIRING and FERRY"]["hidden"]
+    assert seen["FIRING and FERRY"]["dim"]
+    objects = states(page, "areas", "tracks")
+    assert [key for key, state in objects.items() if state["a"]] == ["FERRY"]
+    assert [key for key, state in objects.items() if state["b"]] == ["TOW"]
+    assert all(state["dim"] for key, state in objects.items() if key not in ("FERRY", "TOW"))
+    hues = page.evaluate(
+        """['a', 'b'].map((one) => getComputedStyle(document.documentElement).getPropertyValue(`--${one}`).trim())"""
+    )
+    assert len({*hues, "#d1490b", "#ff8a47"}) == 4
+    plan = page.evaluate("['a', 'b'].map((one) => getComputedStyle(document.querySelector(`.plan-${one}`)).stroke)")
+    assert len(set(plan)) == 2
+    # Havens too, on the canvas.
+    page.evaluate("conflictdbPage.view.map.jumpTo({center: [8.6, 57.985], zoom: 12})")
+    page.wait_for_timeout(DRAWN_MS)
+    middle = (
+        "(key) => { const {motion} = conflictdbPage.model.objects.get(key); return motion.place(conflictdbPage.t); }"
+    )
+    blue, green = (pixel(page, *page.evaluate(middle, key), "havens") for key in ("FERRY", "TOW"))
+    assert blue[2] > blue[1] > blue[0]
+    assert green[1] > green[2] > green[0]
+    page.keyboard.press("Escape")
+    seen = states(page, "conflicts", "tracks")
+    assert not any(state["dim"] or state["hidden"] or state["a"] or state["b"] for state in seen.values())
+
+
+SPOOFED = "\N{RIGHT-TO-LEFT OVERRIDE}1-BUS\N{POP DIRECTIONAL FORMATTING}"
+
+
+def test_signs_that_turn_a_key_round_are_shown_as_numbers(
+    conn: Conn, dsn: str, serve: Serve, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On the page, on its canvases and in tables: a key cannot look like another one."""
+    areas = [
+        Area(SPOOFED, shapely.box(8.0, 57.0, 9.0, 58.0), name="A\N{RIGHT-TO-LEFT ISOLATE}B"),
+        Area("SUB-1", shapely.box(8.5, 57.0, 9.5, 58.0)),
+    ]
+    load(conn, Scene("s"), areas, [])
+    detect(conn, "s", jobs=1)
+    conn.execute("SELECT conflictdb.acknowledge('s', %s, 'SUB-1', %s)", [SPOOFED, SPOOFED])
+    conn.commit()
+    page = open_page(serve(dsn, "s"))
+    known = "\\u202e1-BUS\\u202c"
+    assert printable(SPOOFED) == known
+    assert sorted(rows(page)[0].split(" and ")) == sorted([known, "SUB-1"])
+    written = page.evaluate("""(() => {
+        const {havens} = conflictdbPage, written = [];
+        havens.context.fillText = (text) => written.push(text);
+        havens.draw();
+        delete havens.context.fillText;
+        return written;
+    })()""")
+    assert known in written
+    page.locator(".row").click()
+    expect(page.locator("#detail")).to_contain_text(f": {known}")
+    expect(page.locator("#detail")).to_contain_text("A\\u2067B")
+    expect(page.locator("#detail")).to_contain_text("Decided by")
+    said = page.evaluate("document.body.textContent + document.title")
+    assert [
+        sign for sign in said if sign in "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u200e\u200f\u061c"
+    ] == []
+    page.keyboard.press("Escape")
+    for text in (known, SPOOFED):
+        page.get_by_label("Object").fill(text)
+        expect(page.locator(".row")).to_have_count(1)
+    table = runner(dsn, capsys)("conflicts", "--scene", "s")
+    assert "\u202e" not in table.out
+    assert known in table.out
+
+
+def test_the_page_shows_signs_as_tables_do(strait: str, open_page: Open) -> None:
+    page = open_page(strait)
+    signs = [
+        *map(chr, range(0x300)),
+        "\u061c",
+        "\u200b",
+        "\u200d",
+        "\u2028",
+        "\u3000",
+        "\ufeff",
+        "\U000e0001",
+        "\U0001f389",
+    ]
+    script = "async (signs) => { const m = await import('/page/format.js'); return signs.map(m.printable); }"
+    assert page.evaluate(script, signs) == [printable(sign) for sign in signs]
+
+
+def test_regions_of_changed_objects_look_stale(
+    strait: str, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Hatched, with a note, until they are found anew; others look as before."""
+    page = open_page(strait)
+    note = page.locator("#stale")
+    expect(note).to_be_hidden()
+    assert states(page, "stale-conflicts") == {}
+    moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
+    conn.execute(moved.encode())
+    conn.commit()
+    expect(note).to_contain_text("3 conflicts (hatched) are of objects that changed since")
+    wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
+    stale = {"DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"}
+    assert set(states(page, "stale-conflicts")) == set(states(page, "stale-conflicts-edge")) == stale
+    assert set(states(page, "stale-first-contacts")) == stale
+    assert not stale & set(states(page, "conflicts", "conflicts-edge", "first-contacts"))
+    assert "CABLE and SUB-1" in states(page, "conflicts")
+    page.get_by_role("button", name="DIVING and SUB-2").click()
+    expect(page.locator("#detail")).to_contain_text("one of them has changed since")
+    assert states(page, "stale-conflicts")["DIVING and SUB-2"]["chosen"]
+    page.keyboard.press("Escape")
+    assert runner(dsn, capsys)("detect", "--scene", "strait").code == 0
+    expect(note).to_be_hidden()
+    wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
+    assert states(page, "stale-conflicts") == {}
+
+
+def test_a_file_shows_what_is_stale(
+    dsn: str, conn: Conn, tmp_path: Any, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.detect("strait")
+    moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
+    conn.execute(moved.encode())
+    conn.commit()
+    file = tmp_path / "strait.html"
+    assert runner(dsn, capsys)("map", "--html", file).code == 0
+    page = open_page(file.as_uri(), offline=True)
+    expect(page.locator("#stale")).to_contain_text("3 conflicts")
+    page.wait_for_timeout(DRAWN_MS)
+    count = (
+        "(layer) => new Set(conflictdbPage.view.map.queryRenderedFeatures({layers: [layer]}).map(({id}) => id)).size"
+    )
+    assert page.evaluate(count, "stale-conflicts") == 3
+    assert page.evaluate(count, "conflicts") >= 3
+    assert (
+        json.loads(page.evaluate("JSON.stringify(conflictdbPage.model.conflicts.map((c) => c.is_current))")).count(
+            False
+        )
+        == 3
+    )
