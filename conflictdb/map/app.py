@@ -121,6 +121,12 @@ class Answers:
         with self.connections.one() as connection:
             return Response(store.map_overview(connection, self._scene), media_type="application/octet-stream")
 
+    def shapes(self, request: Request) -> Response:
+        """Return GeoJSON of all areas, paths, conflict regions and first contacts."""
+        with self.connections.one() as connection, store.transaction(connection):
+            known = content.listed(content.conflicts(connection, self._scene))
+            return _json(content.shapes(connection, self._scene, known))
+
     def tracks(self, request: Request) -> Response:
         """Return all tracks with what their havens are computed from."""
         with self.connections.one() as connection:
@@ -202,6 +208,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/areas", answers.areas),
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
+            Route("/api/shapes", answers.shapes),
             Route("/api/pair", answers.pair),
             Route("/api/events", events),
             Route("/api/acknowledge", acknowledge, methods=["POST"]),

@@ -98,6 +98,24 @@ def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
     return b"".join([_LENGTH.pack(len(head)), head, *blobs])
 
 
+def shapes(conn: psycopg.Connection[Any], scene: str, conflicts: list[Listed]) -> dict[str, Any]:
+    """Return a FeatureCollection for each layer of a scene, with its conflicts from `listed`."""
+    found: dict[str, list[Any]] = {"areas": [], "tracks": [], "conflicts": [], "first_contacts": []}
+    is_current = {one.number: one.is_current for one in conflicts}
+    for layer, number, key, shape in store.map_shapes(conn, scene):
+        known = {"is_current": is_current[number]} if layer == "conflicts" else {"key": key}
+        found[layer].append(_feature(number, known, json.loads(shape)))
+    for one in conflicts:
+        if one.first_contact_deg is not None:
+            point = {"type": "Point", "coordinates": list(one.first_contact_deg)}
+            found["first_contacts"].append(_feature(one.number, {"is_current": one.is_current}, point))
+    return {layer: {"type": "FeatureCollection", "features": features} for layer, features in found.items()}
+
+
+def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "id": number, "properties": properties, "geometry": geometry}
+
+
 def pair(conn: psycopg.Connection[Any], scene: str, asked: Pair) -> dict[str, Any]:
     """Return why two objects are in conflict, or are not, and the shapes of those that are areas."""
     return {

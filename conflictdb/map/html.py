@@ -16,7 +16,7 @@ import psycopg
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 from conflictdb.map import content, land
-from conflictdb.map.content import Listed, to_json
+from conflictdb.map.content import to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
 # Why each pair is in conflict is asked pair by pair: some seconds.
@@ -60,7 +60,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     listed = content.listed(conflicts)
     _check(scene, len(listed), "conflicts", MOST_CONFLICTS)
     areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
-    shapes = _shapes(conn, scene, listed)
+    shapes = content.shapes(conn, scene, listed)
     asked = [one.pair for one in listed[:MOST_EXPLAINED]]
     pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in asked]
     now = datetime.now(UTC)
@@ -87,24 +87,6 @@ def _check(scene: str, count: int, what: str, most: int) -> None:
             what,
             f"must be at most {most:,} for a file; got {count:,} (without --html the page shows all)",
         )
-
-
-def _shapes(conn: psycopg.Connection[Any], scene: str, conflicts: list[Listed]) -> dict[str, Any]:
-    """Return a FeatureCollection for each layer."""
-    found: dict[str, list[Any]] = {"areas": [], "tracks": [], "conflicts": [], "first_contacts": []}
-    is_current = {one.number: one.is_current for one in conflicts}
-    for layer, number, key, shape in store.map_shapes(conn, scene):
-        known = {"is_current": is_current[number]} if layer == "conflicts" else {"key": key}
-        found[layer].append(_feature(number, known, json.loads(shape)))
-    for one in conflicts:
-        if one.first_contact_deg is not None:
-            point = {"type": "Point", "coordinates": list(one.first_contact_deg)}
-            found["first_contacts"].append(_feature(one.number, {"is_current": one.is_current}, point))
-    return {layer: {"type": "FeatureCollection", "features": features} for layer, features in found.items()}
-
-
-def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "id": number, "properties": properties, "geometry": geometry}
 
 
 def _near(shapes: dict[str, Any]) -> land.Box | None:

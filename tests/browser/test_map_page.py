@@ -386,7 +386,7 @@ def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_p
     assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
     assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
     expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
-    expect(page.locator(".row", has_text="POLE-1")).to_contain_text("beyond the map")
+    expect(page.locator(".row", has_text="POLE-1")).to_contain_text("near the pole")
     page.get_by_role("button", name="EAST and WEST").click()
     page.wait_for_timeout(300)
     seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
@@ -396,7 +396,7 @@ def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_p
     assert abs(at["EAST"] - at["WEST"]) < width / 2
     page.keyboard.press("Escape")
     page.get_by_role("button", name="POLE-1 and POLE-2").click()
-    expect(page.locator("figcaption")).to_contain_text("beyond 85.05°, where the map ends")
+    expect(page.locator("figcaption")).to_contain_text("beyond 85.05°, where only the polar view shows it")
     expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
 
 

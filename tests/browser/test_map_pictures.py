@@ -15,7 +15,7 @@ from playwright.sync_api import Page, expect
 
 import conflictdb
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.printable import printable
 
 Conn = psycopg.Connection[Any]
@@ -42,6 +42,13 @@ def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
         list(layers),
     )
     return dict(found)
+
+
+def show_time(page: Page, t: float) -> None:
+    script = """(t) => { const slider = document.getElementById('slider'); slider.value = t;
+        slider.dispatchEvent(new Event('input', {bubbles: true})); }"""
+    page.evaluate(script, t)
+    page.wait_for_timeout(DRAWN_MS)
 
 
 def pixel(page: Page, lon: float, lat: float, of: str) -> list[int]:
@@ -117,12 +124,7 @@ def test_dots_of_a_large_scene_show_what_is_on(conn: Conn, dsn: str, serve: Serv
     ((lon, lat, start),) = page.evaluate("conflictdbPage.model.conflicts.map(({lon, lat, start}) => [lon, lat, start])")
     opacity = []
     for at in (start - 2 * 3600, start + 60, start + 3 * 3600):
-        page.evaluate(
-            """(t) => { const slider = document.getElementById('slider'); slider.value = t;
-            slider.dispatchEvent(new Event('input', {bubbles: true})); }""",
-            at,
-        )
-        page.wait_for_timeout(DRAWN_MS)
+        show_time(page, at)
         opacity.append(pixel(page, lon, lat, "overview")[3])
     assert opacity[1] > 220
     assert max(opacity[0], opacity[2]) < 190  # with the paths below it
@@ -281,3 +283,126 @@ def test_a_file_shows_what_is_stale(
         )
         == 3
     )
+
+
+def polar_pixel(page: Page, lon: float, lat: float) -> list[int]:
+    """Return red, green and blue of the polar view at a place."""
+    script = """(place) => {
+        const {polar} = conflictdbPage, [x, y] = polar.project(place);
+        return [...polar.context.getImageData(Math.round(x), Math.round(y), 1, 1).data].slice(0, 3);
+    }"""
+    return list(page.evaluate(script, [lon, lat]))
+
+
+def differs(one: list[int], other: list[int]) -> bool:
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) > 8
+
+
+@pytest.fixture
+def about_the_pole(conn: Conn, dsn: str, serve: Serve) -> str:
+    """Great circles: an area around the pole, and two ships that meet in it, beyond where Web Mercator ends."""
+    times = np.array([T0_US, T0_US + 10 * HOUR_US])
+    outline = rectangle_outline_m(9000, 9000, 9000, 9000)
+    around = [(lon, 87.0) for lon in range(-180, 180, 30)]
+    tracks = [
+        Track("OVER", [(10.0, 84.0), (-170.0, 84.0)], times, outline),
+        Track("ACROSS", [(100.0, 84.0), (-80.0, 84.0)], times, outline),
+    ]
+    scene = Scene("s", motion=Motion.GREAT_CIRCLE, earth=EarthModel.SPHERE, centre=(0.0, 89.0))
+    load(conn, scene, [Area("CAP", polar_cap(around), start_us=T0_US)], tracks)
+    detect(conn, "s", jobs=1)
+    conn.commit()
+    return serve(dsn, "s")
+
+
+def polar_cap(around: list[tuple[float, float]]) -> shapely.Polygon:
+    """Return a polygon that runs along latitude 90, as footprints around a pole do."""
+    (west, lat), *_ = around
+    return shapely.Polygon([*around, (west + 360.0, lat), (west + 360.0, 90.0), (west, 90.0)])
+
+
+def test_scenes_about_a_pole_are_shown_true(about_the_pole: str, conn: Conn, open_page: Open) -> None:
+    """Land, areas with the pole in them, paths, havens and regions, each where the sphere has it."""
+    page = open_page(about_the_pole)
+    expect(page.locator("#polar")).to_be_visible()
+    expect(page.locator("#beyond")).to_contain_text("the polar view shows what lies there")
+    wait_until(page, "conflictdbPage.polar.paths !== null")
+    # Stereographic: radii by the tangent of half the distance from the pole, angles as they are.
+    places = [(10.0, 89.0), (-120.0, 85.0), (179.9, 80.0), (0.0, 90.0)]
+    x0, y0 = page.evaluate("conflictdbPage.polar.project([0, 90])")
+    scale = page.evaluate("conflictdbPage.polar.scale")
+    for lon, lat in places:
+        r = 2 * np.tan(np.radians(90 - lat) / 2) * scale
+        x, y = page.evaluate("(place) => conflictdbPage.polar.project(place)", [lon, lat])
+        assert (x - x0, y - y0) == pytest.approx((r * np.sin(np.radians(lon)), r * np.cos(np.radians(lon))), abs=1e-6)
+    # The metres of its scale.
+    length = """(() => {
+        const [[x, y], [u, v]] = [[0, 90], [0, 89.99]].map((place) => conflictdbPage.polar.project(place));
+        return Math.hypot(x - u, y - v);
+    })()"""
+    far = page.evaluate(length)
+    page.evaluate("conflictdbPage.polar.goTo([[0, 89.9], [180, 89.9]])")
+    zoomed = page.evaluate("conflictdbPage.polar.scale") / scale
+    assert page.evaluate("conflictdbPage.polar.metresPerPixel()") * far * zoomed == pytest.approx(
+        6371008.77 * np.radians(0.01), rel=1e-3
+    )
+
+    page.evaluate("conflictdbPage.polar.goTo([[-45, 70], [135, 70]])")
+    show_time(page, T0_S + 2 * 3600)
+    sea = polar_pixel(page, 55.0, 86.2)
+    cap = polar_pixel(page, 55.0, 88.3)
+    assert differs(sea, cap)
+    # Where the ring of the area is cut there is no edge, and nothing is left out.
+    assert not differs(polar_pixel(page, -135.0, 88.3), cap)
+    seam = [polar_pixel(page, lon, 88.3) for lon in (177.0, 179.6, -179.6, -177.0)]
+    assert not any(differs(one, cap) for one in seam)
+    assert differs(polar_pixel(page, -40.0, 78.0), sea)  # Greenland
+    # A great circle over the pole goes straight through it.
+    assert differs(polar_pixel(page, 10.0, 86.0), sea)
+    assert differs(polar_pixel(page, -170.0, 86.0), sea)
+    # Havens as the database has them.
+    row = conn.execute(
+        "SELECT ST_AsText(conflictdb.haven_at('s', 'OVER', to_timestamp(%s)))", [T0_S + 2 * 3600]
+    ).fetchone()
+    assert row is not None
+    middle = shapely.from_wkt(row[0]).centroid
+    seen = dict(
+        page.evaluate("conflictdbPage.polar.names.filter(({at}) => at).map(({object, at}) => [object.key, at])")
+    )
+    x, y = page.evaluate("(place) => conflictdbPage.polar.project(place)", [middle.x, middle.y])
+    assert seen["OVER"] == pytest.approx([x, y], abs=2)
+
+
+def test_what_is_chosen_near_a_pole_is_shown_about_it(about_the_pole: str, open_page: Open) -> None:
+    """And clicked there; the button goes to the map without it, and back."""
+    page = open_page(about_the_pole)
+    page.get_by_role("button", name="Polar view").click()
+    expect(page.locator("#polar")).to_be_hidden()
+    assert len(rows(page)) == 3
+    page.locator(".row", has_text="OVER").filter(has_text="ACROSS").click()
+    expect(page.locator("#polar")).to_be_visible()
+    wait_until(page, "conflictdbPage.polar.paths !== null")
+    page.wait_for_timeout(DRAWN_MS)
+    lon, lat = page.evaluate("""(() => {
+        const pair = new Set(["OVER", "ACROSS"]), {conflicts} = conflictdbPage.model;
+        const {lon, lat} = conflicts.find(({a, b}) => pair.has(a) && pair.has(b));
+        return [lon, lat];
+    })()""")
+    assert lat > 85.06
+    red, _, blue = polar_pixel(page, lon, lat)
+    assert red > blue + 50
+    x, y = page.evaluate("(place) => conflictdbPage.polar.project(place)", [lon, lat])
+    page.keyboard.press("Escape")
+    box = page.locator("#polar").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + x, box["y"] + y)
+    expect(page.locator("#detail").get_by_role("heading")).to_contain_text("OVER")
+    before = page.evaluate("conflictdbPage.polar.scale")
+    page.get_by_label("Zoom in about the pole").click()
+    assert page.evaluate("conflictdbPage.polar.scale") == pytest.approx(2 * before)
+
+
+def test_scenes_far_from_the_poles_have_no_polar_view(strait: str, open_page: Open) -> None:
+    page = open_page(strait)
+    expect(page.locator("#pole")).to_be_hidden()
+    expect(page.locator("#polar")).to_be_hidden()

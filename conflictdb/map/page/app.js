@@ -9,6 +9,7 @@ import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { Filter, MERCATOR_END, meet, Model } from "./model.js";
+import { PolarView } from "./polar.js";
 import { ServerSource } from "./source.js";
 import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
@@ -17,6 +18,8 @@ const SPEEDS = [1, 10, 60, 300, 900, 3600, 21600, 86400, 604800]; // seconds in 
 const PLAYED_S = 40; // how long all of a scene takes at the speed that is set at first
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
+const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
+const POLE_LAT = 60; // scenes that reach beyond can be
 const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 const source = byId("scene-data") ? new EmbeddedSource() : new ServerSource();
@@ -24,6 +27,7 @@ const filter = new Filter();
 let model;
 let view;
 let havens;
+let polar;
 let version = 0;
 let t = 0;
 let chosen = null; // a conflict
@@ -72,7 +76,8 @@ function describe() {
     scene.copied ? `as of ${scene.copied}, changes since are not in this file` : null].filter(Boolean).join(" · "));
   byId("beyond").hidden = model.beyond === 0;
   byId("beyond").textContent = `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond `
-    + `${MERCATOR_END.toFixed(2)}° of latitude, where the map ends: the list has what it cannot show.`;
+    + `${MERCATOR_END.toFixed(2)}° of latitude, where Web Mercator ends: the polar view shows what lies there.`;
+  byId("pole").hidden = !polar.isShown && !reachesPole();
   const stale = model.conflicts.filter((c) => !c.is_current).length;
   byId("stale").hidden = stale === 0;
   byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
@@ -117,6 +122,7 @@ function mark() {
   clearTimeout(marking);
   marking = null;
   marked = performance.now();
+  polar.draw();
   const flagsOf = flags();
   if (view.overview) {
     const before = performance.now();
@@ -167,6 +173,9 @@ function moveTo(at) {
   havens.marks.inConflict = new Set(on.flatMap(({ a, b }) => [a, b]));
   havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
   havens.draw();
+  polar.t = t;
+  polar.inConflict = havens.marks.inConflict;
+  polar.draw();
   markSoon();
   if (filter.now) filterSoon();
 }
@@ -186,8 +195,14 @@ function choose(conflict) {
   byId("detail").hidden = false;
   detail.show(conflict, model, source.pair(conflict.a, conflict.b), model.scene.may_acknowledge);
   moveTo(Number.isFinite(conflict.start) ? conflict.start : t);
-  // Beyond the map there is nothing to see: it shows all that it can.
-  view.goTo(conflict.isBeyond ? model.box() : model.around(conflict, t), padding());
+  const box = model.around(conflict, t);
+  const lat = (box[1] + box[3]) / 2;
+  if (Math.abs(lat) > POLAR_LAT || (polar.isShown && Math.abs(lat) > POLE_LAT)) {
+    showPole(true, corners(box));
+  } else {
+    showPole(false);
+    view.goTo(box, padding());
+  }
 }
 
 function unchoose() {
@@ -198,6 +213,41 @@ function unchoose() {
   moveTo(t);
   const n = list.reveal(id);
   list.focus(n);
+}
+
+// --- about the pole --------------------------------------------------------------------------------------------------
+
+// Places all around a box.
+const corners = ([west, south, east, north]) => [0, 0.25, 0.5, 0.75, 1].flatMap((share) => (
+  [south, north].map((lat) => [west + share * (east - west), lat])));
+
+function reachesPole() {
+  const [, south, , north] = model.box();
+  return model.areas.length + model.tracks.length > 0 && (north > POLE_LAT || south < -POLE_LAT);
+}
+
+// Shows the map about a pole, and some places of it; or else the map that it is without.
+function showPole(isShown, places = null) {
+  const wasShown = polar.isShown;
+  polar.isShown = isShown;
+  byId("polar").hidden = byId("polar-buttons").hidden = !isShown;
+  document.querySelector(".map").classList.toggle("polar", isShown);
+  byId("pole").setAttribute("aria-pressed", isShown);
+  byId("pole").hidden = !isShown && !reachesPole();
+  if (!isShown) return;
+  if (places) polar.goTo(places);
+  if (!wasShown) polarTake();
+}
+
+// Whatever lies about the pole that the scene is nearer to.
+function poleOfScene() {
+  const [west, south, east, north] = model.box();
+  const isNorth = north >= -south;
+  return corners(isNorth ? [west, Math.max(south, POLE_LAT), east, north] : [west, south, east, Math.min(north, -POLE_LAT)]);
+}
+
+function polarTake() {
+  if (polar.isShown) polar.take(model).catch((error) => tell(error.message, true));
 }
 
 function padding() {
@@ -306,6 +356,8 @@ function forget(why) {
 // Gives what changed to those that draw it.
 function take(what) {
   if (what === "objects") havens.take(model.tracks, model.areas);
+  if (model.refused === null) polarTake();
+  else showPole(false);
   if (!view.overview) return;
   view.overview.takeConflicts(model.conflicts);
   if (what === "conflicts") return;
@@ -355,26 +407,31 @@ function listen() {
   byId("theme").addEventListener("click", () => { theme.next(); nameTheme(); havens.draw(); });
   nameTheme();
   if (view.overview) view.map.on("zoomend", mark);
-  view.map.on("click", ({ point }) => {
-    const [id] = view.conflictsAt(point);
+  const clicked = (on, place) => {
+    const [id] = (on === polar ? polar : view).conflictsAt(place);
     const conflict = model.conflicts.find((one) => one.id === id);
     if (conflict) {
       choose(conflict);
       return;
     }
-    const object = havens.at(point);
+    const object = on.at(place);
     if (object) {
       if (chosen) unchoose();
       byId("words").value = printable(object.key);
       readFilter();
     }
-  });
+  };
+  view.map.on("click", ({ point }) => clicked(havens, point));
+  polar.onClick = (place) => clicked(polar, place);
+  byId("pole").addEventListener("click", () => showPole(!polar.isShown, poleOfScene()));
+  byId("polar-closer").addEventListener("click", () => polar.zoom(2));
+  byId("polar-wider").addEventListener("click", () => polar.zoom(0.5));
   // Canvases are printed as they are on the screen: Chromium does not scale what is drawn on them from here on, except WebGL,
   // whose picture is gone by now.
   for (const [event, isPrinted] of [["beforeprint", true], ["afterprint", false]]) {
     window.addEventListener(event, () => {
       list.print(isPrinted);
-      havens.isStill = isPrinted;
+      havens.isStill = polar.isStill = isPrinted;
       view.map.redraw();
     });
   }
@@ -402,6 +459,7 @@ async function start() {
   view = await MapView.open("map", source, box, version, hasOverview(model.scene));
   const graticule = new Graticule(byId("graticule"), view);
   havens = new Havens(byId("havens"), view);
+  polar = new PolarView(byId("polar"), source, flags);
   take("objects");
   describe();
   offerSpeeds();
@@ -409,11 +467,12 @@ async function start() {
   t = model.conflicts.find((c) => Number.isFinite(c.start))?.start ?? (model.tracks.length ? model.span[0] : Date.now() / 1000);
   applyFilter();
   moveTo(t);
+  if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) showPole(true, poleOfScene());
   if (source.isLive) {
     source.watch(changed, (isHeard) => { if (isHeard) describe(); else tell("The server does not answer; trying again.", true); });
   }
   // For the console of a browser, and tests.
-  globalThis.conflictdbPage = { view, havens, graticule, timeline, filter, get model() { return model; }, get t() { return t; } };
+  globalThis.conflictdbPage = { view, havens, polar, graticule, timeline, filter, get model() { return model; }, get t() { return t; } };
   await view.loaded;
   if (view.showsDetail()) mark();
   performance.mark("shown");

@@ -61,7 +61,7 @@ export class Detail {
       const t = Number.isFinite(conflict.start) ? conflict.start : model.span[0];
       figure.replaceChildren(plan(objects, shapes, [conflict.lon, conflict.lat], t),
         element("figcaption", {}, `At first contact, on the ground. ${place(conflict.lon, conflict.lat)}`,
-          conflict.isBeyond ? `: beyond ${MERCATOR_END.toFixed(2)}°, where the map ends.` : ""));
+          conflict.isBeyond ? `: beyond ${MERCATOR_END.toFixed(2)}°, where only the polar view shows it.` : ""));
     }
   }
 

@@ -31,6 +31,15 @@ export class EmbeddedSource {
     return bytes((await this.content).tracks);
   }
 
+  async shapes() {
+    return (await this.content).shapes;
+  }
+
+  async landShapes() {
+    const { land, near_land: near } = await this.content;
+    return [...land.features, ...(near?.features ?? [])];
+  }
+
   async pair(a, b) {
     const { pairs, shapes } = await this.content;
     const footprints = shapes.areas.features.filter(({ properties: { key } }) => key === a || key === b);

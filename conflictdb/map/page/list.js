@@ -124,7 +124,7 @@ export class List {
         element("span", { class: "when" }, when),
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },
-          conflict.isBeyond ? element("span", { class: "tag" }, "beyond the map") : null,
+          conflict.isBeyond ? element("span", { class: "tag" }, "near the pole") : null,
           conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
           conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
     row.style.transform = `translateY(${n * ROW}px)`;

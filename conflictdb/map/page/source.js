@@ -64,6 +64,16 @@ export class ServerSource {
     return (await answered(await fetch("/api/overview"))).arrayBuffer();
   }
 
+  // GeoJSON of each layer, whole.
+  async shapes() {
+    return (await answered(fetch("/api/shapes"))).json();
+  }
+
+  // All land: features of polygons and of coasts.
+  async landShapes() {
+    return (await (await answered(fetch("/land/50m"))).json()).features;
+  }
+
   // Why two objects are in conflict, and the shapes of those that are areas.
   async pair(a, b) {
     return (await answered(fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
