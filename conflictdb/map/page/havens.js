@@ -132,7 +132,8 @@ export class Havens {
       });
       context.closePath();
     }
-    context.globalAlpha = (kind === "plain" ? 0.25 : 0.3) * strength;
+    // Of a pair, the region below is to be seen.
+    context.globalAlpha = (isPair ? 0.12 : kind === "plain" ? 0.25 : 0.3) * strength;
     context.fill();
     context.globalAlpha = strength;
     context.stroke();

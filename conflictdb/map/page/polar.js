@@ -238,7 +238,7 @@ export class PolarView {
       const ring = track.motion.haven(t).map((corner) => this.project(corner));
       ring.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
       context.closePath();
-      context.globalAlpha = is.dim ? 0.1 : 0.3;
+      context.globalAlpha = is.dim ? 0.1 : is.chosen ? 0.12 : 0.3;
       context.fill();
       context.globalAlpha = is.dim ? 0.35 : 1;
       context.stroke();
