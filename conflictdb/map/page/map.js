@@ -221,9 +221,11 @@ export class MapView {
   // Says the shape of the map and the width of its scale to style.css, which prints all canvases as one picture.
   measure() {
     const { clientWidth: width, clientHeight: height } = this.map.getContainer();
+    const measured = `${width} ${height} ${this.map.getZoom()} ${this.map.getCenter().lat}`; // only time has moved
+    if (measured === this.measured || matchMedia("print").matches) return;
+    this.measured = measured;
     const scale = this.map.getContainer().querySelector(".maplibregl-ctrl-scale");
     const { style } = this.map.getContainer().parentElement;
-    if (matchMedia("print").matches) return;
     style.setProperty("--map-shape", width / height);
     style.setProperty("--scale-share", scale ? scale.getBoundingClientRect().width / width : 0);
   }
