@@ -17,13 +17,18 @@ def _after_step(*, ctx: MigrationContext, step: MigrationInfo, heads: set[str], 
     """Apply the routines once the structure is at head; older revisions never meet newer routines."""
     if step.is_stamp or ctx.connection is None or set(heads) != set(context.script.get_heads()):
         return
-    schema.apply_routines(ctx.connection.connection.driver_connection)
+    driver = ctx.connection.connection.driver_connection
+    schema.apply_routines(driver)
+    # The revision that this upgrade began at.
+    if marking := schema.marking_sql(context.config.attributes.get("upgraded_from")):
+        driver.execute(marking.encode())
 
 
 def _migrate(connection: sqlalchemy.Connection) -> None:
     driver = connection.connection.driver_connection
     with connection.begin():
         schema.prepare(driver)
+        context.config.attributes["upgraded_from"] = schema.revision(driver)
         context.configure(
             connection=connection,
             version_table="alembic_version",

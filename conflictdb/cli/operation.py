@@ -8,7 +8,7 @@ from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.log import JSON_LOG, TEXT_LOG
 from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import moment_text
+from conflictdb.cli.report import moment_text, remark_incomplete
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.database import Status, connect
@@ -117,7 +117,10 @@ def upgrade(args: argparse.Namespace) -> int:
     with connect(args.dsn, create=True, say=note) as db:
         state = db.status()
         missing = schema.missing_grants(db.connection)
+        waiting = [db.state(one.scene.name) for one in state.scenes if not one.is_current]
     if missing:
         remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
     out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
+    # An upgrade that changes answers marks every object.
+    remark_incomplete(waiting)
     return DONE

@@ -160,7 +160,7 @@ def _update_script(earlier: str) -> str:
     command = _ONLY_AS_EXTENSION.format(command=f"ALTER EXTENSION conflictdb UPDATE TO '{version()}'")
     notes = [_NOTES.format(action=action) for action in ("ADD", "DROP")]
     structure = schema.structure_sql(earlier)
-    parts = [_prepare(), structure, notes[0], _routines(), notes[1], _DUMP_CONTENTS]
+    parts = [_prepare(), structure, notes[0], _routines(), notes[1], schema.marking_sql(earlier), _DUMP_CONTENTS]
     return "".join([command, schema.REFUSE_FOREIGN_SCHEMA, *parts])
 
 

@@ -228,6 +228,24 @@ def structure_sql(after: str | None = None) -> str:
     return script.getvalue()
 
 
+def marking_sql(after: str | None) -> str:
+    """Return the statement by which an upgrade from a revision marks every object of every scene.
+
+    Empty where each revision since then says that answers stay what they were (`changes_answers`), and without an
+    earlier revision (None), where there is nothing to mark.
+    """
+    if after is None or not any(name > after and _changes_answers(name) for name in revisions()):
+        return ""
+    return "SELECT pg_catalog.sum(conflictdb._mark_all(s.scene_id)) FROM conflictdb.scene s;\n"
+
+
+def _changes_answers(name: str) -> bool:
+    """Return what a revision says; those of before the rule say nothing, and count as changing answers."""
+    (file,) = (_folder("migrations") / "versions").glob(f"{name}_*.py")
+    said = re.search(r"^changes_answers = (True|False)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+    return said is None or said[1] == "True"
+
+
 def comment_sql() -> str:
     """Return the statement that notes in the database which routines it has: those of this program."""
     return (

@@ -20,6 +20,7 @@ def next_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         f"""from alembic import op
 revision = "{number:04}"
 down_revision = "{schema.head()}"
+changes_answers = False
 
 
 def upgrade() -> None:

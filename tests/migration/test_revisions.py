@@ -22,6 +22,9 @@ RELEASED: dict[str, str] = {
     "0005_add_great_circles.py": "9d6b891094698f6d087d21471e01335861b9fe88f31613d787db570091af36f1",
 }
 
+# Revisions before it say nothing; all upgrades from them pass it, and it changes answers.
+FIRST_THAT_SAYS = "0029"
+
 
 def module(file: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(file.stem, file)
@@ -58,6 +61,17 @@ def test_head_carries_the_hash_of_the_routines() -> None:
         f"sql/ changed: add a revision (or, before its release, mend {FILES[-1].name}) with "
         f'routines_sha256 = "{schema.routines_sha256()}"'
     )
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if file.name[:4] >= FIRST_THAT_SAYS], ids=lambda f: f.stem)
+def test_a_revision_says_whether_answers_change(file: Path) -> None:
+    """By a line of its own, which the upgrade reads: then every object is marked, else nothing is."""
+    said = getattr(module(file), "changes_answers", None)
+    assert isinstance(said, bool), (
+        f"{file.name}: say changes_answers = True if a detection by this release (sql/, kernel, stages, reading) may find "
+        "other conflicts, periods or points than one by the release before it, else changes_answers = False"
+    )
+    assert f"\nchanges_answers = {said}\n" in file.read_text()
 
 
 def test_released_revisions_are_frozen() -> None:

@@ -14,16 +14,30 @@ import psycopg
 import pytest
 import sqlalchemy
 from catalog import describe, details, privileges
+from commands import runner
 from databases import TestServer
 from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
 
+from conflictdb import connect
 from conflictdb.db import schema
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
 
 ROOT = Path(schema.__file__).resolve().parents[2]
 SNAPSHOT = ROOT / "docs" / "reference" / "schema.sql"
 PRIVILEGES = SNAPSHOT.with_name("privileges.txt")
+
+# A scene of any revision, detected: with no marks, and with a run.
+DETECTED = """
+INSERT INTO conflictdb.scene (name) VALUES ('s');
+INSERT INTO conflictdb.run (scene_id, started_at, finished_at, method, settings, objects, conflicts)
+VALUES (1, now(), now(), 'exact', '{}', 2, 0);
+"""
+AREAS = """
+INSERT INTO conflictdb.area (scene_id, key, footprint, version{column})
+SELECT 1, 'A' || n, ST_Multi(ST_MakeEnvelope(n * 0.5, 0, n * 0.5 + 1, 1, 4326)), n{value} FROM generate_series(1, 2) n;
+SELECT setval('conflictdb.version_seq', 2);
+"""
 
 
 @pytest.fixture
@@ -126,6 +140,45 @@ def test_history_begins_with_what_is_known_at_the_upgrade(empty_dsn: str) -> Non
         ]
         with pytest.raises(psycopg.Error, match="is before what is kept of its history, which begins at 2026-01-02"):
             conn.execute(known, ["2026-01-01"])
+
+
+@pytest.mark.parametrize("revision", schema.revisions()[:-1])
+def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
+    empty_dsn: str, revision: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever revision it began at: the answers are those of the release before."""
+    alembic_do(empty_dsn, alembic.command.upgrade, revision)
+    with psycopg.connect(empty_dsn) as conn:
+        conn.execute(DETECTED.encode())
+        # What these columns hold follows from others; only some revisions have them, and none a default.
+        columns = conn.execute("SELECT attname FROM pg_attribute WHERE attrelid = 'conflictdb.area'::regclass").fetchall()
+        more = ", first_version" if ("first_version",) in columns else ""
+        conn.execute(AREAS.format(column=more, value=more and ", n").encode())
+    assert runner(empty_dsn, capsys)("upgrade").err == (
+        "conflictdb: s: not complete: 2 objects wait for detection (`conflictdb detect --scene s` does it)\n"
+    )
+    state = "SELECT is_current, objects, pending FROM conflictdb.scenes"
+    with psycopg.connect(empty_dsn) as conn:
+        assert conn.execute(state).fetchall() == [(False, 2, 2)]
+    assert schema.upgrade(empty_dsn) == schema.head()
+    with connect(empty_dsn) as db:
+        db.detect("s")
+        assert [(one.a_key, one.b_key) for one in db.conflicts("s")] == [("A1", "A2")]
+        assert db.connection.execute(state).fetchall() == [(True, 2, 0)]
+
+
+@pytest.mark.parametrize("changes", [True, False])
+def test_the_next_release_says_whether_answers_change(dsn: str, next_release: Path, changes: bool) -> None:
+    """Nothing waits after an upgrade that changes none."""
+    (file,) = (next_release / "migrations" / "versions").glob(f"{schema.head()}_*.py")
+    file.write_text(file.read_text().replace("changes_answers = False", f"changes_answers = {changes}"))
+    with psycopg.connect(dsn) as conn:
+        conn.execute("SELECT conflictdb.create_scene('s')")
+        conn.execute("SELECT conflictdb.put_area('s', 'A', ST_MakeEnvelope(0, 0, 1, 1, 4326))")
+        conn.execute("DELETE FROM conflictdb.change")
+    schema.upgrade(dsn)
+    with psycopg.connect(dsn) as conn:
+        assert conn.execute("SELECT pending FROM conflictdb.scenes").fetchall() == [(int(changes),)]
 
 
 def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> None:
