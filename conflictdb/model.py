@@ -7,7 +7,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import InitVar, dataclass, field, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -19,9 +19,9 @@ from conflictdb import inputs
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.methods import METHODS, Method
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
+from conflictdb.speeds import MAX_SPEED_KN, check_speed
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
-MPS_PER_KNOT: Final = METRES_PER_NMI / 3600.0
 
 MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
 MAX_LATITUDE_DEG: Final = 90.0
@@ -212,6 +212,8 @@ class Track:
     floors_m, ceilings_m : (n - 1,) float64, instead of floor_m or ceiling_m: the height band on every leg, -inf and
         +inf where unbounded; floor_m and ceiling_m are then the lowest and the highest of them. At a waypoint the
         bands of both legs count
+    max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
+        math.inf takes every speed. It is not kept
     """
 
     key: str
@@ -226,6 +228,7 @@ class Track:
     outlines_m: NDArray[np.float64] | None = None
     floors_m: NDArray[np.float64] | None = None
     ceilings_m: NDArray[np.float64] | None = None
+    max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # what may be given; __post_init__ makes of it what is kept
 
@@ -243,9 +246,10 @@ class Track:
             outlines_m: inputs.Outlines | None = None,
             floors_m: inputs.Heights | None = None,
             ceilings_m: inputs.Heights | None = None,
+            max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, max_speed_kn: float) -> None:
         who = _named("track", self.key)
         refusals = Refusals()
         with refusals:
@@ -265,6 +269,7 @@ class Track:
         refusals.raise_found()
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
+            check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
         with refusals:
             _check_outline(who, "outline_m", self.outline_m)
             if self.grow_mps != 0.0:

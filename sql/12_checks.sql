@@ -299,6 +299,53 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Refuses a path whose M (Unix seconds) is outside the years 1 to 9999 or does not increase by a microsecond at least.';
 
+CREATE OR REPLACE FUNCTION _max_speed_kn() RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    -- Faster than any aircraft in service; as in conflictdb.model (MAX_SPEED_KN).
+    c_most_kn CONSTANT double precision := 2000;
+    v_given text := nullif(current_setting('conflictdb.max_speed_kn', true), '');
+BEGIN
+    IF v_given !~ '^([0-9]{1,9}([.][0-9]{1,9})?|infinity)$' THEN
+        PERFORM _refuse('ZC009', 'setting conflictdb.max_speed_kn', 'max_speed_kn',
+                        format('must be a number of knots, or infinity; got %L', v_given), 'limit_is_number',
+                        format('ALTER DATABASE %I RESET conflictdb.max_speed_kn', current_database()));
+    END IF;
+    RETURN coalesce(v_given::double precision, c_most_kn);
+END
+$$;
+COMMENT ON FUNCTION _max_speed_kn() IS
+'The speed that no track exceeds, knots: the setting conflictdb.max_speed_kn, else 2,000.';
+
+CREATE OR REPLACE FUNCTION _check_speed(p_who text, p_path geometry) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- To this share, as in conflictdb.model (SPEED_SLACK).
+    c_slack CONSTANT double precision := 0.01;
+    v_most_kn double precision := _max_speed_kn();
+    v_bad record;
+BEGIN
+    IF v_most_kn = 'infinity' THEN
+        RETURN;
+    END IF;
+    WITH waypoint AS (
+        SELECT d.path[1] - 1 AS n, d.geom, ST_M(d.geom) AS s FROM ST_DumpPoints(p_path) d
+    ), leg AS (
+        SELECT w.n, ST_DistanceSphere(lag(w.geom) OVER o, w.geom) / 1852.0 * 3600 / (w.s - lag(w.s) OVER o) AS kn
+        FROM waypoint w WINDOW o AS (ORDER BY w.n)
+    )
+    SELECT l.* INTO v_bad FROM leg l WHERE l.kn > v_most_kn * (1 + c_slack) ORDER BY l.n LIMIT 1;
+    IF FOUND THEN
+        PERFORM _refuse('ZC002', p_who, 'path',
+                        format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.n,
+                               round(v_bad.kn::numeric), v_most_kn), 'path_speed_possible',
+                        'If that is meant, raise the setting conflictdb.max_speed_kn.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_speed(text, geometry) IS
+'Refuses a path (M: Unix seconds) with a leg that even on the shortest way is travelled faster than _max_speed_kn().';
+
 CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE

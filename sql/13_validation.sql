@@ -186,6 +186,12 @@ BEGIN
        OR ST_M(ST_StartPoint(NEW.path)) < -62135596800 OR ST_M(ST_EndPoint(NEW.path)) >= 253402300800 THEN
         PERFORM _check_times(v_who, NEW.path);
     END IF;
+    -- A restore and a replica bring what was taken elsewhere, under whatever limit; only they give first_version.
+    IF current_setting('session_replication_role') <> 'replica'
+       AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
+                       ELSE NEW.path IS DISTINCT FROM OLD.path END) THEN
+        PERFORM _check_speed(v_who, NEW.path);
+    END IF;
     IF NEW.outline IS NULL OR ST_IsEmpty(NEW.outline) OR ST_NumInteriorRings(NEW.outline) > 0
        OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
         PERFORM _refuse('ZC006', v_who, 'outline',

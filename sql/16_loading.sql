@@ -30,12 +30,15 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
 SET enable_nestloop = off SET jit = off AS $$
 DECLARE
+    v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
                                     p_centre_lon, p_centre_lat);
     v_rows bigint;
     v_key text;
     v_total bigint;
 BEGIN
+    -- conflictdb.model has checked each track already, under the limit of this load.
+    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
     -- Loads of one scene come one after the other.
     PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
     ANALYZE pg_temp.staged_area;
@@ -105,6 +108,7 @@ BEGIN
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     added := added + v_rows;
     unchanged := v_total - added - updated;
+    PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
     SET CONSTRAINTS scene_holds_objects IMMEDIATE;
     SET CONSTRAINTS scene_holds_objects DEFERRED;
 END

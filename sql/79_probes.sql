@@ -111,6 +111,7 @@ BEGIN
     END IF;
     PERFORM _check_coordinates(c_who, 'path', p_path, p_scene_id);
     PERFORM _check_times(c_who, p_path);
+    PERFORM _check_speed(c_who, p_path);
     PERFORM _check_heights(c_who, p_floor_m, p_ceiling_m);
 END
 $$;

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from conflictdb.earth import geodesy
 from conflictdb.inputs import all_certain
-from conflictdb.model import MPS_PER_KNOT, EarthModel, Track, rectangle_outline_m
+from conflictdb.model import EarthModel, Track, rectangle_outline_m
+from conflictdb.speeds import MPS_PER_KNOT
 
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
 LENGTH_WIDTH: Final = ("length_m", "width_m")
@@ -81,6 +82,7 @@ def track_of(
         floor_m=rows.lowest.get("floor_m"),
         ceiling_m=rows.largest.get("ceiling_m"),
         properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
+        max_speed_kn=np.inf,  # unreachable fixes are left out above
     )
 
 

@@ -23,8 +23,9 @@ from conflictdb.io.fields import number_as_key
 from conflictdb.io.instants import format_instant
 from conflictdb.io.names import RENAME_COLUMN
 from conflictdb.io.reference import ToDegrees, of_name
-from conflictdb.io.speeds import MAX_SPEED_KN, within_speed
+from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
+from conflictdb.speeds import MAX_SPEED_KN
 
 if TYPE_CHECKING:
     import geopandas

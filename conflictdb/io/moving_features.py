@@ -50,7 +50,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
         positions, times_us = _course(fields, feature["temporalGeometry"], setting)
     members = objects.track_members(fields, setting)
     fields.raise_found()
-    return Track(key, positions, all_certain(times_us), **members)
+    return Track(key, positions, all_certain(times_us), **members, max_speed_kn=np.inf)
 
 
 def _course(fields: Fields, moving: Any, setting: objects.Setting) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -20,18 +20,17 @@ from conflictdb.io.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, 
 from conflictdb.io.instants import format_instant
 from conflictdb.io.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.io.reference import Systems, ToDegrees
-from conflictdb.io.speeds import SLACK, too_fast
 from conflictdb.model import (
     MAX_LATITUDE_DEG,
     MAX_RHUMB_LATITUDE_DEG,
     METRES_PER_NMI,
-    MPS_PER_KNOT,
     Area,
     Motion,
     Scene,
     Track,
     rectangle_outline_m,
 )
+from conflictdb.speeds import MPS_PER_KNOT, SPEED_SLACK, too_fast
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
 TIMES: Final = ("times", "datetimes")
@@ -172,7 +171,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
     members = track_members(fields, setting)
     fields.raise_found()
     if by_times:
-        return Track(key, positions, all_certain(times_us), **members)
+        return Track(key, positions, all_certain(times_us), **members, max_speed_kn=np.inf)
     assert start_us is not None  # noqa: S101
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
 
@@ -200,7 +199,7 @@ def timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, ref
         with refusals:
             done[k] = _timed(track, length_m[i : j - 1], highest)
             fastest_kn = float(track.speed_mps.max()) / MPS_PER_KNOT
-            if fastest_kn > max_speed_kn * (1.0 + SLACK):
+            if fastest_kn > max_speed_kn * (1.0 + SPEED_SLACK):
                 done[k] = None
                 raise track.refusal(track.speed, f"is {too_fast(fastest_kn, max_speed_kn)}")
     return done
@@ -314,7 +313,9 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
     positions = track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
     if worst > MAX_LATITUDE_DEG:  # as for every track
-        return Track(track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members)
+        return Track(
+            track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members, max_speed_kn=np.inf
+        )
     if worst > highest_latitude_deg:
         rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
         raise track.refusal("geometry", rule)
@@ -332,7 +333,7 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
         else:
             rule = f"{where} are less than a microsecond apart, the resolution of times"
         raise track.refusal(track.speed, rule)
-    return Track(track.key, positions, all_certain(times_us), **track.members)
+    return Track(track.key, positions, all_certain(times_us), **track.members, max_speed_kn=np.inf)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:

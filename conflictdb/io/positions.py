@@ -27,7 +27,7 @@ from conflictdb.io.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_text
 from conflictdb.io.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
-from conflictdb.io.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
+from conflictdb.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 
 # Column of this package -> names it goes by, in lower case; the first is the package's own.
 COLUMNS: Final = {

@@ -24,10 +24,10 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io import places
 from conflictdb.io.contents import PARQUET, TOO_LARGE, Contents, Parts, Remark
 from conflictdb.io.scene_file import read_scene
-from conflictdb.io.speeds import MAX_SPEED_KN
 from conflictdb.io.summary import Summary
 from conflictdb.io.time_columns import TimeColumns
 from conflictdb.model import Area, Track
+from conflictdb.speeds import MAX_SPEED_KN
 
 # What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
 # a scene may be many files.

@@ -324,15 +324,18 @@ def tracks(draw: st.DrawFn, row: MotionRow) -> Track:
     speed = draw(st.sampled_from([1e-9, 1e-3, 1.0, 6.0]))
 
     def sized(share: float) -> Track:
-        given = Track("T", np.array([start, end]), np.array([T0_US, T0_US + duration_us]), share * outline)
+        given = Track(
+            "T", np.array([start, end]), np.array([T0_US, T0_US + duration_us]), share * outline, max_speed_kn=np.inf
+        )
         if duration_us > 10**15:
-            given = replace(given, times_us=np.array([MIN_INSTANT_US, MAX_INSTANT_US]))
+            given = replace(given, times_us=np.array([MIN_INSTANT_US, MAX_INSTANT_US]), max_speed_kn=np.inf)
         if change == "outlines":
             # The largest of both is as large as it was.
             both = share * np.stack([outline, outline * factors]) / max(1.0, *factors)
-            return replace(given, outline_m=both[0], outlines_m=both)
+            return replace(given, outline_m=both[0], outlines_m=both, max_speed_kn=np.inf)
         if change == "grow" and len(np.unique(outline, axis=0)) == len(outline):
-            return replace(given, grow_mps=min(share * speed, share * 1e6 / (duration_us / 1e6)))
+            grow_mps = min(share * speed, share * 1e6 / (duration_us / 1e6))
+            return replace(given, grow_mps=grow_mps, max_speed_kn=np.inf)
         return given
 
     try:
@@ -504,6 +507,6 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
         def sized(share: float) -> Track:
             times_us = np.array([start_us, start_us + duration_us])  # noqa: B023
             speed = share * grown_m / (duration_us / 1e6)  # noqa: B023
-            return Track("T", np.array([start, end]), times_us, share * outline, grow_mps=speed)  # noqa: B023
+            return Track("T", np.array([start, end]), times_us, share * outline, grow_mps=speed, max_speed_kn=np.inf)  # noqa: B023
 
         yield (whole_leg(row, within_limits(row, sized, to_the_limit=True)),)

@@ -120,15 +120,15 @@ def test_motion_may_change_and_takes_the_centre_along(conn: Conn) -> None:
 
 
 FAR = "SELECT conflictdb.put_area('s', 'FAR', ST_MakeEnvelope(60, 30, 61, 31, 4326))"
-FAR_TRACK = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 61 0 100)',
+FAR_TRACK = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 61 0 100000)',
                                            conflictdb.rectangle_outline(1, 1, 1, 1))"""
 FAR_GROWING = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59 0 100000)',
                                              conflictdb.rectangle_outline(1, 1, 1, 1), p_grow_mps => %s)"""
 FAR_OUTLINES = """SELECT conflictdb.put_track(
-    's', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59 0 100)', NULL,
+    's', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59 0 100000)', NULL,
     p_outlines => ST_Collect(conflictdb.rectangle_outline(1, 1, 1, 1),
                              conflictdb.rectangle_outline(150000, 1, 1, 1)))"""
-FAR_HAVEN = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59.99 0 100)',
+FAR_HAVEN = """SELECT conflictdb.put_track('s', 'FAR', 'SRID=4326;LINESTRING M (0 0 0, 59.99 0 100000)',
                                            conflictdb.rectangle_outline(5000, 1, 1, 1))"""
 
 

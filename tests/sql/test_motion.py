@@ -131,7 +131,13 @@ def test_loiter_keeps_the_heading_it_came_with_else_the_one_it_leaves_with_else_
 
 
 def test_haven_without_size_is_a_point(conn: Conn) -> None:
-    track = Track("T", np.array([[179.0, 10.0], [-179.0, 10.0]]), np.array([T0_US, T0_US + 4]), np.zeros((1, 2)))
+    track = Track(
+        "T",
+        np.array([[179.0, 10.0], [-179.0, 10.0]]),
+        np.array([T0_US, T0_US + 4]),
+        np.zeros((1, 2)),
+        max_speed_kn=np.inf,
+    )
     load(conn, Scene("s"), [], [track])
     found = haven(conn, "T", T0_US + 3)
     assert isinstance(found, shapely.Point)

@@ -86,7 +86,9 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
             np.array([np.inf if ceiling_m is None else ceiling_m for _, ceiling_m in each]),
         )
     havens, when = (growth, outlines), np.array(times, dtype="datetime64[us]")
-    return Track(draw(KEY), np.array(positions), when, outline, name, *band, properties, *havens, *per_leg)
+    return Track(
+        draw(KEY), np.array(positions), when, outline, name, *band, properties, *havens, *per_leg, max_speed_kn=np.inf
+    )
 
 
 @st.composite

@@ -95,6 +95,7 @@ def track(
         rectangle_outline_m(fore, aft, port, starboard),
         None,
         *heights,
+        max_speed_kn=np.inf,
     )
 
 

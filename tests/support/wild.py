@@ -105,6 +105,6 @@ def _wild_track(
     else:
         outline = np.array([(0.0, size), (0.0, -size * rng.uniform(0, 1))])
     try:
-        return Track(key, np.array(points), times, outline)
+        return Track(key, np.array(points), times, outline, max_speed_kn=np.inf)
     except InvalidInput:
         return None

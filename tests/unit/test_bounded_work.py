@@ -31,7 +31,13 @@ MAX_INTERVALS = 131_072
 
 def track(key: str, positions: Any, half_m: float) -> Track:
     times = T0_US + MINUTE_US * np.arange(len(positions))
-    return Track(key, np.array(positions, np.float64), times, rectangle_outline_m(half_m, half_m, half_m, half_m))
+    return Track(
+        key,
+        np.array(positions, np.float64),
+        times,
+        rectangle_outline_m(half_m, half_m, half_m, half_m),
+        max_speed_kn=np.inf,
+    )
 
 
 def counted_calls(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> Callable[[], int]:
@@ -120,7 +126,7 @@ def test_what_glides_past_just_beyond_the_tolerance_is_soon_clear(tolerance_m: f
     middle = 75.0 - (half_m + 102.0) / earth_m
     times = T0_US + 60 * MINUTE_US * np.arange(2)
     outline = rectangle_outline_m(half_m, half_m, half_m, half_m)
-    passes = Track("T", np.array([(9.0, middle), (13.0, middle)]), times, outline)
+    passes = Track("T", np.array([(9.0, middle), (13.0, middle)]), times, outline, max_speed_kn=np.inf)
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=tolerance_m)
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of([Area("A", box)]), TrackBatch.of([passes]))

@@ -12,7 +12,9 @@ from conflictdb.model import Area, Track
 from conflictdb.pieces.contents import area_digests, track_digests
 
 AREA = Area("A", shapely.box(0, 0, 1, 1), start_us=0, end_us=10, floor_m=0.0, ceiling_m=10.0)
-TRACK = Track("T", [(0, 0), (1, 1), (2, 1)], [0, 10, 20], [(0, 1), (1, 0), (-1, 0)], floor_m=0.0, ceiling_m=10.0)
+TRACK = Track(
+    "T", [(0, 0), (1, 1), (2, 1)], [0, 10**10, 2 * 10**10], [(0, 1), (1, 0), (-1, 0)], floor_m=0.0, ceiling_m=10.0
+)
 
 
 def of(*objects: Area | Track) -> list[int]:

@@ -31,7 +31,13 @@ def box(key: str, west: float, south: float, east: float, north: float) -> Area:
 
 def sail(key: str, *positions: tuple[float, float], size_m: float = 1e3) -> Track:
     times = T0_US + HOUR_US * np.arange(len(positions))
-    return Track(key, np.array(positions, dtype=float), times, rectangle_outline_m(size_m, size_m, size_m, size_m))
+    return Track(
+        key,
+        np.array(positions, dtype=float),
+        times,
+        rectangle_outline_m(size_m, size_m, size_m, size_m),
+        max_speed_kn=np.inf,
+    )
 
 
 def document(scene: dict[str, Any], *features: dict[str, Any]) -> str:

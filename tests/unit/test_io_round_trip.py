@@ -16,12 +16,12 @@ from conflictdb.io.instants import format_instant, parse_instant
 from conflictdb.io.scene_file import read_scene, scene_text
 from conflictdb.model import (
     METRES_PER_NMI,
-    MPS_PER_KNOT,
     Area,
     EarthModel,
     Scene,
     Track,
 )
+from conflictdb.speeds import MPS_PER_KNOT
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine takes its time

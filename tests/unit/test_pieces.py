@@ -249,7 +249,9 @@ def test_a_leg_that_is_too_short_to_be_cut_is_padded_by_no_more_than_its_haven_n
     scene = Scene("s", earth=earth)
     times_us = np.array([scenes.T0_US, scenes.T0_US + 1])
     outline_m = np.array([(-239646.0, -55706.0), (958585.0, 23965.0)])
-    track = Track("T", np.array([(-34.0, -89.0), (0.0, 89.0)]), times_us, outline_m, grow_mps=grow_mps)
+    track = Track(
+        "T", np.array([(-34.0, -89.0), (0.0, 89.0)]), times_us, outline_m, grow_mps=grow_mps, max_speed_kn=np.inf
+    )
     check_plane(plane_of(scene), [], [track])
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     assert len(pieces) <= 20  # that of the leg, and copies for the turns that a haven of 1,000 km makes near a pole

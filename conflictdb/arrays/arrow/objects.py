@@ -228,6 +228,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
                 outlines_m=outlines,
                 floors_m=floors_m(i, -np.inf),
                 ceilings_m=ceilings_m(i, np.inf),
+                max_speed_kn=np.inf,
             )
         )
     return tracks

@@ -233,6 +233,7 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             outlines_m=given,
             floors_m=decode_heights(strings["floors"][i], -np.inf),
             ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
+            max_speed_kn=math.inf,
         )
         for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
             zip(

@@ -1,6 +1,7 @@
 """Plans that somebody asks about: pieces of a scene that they may meet, requests, and answers to these."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -96,6 +97,7 @@ def plan_of(request: ProbeRequest) -> Area | Track:
         floor_m=floor_m,
         ceiling_m=ceiling_m,
         grow_mps=request.grow_mps,
+        max_speed_kn=math.inf,
     )
 
 
