@@ -439,8 +439,8 @@ class Database:
     def conflicts_known_at(self, scene: str, at: inputs.Instant) -> list[Conflict]:
         """Return the conflicts of a scene as they were known at an instant: what had been detected by then.
 
-        Where they are, and their nearest points, is not kept. Raises InvalidInput also if the history of the scene does
-        not reach back so far.
+        Where they are, and their nearest points, is not kept. Raises InvalidInput also for an instant before the first
+        detection of the scene, and if its history does not reach back so far.
         """
         instant = inputs.moment("conflicts_known_at", "at", at)
         with self._transaction():
@@ -594,8 +594,13 @@ class Database:
         ------
         InvalidInput
             The scene is not known, or the table or the map cannot be used; nothing has been changed.
+
+        Warns
+        -----
+        UserWarning
+            The map gives areas no times, but the table has columns that look like times.
         """
-        with self._transaction():
+        with self._transaction(), _notices_as_warnings(self.connection):
             return store.attach(self.connection, scene, str(kind), table, mapped, _interval("attach", every_s))
 
     def preview_attachment(
@@ -609,7 +614,7 @@ class Database:
     ) -> store.AttachmentPreview:
         """Return what `attach` would do, and the first objects; changes nothing, and raises what `attach` raises."""
         every = _interval("preview_attachment", every_s)
-        with self._transaction():
+        with self._transaction(), _notices_as_warnings(self.connection):
             return store.preview_attachment(self.connection, scene, str(kind), table, mapped, every)
 
     def detach(self, scene: str, table: str, *, keep: bool = False) -> int:
@@ -829,6 +834,23 @@ def _plans(given: Any) -> list[Area | Track]:
     if not plans:
         raise InvalidInput("probe", "plan", "must be an Area or a Track, or several; got none")
     return plans
+
+
+@contextmanager
+def _notices_as_warnings(connection: "psycopg.Connection[Any]") -> Iterator[None]:
+    """Warn the caller of the method that uses this of what the database remarks meanwhile."""
+    remarks: list[str] = []
+
+    def keep(told: psycopg.errors.Diagnostic) -> None:
+        remarks.append(told.message_primary or "")
+
+    connection.add_notice_handler(keep)
+    try:
+        yield
+    finally:
+        connection.remove_notice_handler(keep)
+    for one in remarks:
+        warnings.warn(one, UserWarning, stacklevel=5)
 
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:

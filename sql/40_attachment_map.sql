@@ -12,6 +12,8 @@ BEGIN ATOMIC
                  (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
+                 -- Waypoints have no array of heights: it holds their place in the order.
+                 (1, 'order', 'floors_m'),
                  (1, 'outline', 'outline'), (1, 'outlines', 'outlines'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'),
                  (1, 'port_m', 'port_m'), (1, 'starboard_m', 'starboard_m'), (1, 'grow_mps', 'grow_mps'),
                  (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m')) v (kind, field, attribute)
@@ -56,6 +58,10 @@ BEGIN
     IF p_map ?| '{position,time}' AND p_map ?| '{path,times,outlines,floors_m,ceilings_m}' THEN
         PERFORM _refuse('ZC009', p_who, 'map', 'gives waypoints one by one, and what holds for a whole path too',
                         'map_one_shape', 'With a row for each waypoint, outline and heights may differ by row.');
+    END IF;
+    IF p_map ? 'order' AND NOT p_map ? 'position' THEN
+        PERFORM _refuse('ZC009', p_who, 'order', 'is of waypoints one by one: it needs position and time',
+                        'map_order_of_waypoints', 'The points of a path have an order.');
     END IF;
     IF p_map ? 'span' AND p_map ?| '{start,end}' THEN
         PERFORM _refuse('ZC009', p_who, 'span', 'must not be given together with start or end', 'map_one_span');

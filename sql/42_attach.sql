@@ -151,11 +151,14 @@ BEGIN
         v_where := (_map_expression(p_who, 'where', p_table, p_map ->> 'where', 'boolean'::regtype)).expression;
     END IF;
     FOR v_one IN
-        SELECT f.field, f.attribute, m.value AS given, a.atttypid AS wanted
+        SELECT f.field, f.attribute, m.value AS given,
+               CASE f.field WHEN 'order' THEN 'double precision'::regtype::oid ELSE a.atttypid END AS wanted,
+               CASE f.field WHEN 'order' THEN 'ARRAY[%s]' ELSE '%s' END AS form
         FROM jsonb_each_text(p_map) m JOIN _map_fields(p_kind) f ON f.field = m.key
         JOIN pg_catalog.pg_attribute a ON a.attrelid = 'attached_row'::regclass AND a.attname = f.attribute
         ORDER BY f.field LOOP
-        SELECT v_expressions || jsonb_build_object(v_one.attribute, x.expression), v_columns || x.columns,
+        SELECT v_expressions || jsonb_build_object(v_one.attribute, format(v_one.form, x.expression)),
+               v_columns || x.columns,
                CASE v_one.field WHEN 'key' THEN ARRAY(
                    SELECT a.attname::text FROM unnest(x.columns) n
                    LEFT JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attnum = n AND n > 0 ORDER BY n)
@@ -295,6 +298,7 @@ DECLARE
     v_has_triggers boolean := p_every IS NULL AND EXISTS (
         SELECT FROM pg_catalog.pg_class c WHERE c.oid = p_table AND c.relkind IN ('r', 'p'));
     v_attachment attachment%ROWTYPE;
+    v_times text;
 BEGIN
     IF v_kind IS NULL THEN
         PERFORM _refuse('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
@@ -306,6 +310,17 @@ BEGIN
     PERFORM _check_attachable(v_who, p_table, v_has_triggers);
     PERFORM _hold_attached(v_who, p_table::text, v_has_triggers);
     PERFORM _check_map(v_who, v_kind, p_map);
+    IF v_kind = 0 AND NOT p_map ?| '{span,start,end}' THEN
+        SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_times FROM pg_catalog.pg_attribute a
+            WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped
+              AND (a.atttypid IN ('timestamptz'::regtype, 'timestamp'::regtype, 'date'::regtype, 'tstzrange'::regtype,
+                                  'tsrange'::regtype, 'daterange'::regtype)
+                   OR a.attname ~* '(^|_)(start|begin|end|from|to|until|since|valid|time|date)(_|$)');
+        IF v_times IS NOT NULL THEN
+            RAISE NOTICE '%: areas are there at all times: the map gives no start, end or span; % look like times and '
+                         'are not read', v_who, v_times;
+        END IF;
+    END IF;
     PERFORM _open_attached_schema();
     INSERT INTO attachment (scene_id, object_kind, table_schema, table_name, map, identity_columns, has_triggers, every)
         SELECT v_scene_id, v_kind, n.nspname, c.relname, p_map, '{}', v_has_triggers,

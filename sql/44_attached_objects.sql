@@ -100,6 +100,27 @@ $$;
 COMMENT ON FUNCTION _attached_path(text, geometry, timestamptz[], boolean) IS
 'The path of a track that is given in any SRID: with instants as M, or in an array.';
 
+CREATE OR REPLACE FUNCTION _order_reason(p_identity text) RETURNS text
+LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_bad record;
+BEGIN
+    SELECT w.* INTO v_bad FROM (
+        SELECT s.floors_m[1] AS place, lag(s.floors_m[1]) OVER o AS place_before, s.at, lag(s.at) OVER o AS at_before
+        FROM pg_temp.staged_attached s WHERE s.identity = p_identity AND NOT s.is_asked
+        WINDOW o AS (ORDER BY s.floors_m[1], s.at)) w
+        WHERE w.place IS NULL OR w.place = w.place_before OR w.at <= w.at_before ORDER BY w.place NULLS FIRST LIMIT 1;
+    RETURN CASE WHEN NOT FOUND THEN NULL
+                WHEN v_bad.place IS NULL THEN 'order: is null in a row'
+                WHEN v_bad.place = v_bad.place_before THEN format('order: %s is given twice', v_bad.place)
+                ELSE format('time: must increase along order: waypoint %s is at %s, waypoint %s before it at %s',
+                            v_bad.place, v_bad.at, v_bad.place_before, v_bad.at_before) END;
+END
+$$;
+COMMENT ON FUNCTION _order_reason(text) IS
+'Why the staged rows of a track do not follow each other in their order: a place that is null or given twice, or a '
+'time that does not increase; null if they do.';
+
 CREATE OR REPLACE FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
 RETURNS TABLE (
     object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
@@ -286,7 +307,8 @@ BEGIN
                     WHEN s.is_keyless THEN 'key: is null'
                     WHEN NOT p_attachment.map ? 'position' AND s.rows > 1
                         THEN format('key: %s rows of the table have it', s.rows)
-                    WHEN p_attachment.map ? 'position' AND s.is_timeless THEN 'time: is null in a row' END,
+                    WHEN p_attachment.map ? 'position' AND s.is_timeless THEN 'time: is null in a row'
+                    WHEN p_attachment.map ? 'order' THEN _order_reason(s.identity) END,
                false, o.object_id
         FROM (SELECT x.identity, _combined_hash(sum(x.hash)) AS hash, count(*) FILTER (WHERE NOT x.is_asked) AS rows,
                      min(x.key) AS key, min(x.error) AS error, bool_or(x.key IS NULL AND NOT x.is_asked) AS is_keyless,

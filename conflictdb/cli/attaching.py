@@ -1,6 +1,9 @@
 """`attach`, `detach` and `attachments`."""
 
 import argparse
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from conflictdb.cli.codes import DONE
@@ -26,7 +29,7 @@ def attach(args: argparse.Namespace) -> int:
         mapped["where"] = args.where
     given = (args.scene, args.kind, args.table, mapped)
     with database(args) as db:
-        with db.connection.transaction(force_rollback=args.dry_run):
+        with db.connection.transaction(force_rollback=args.dry_run), _warnings_as_remarks():
             if all(status.scene.name != args.scene for status in db.scenes()):
                 store.set_scene(db.connection, Scene(args.scene))
             if args.dry_run:
@@ -36,6 +39,15 @@ def attach(args: argparse.Namespace) -> int:
         db.follow(args.scene)
         _report(db, args.scene, number)
     return DONE
+
+
+@contextmanager
+def _warnings_as_remarks() -> Iterator[None]:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for one in told:
+        remark(str(one.message))
 
 
 def _show(preview: store.AttachmentPreview) -> None:

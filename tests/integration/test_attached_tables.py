@@ -1,5 +1,6 @@
 """Rows of attached tables become objects of a scene and follow the table, whatever happens to it."""
 
+import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -189,6 +190,7 @@ def test_changes_are_followed(db: Database) -> None:
     assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-7 * 0.3048)]
 
 
+@pytest.mark.filterwarnings("ignore:attachment of mission.ops. areas are there at all times")
 def test_what_does_not_change_an_object_leaves_no_mark(db: Database) -> None:
     db.attach("s", "area", "mission.ops", {"key": "id", "footprint": "shape"})
     db.detect("s")
@@ -244,6 +246,7 @@ def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
     assert keys(db) == []
 
 
+@pytest.mark.filterwarnings("ignore:attachment of mission.day. areas are there at all times")
 def test_partitions_are_followed(db: Database) -> None:
     """Also where a statement names a partition, and one that was made later with the next comparison."""
     do(
@@ -602,3 +605,59 @@ def test_a_scene_is_not_current_while_changes_go_unnoticed(db: Database, harm: s
         remark = store.scene_state(db.connection, "s").remark
     assert "mission.ops: " in str(remark)
     assert "detach" in str(remark)
+
+
+ORDERED = """
+CREATE TABLE mission.leg (voyage text, nr integer, at timestamptz, place geometry(Point, 4326));
+INSERT INTO mission.leg
+SELECT v, i, timestamptz '2026-03-01 05:00Z' + i * interval '1 hour', ST_Point(8 + 0.2 * i, 57, 4326)
+FROM unnest('{STEADY,LATE,TWICE,"NULL",FAST}'::text[]) v, generate_series(0, 3) i;
+UPDATE mission.leg SET at = '2026-03-01 04:00Z' WHERE voyage = 'LATE' AND nr = 2;
+UPDATE mission.leg SET nr = 1 WHERE voyage = 'TWICE' AND nr = 2;
+UPDATE mission.leg SET nr = NULL WHERE voyage = 'NULL' AND nr = 2;
+UPDATE mission.leg SET place = ST_Point(98, 57, 4326) WHERE voyage = 'FAST' AND nr = 3;
+"""
+LEG_MAP = {"key": "voyage", "position": "place", "time": "at"} | dict.fromkeys(
+    ("fore_m", "aft_m", "port_m", "starboard_m"), "50"
+)
+
+
+def test_waypoints_in_an_order_must_have_times_that_increase(db: Database) -> None:
+    """Sorted by time alone, a wrong time of arrival makes another route without a remark."""
+    do(db, ORDERED)
+    db.attach("s", "track", "mission.leg", {**LEG_MAP, "order": "nr"})
+    db.follow("s")
+    assert keys(db, "track") == ["STEADY"]
+    found = dict(reasons(db))
+    assert re.fullmatch(
+        r"track 'FAST': path: the leg to times\[3\] is travelled at 2\d{3} kn, beyond 2000 kn", found.pop("{FAST}")
+    )
+    assert found == {
+        "{LATE}": "time: must increase along order: waypoint 2 is at 2026-03-01 04:00:00+00, waypoint 1 before it at "
+        "2026-03-01 06:00:00+00",
+        '{"NULL"}': "order: is null in a row",
+        "{TWICE}": "order: 1 is given twice",
+    }
+    do(db, "UPDATE mission.leg SET at = '2026-03-01 07:00Z' WHERE voyage = 'LATE' AND nr = 2")
+    db.follow("s")
+    assert keys(db, "track") == ["LATE", "STEADY"]
+
+
+def test_without_an_order_waypoints_are_sorted_by_time(db: Database) -> None:
+    do(db, ORDERED)
+    db.attach("s", "track", "mission.leg", {**LEG_MAP, "where": "voyage = 'LATE'"})
+    db.follow("s")
+    assert ask(db, "SELECT ST_X(ST_StartPoint(path)) FROM conflictdb.track") == [8.4]
+
+
+@pytest.mark.parametrize(
+    ("mapped", "rule"),
+    [
+        ({"key": "voyage", "path": "ST_MakeLine(place, place)", "order": "nr"}, "order: is of waypoints one by one"),
+        ({**LEG_MAP, "order": "voyage"}, "'voyage' must be of type double precision; got text"),
+    ],
+)
+def test_an_order_that_cannot_be_is_refused(db: Database, mapped: dict[str, str], rule: str) -> None:
+    do(db, ORDERED)
+    with pytest.raises(InvalidInput, match=rule):
+        db.attach("s", "track", "mission.leg", LEG_MAP | mapped if "path" not in mapped else mapped)
