@@ -156,7 +156,7 @@ class LockTimeout(StoreError):
 
 
 class NotCurrent(StoreError):
-    """Changes of a scene still wait for detection at the end of the time that somebody would wait."""
+    """Changes of a scene wait for detection: at the end of the time to wait, or where none may wait."""
 
 
 class IncompleteWarning(UserWarning):

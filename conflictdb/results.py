@@ -291,10 +291,11 @@ class SceneState:
     """Whether what a database knows of a scene is complete: a row of the view `scenes`.
 
     objects : areas and tracks it holds
-    pending : objects that wait for detection
+    pending : objects that wait for detection, with changes of attached tables that are still to be taken over
     last_run_at, last_error : when its last detection ended, and why it failed; None if there was none, or it did not
     is_current : whether nothing changed since the last detection that succeeded
     remark : what is wrong, in words; None if nothing is
+    detected_at : when its last detection that succeeded ended; None: it was never detected, nothing is known of it
     """
 
     scene: str
@@ -304,6 +305,7 @@ class SceneState:
     last_error: str | None
     is_current: bool
     remark: str | None
+    detected_at: datetime | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,13 +22,27 @@ COMMENT ON FUNCTION _is_current(bigint) IS
 'Whether nothing of a scene, neither object nor setting nor attached table, changed since its last detection that '
 'succeeded. False also where changes of an attached table would not be noticed.';
 
+CREATE OR REPLACE FUNCTION _attached_waiting(p_scene_id bigint) RETURNS bigint
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- A row that changed twice, or was noted as it was and as it is, is one.
+    SELECT count(DISTINCT (q.attachment_id, i.identity))
+    FROM attachment a JOIN attached_change q USING (attachment_id)
+    LEFT JOIN LATERAL unnest(q.identities) i (identity) ON true
+    WHERE a.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _attached_waiting(bigint) IS
+'How many rows of tables that are attached to a scene have changes that are still to be taken over; a change of a whole '
+'table counts as one.';
+
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
        s.nearest_m,
        (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id)
            + (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id) AS objects,
        (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-                              WHERE m.scene_id = s.scene_id) d) AS pending,
+                              WHERE m.scene_id = s.scene_id) d)
+           + _attached_waiting(s.scene_id) AS pending,
        r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
@@ -50,7 +64,8 @@ COMMENT ON COLUMN scenes.nearest_m IS
 'Pairs without conflict that come within this are kept with their closest approach, metres; 0: none is.';
 COMMENT ON COLUMN scenes.objects IS 'How many areas and tracks it holds.';
 COMMENT ON COLUMN scenes.pending IS
-'How many objects wait for detection: changed, removed, or under other settings since the last one that succeeded.';
+'How many objects wait for detection: changed, removed, or under other settings since the last one that succeeded. '
+'With the rows of attached tables whose changes are still to be taken over; a change of a whole table counts as one.';
 COMMENT ON COLUMN scenes.last_run_id IS 'Its last detection, also one that failed; null if there was none.';
 COMMENT ON COLUMN scenes.last_run_at IS 'When that ended; null if there was none.';
 COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not, or there was none.';
@@ -93,23 +108,25 @@ COMMENT ON COLUMN queue.last_error IS
 
 CREATE OR REPLACE FUNCTION _scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
-    OUT is_current boolean, OUT remark text
+    OUT is_current boolean, OUT remark text, OUT detected_at timestamptz
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
-    v_waits text;
+    v_attached bigint := _attached_waiting(v_scene_id);
+    v_waiting bigint;
     v_unmapped bigint;
 BEGIN
     SELECT v.objects, v.pending, v.last_run_at, v.last_error, v.is_current, v.unmapped
         INTO objects, pending, last_run_at, last_error, is_current, v_unmapped FROM scenes v WHERE v.scene = p_scene;
-    v_waits := pending || CASE pending WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection';
+    detected_at := (SELECT r.finished_at FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL
+                    ORDER BY r.run_id DESC LIMIT 1);
+    v_waiting := pending - v_attached;
     remark := nullif(concat_ws('; ',
-        CASE WHEN is_current THEN NULL
-             WHEN EXISTS (SELECT FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL) THEN v_waits
-             ELSE 'never detected: ' || v_waits END,
-        CASE WHEN EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
-                          WHERE a.scene_id = v_scene_id) THEN 'changes of an attached table wait to be taken over' END,
+        CASE WHEN NOT is_current THEN
+            CASE WHEN detected_at IS NULL THEN 'never detected: ' ELSE '' END || v_waiting
+            || CASE v_waiting WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection' END,
+        CASE WHEN v_attached > 0 THEN 'changes of an attached table wait to be taken over' END,
         (SELECT string_agg(format('%I.%I: %s', a.table_schema, a.table_name, _attachment_remark(a)), '; '
                            ORDER BY a.attachment_id)
          FROM attachment a WHERE a.scene_id = v_scene_id AND _attachment_remark(a) IS NOT NULL),
@@ -121,8 +138,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_state(text) IS
-'What the view scenes says of a scene, and in words what is wrong with it, null if nothing is; refuses (ZC010) a name '
-'that is not known.';
+'What the view scenes says of a scene, in words what is wrong with it (null if nothing is), and when its last '
+'detection that succeeded ended (null: there was none); refuses (ZC010) a name that is not known.';
 
 CREATE OR REPLACE FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT interval '1 minute')
 RETURNS void

@@ -69,6 +69,14 @@ BEGIN
     IF p_instant IS NULL THEN
         PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', 'must not be null', 'instant_given');
     END IF;
+    IF v_run_id IS NULL AND v_first_run_id IS NULL THEN
+        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', coalesce(
+            (SELECT format('is before the first detection of the scene, which ended at %s; got %s', min(r.finished_at),
+                           p_instant)
+             FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL HAVING count(*) > 0),
+            'asks for conflicts of a scene that was never detected'), 'history_reaches_instant',
+            'What was not detected is not known: that is not the same as no conflicts.');
+    END IF;
     IF coalesce(v_run_id, 0) < v_first_run_id THEN
         PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', format(
             'is before what is kept of its history, which begins at %s; got %s',
@@ -98,4 +106,5 @@ $$;
 COMMENT ON FUNCTION conflicts_known_at(text, timestamptz) IS
 'The conflicts of a scene as they were known at an instant: what its last detection had found by then, and who had '
 'acknowledged it, when, why and until when. periods are when they interfere: what was known at one instant of another '
-'is WHERE periods @> it. Refuses (ZC003) an instant before what is kept of the history.';
+'is WHERE periods @> it. Refuses (ZC003) an instant before the first detection, or before what is kept of the '
+'history.';

@@ -12,17 +12,27 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from typing import Final
 
-from conflictdb.cli.codes import FAILED, INPUT_REFUSED, INTERRUPTED, NO_SERVER, SCHEMA_MISMATCH, TERMINATED, USAGE
+from conflictdb.cli.codes import (
+    FAILED,
+    INPUT_REFUSED,
+    INTERRUPTED,
+    NO_SERVER,
+    NOT_CURRENT,
+    SCHEMA_MISMATCH,
+    TERMINATED,
+    USAGE,
+)
 from conflictdb.cli.commands import build
 from conflictdb.cli.output import Formatter, remark
 from conflictdb.cli.termination import Terminated, interrupt_behind, termination_as_interrupt
-from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, SchemaError, ServerError
+from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, NotCurrent, SchemaError, ServerError
 
 _CODES: Final = (
     (InvalidInput, INPUT_REFUSED),
     (SchemaError, SCHEMA_MISMATCH),
     (ServerError, NO_SERVER),
     (EngineMissing, USAGE),
+    (NotCurrent, NOT_CURRENT),
 )
 
 

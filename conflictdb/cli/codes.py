@@ -9,6 +9,7 @@ SCHEMA_MISMATCH: Final = 3
 INPUT_REFUSED: Final = 4
 NO_SERVER: Final = 5
 LEFT_OUT: Final = 6
+NOT_CURRENT: Final = 7
 CONFLICTS_FOUND: Final = 10
 INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
 TERMINATED: Final = 143  # the same for SIGTERM
@@ -21,6 +22,8 @@ MEANING: Final = {
     INPUT_REFUSED: "input refused; nothing was changed",
     NO_SERVER: "no usable PostgreSQL with PostGIS",
     LEFT_OUT: "done, but objects were left out (--skip-invalid)",
+    NOT_CURRENT: "the answer may lack conflicts: the scene was never detected, or changed since (--require-current, "
+    "--wait); or no worker answered in time",
     CONFLICTS_FOUND: "there are conflicts (--fail-on-conflict)",
     INTERRUPTED: "interrupted (Ctrl-C, SIGINT)",
     TERMINATED: "terminated (SIGTERM)",

@@ -9,10 +9,12 @@ from conflictdb.cli.output import data, note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import (
     approach_table,
+    listed,
     loaded_text,
     print_approaches,
     print_conflicts,
     remark_loaded,
+    require_current,
     run_text,
 )
 from conflictdb.cli.session import database, load_files, show_progress
@@ -78,15 +80,17 @@ def detect(args: argparse.Namespace) -> int:
 def conflicts(args: argparse.Namespace) -> int:
     """Print the conflicts that are known, or were."""
     if args.known_at is not None:
-        check(args, [(args.at is not None or args.wait is not None, "--known-at goes without --at and --wait")])
+        others = args.at is not None or args.wait is not None or args.require_current
+        check(args, [(others, "--known-at goes without --at, --wait and --require-current")])
         with database(args) as db:
             print_conflicts(db.conflicts_known_at(args.scene, args.known_at), [], args.format)
         return DONE
     with database(args) as db:
         _wait(db, args)
         found = db.stream_conflicts(args.scene, args.at, with_region=_wants_region(args))
+        require_current(args, found.state)
         print_conflicts(found, [found.state], args.format)
-    return DONE
+    return listed(found.state)
 
 
 def approaches(args: argparse.Namespace) -> int:
@@ -94,14 +98,16 @@ def approaches(args: argparse.Namespace) -> int:
     with database(args) as db:
         _wait(db, args)
         found = db.stream_approaches(args.scene)
+        require_current(args, found.state)
         print_approaches(found, [found.state], args.format)
-    return DONE
+    return listed(found.state)
 
 
 def explain(args: argparse.Namespace) -> int:
     """Print why two objects are in conflict, or are not."""
     with database(args) as db:
         _wait(db, args)
+        require_current(args, db.state(args.scene))
         found = db.explain(args.scene, *args.keys)
     if args.format == "json":
         data([json.dumps(found.facts, indent=2), "\n"], is_json=True)

@@ -136,7 +136,16 @@ def add_wait(parser: Parser) -> None:
         "--wait",
         type=duration_s,
         metavar="DURATION",
-        help="wait until a worker has detected what changed, at most so long (30s, 5m); exit with 1 if it has not",
+        help="wait until a worker has detected what changed, at most so long (30s, 5m); exit with 7 if it has not",
+    )
+
+
+def add_require_current(parser: Parser) -> None:
+    """Add `--require-current`."""
+    parser.add_argument(
+        "--require-current",
+        action="store_true",
+        help="exit with 7, and print nothing, if changes of the scene wait for detection",
     )
 
 

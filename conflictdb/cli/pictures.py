@@ -4,7 +4,7 @@ import argparse
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import note
-from conflictdb.cli.report import remark_incomplete
+from conflictdb.cli.report import remark_incomplete, require_current
 from conflictdb.cli.session import database
 
 
@@ -16,7 +16,9 @@ def plot(args: argparse.Namespace) -> int:
     with database(args) as db:
         if args.wait is not None:
             db.wait_until_current(args.scene, args.wait)
-        remark_incomplete([db.state(args.scene)])
+        state = db.state(args.scene)
+        require_current(args, state)
+        remark_incomplete([state])
         figures.save(db.plot(args.scene, *(args.conflict or ())), args.file)
     note(f"{args.file} is written")
     return DONE
@@ -27,7 +29,9 @@ def report(args: argparse.Namespace) -> int:
     with database(args) as db:
         if args.wait is not None:
             db.wait_until_current(args.scene, args.wait)
-        remark_incomplete([db.state(args.scene)])
+        state = db.state(args.scene)
+        require_current(args, state)
+        remark_incomplete([state])
         db.report(args.scene, args.file)
     note(f"{args.file} is written")
     return DONE

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.output import out, remark
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import approach_table, print_conflicts, remark_incomplete, skipped_text
+from conflictdb.cli.report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
 from conflictdb.cli.session import database
 from conflictdb.errors import InvalidInput
 from conflictdb.io.conflict_text import MoreColumn
@@ -42,6 +42,7 @@ def probe(args: argparse.Namespace) -> int:
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
         known = [one for one in db.stream_conflicts(args.scene) if _members(one, keys)] if args.diff else []
+        require_current(args, db.state(args.scene))
         found = db.probe(args.scene, plans, jobs=jobs, worker_timeout_s=args.worker)
     named = MoreColumn("plans", lambda one: _members(one, keys))
     conflicts = [one for one in found if one.verdict is not Verdict.NEAR]

@@ -1,13 +1,15 @@
 """How results look on a terminal: conflicts, runs, and what was loaded or left out."""
 
+import argparse
 import shlex
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
+from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import binary, data, out, remark, table
-from conflictdb.errors import MOST_TOLD
+from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.loading import Loaded
 from conflictdb.results import Approach, Conflict, SceneState
@@ -58,8 +60,22 @@ def remark_incomplete(states: Iterable[SceneState]) -> None:
     """Say which scenes are not complete, or what else is wrong with them."""
     for state in states:
         if state.remark:
-            more = "" if state.is_current else f" (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
-            remark(f"{state.scene}: {'' if state.is_current else 'not complete: '}{state.remark}{more}")
+            remark(f"{state.scene}: {state.remark if state.is_current else _incomplete(state)}")
+
+
+def require_current(args: argparse.Namespace, state: SceneState) -> None:
+    """Raise NotCurrent if `--require-current` is given, and the scene is not."""
+    if args.require_current and not state.is_current:
+        raise NotCurrent(f"{state.scene}: {_incomplete(state)}")
+
+
+def listed(state: SceneState) -> int:
+    """Return the exit code of a list of a scene: that nothing was ever detected is not that there is nothing."""
+    return DONE if state.is_current or state.detected_at is not None else NOT_CURRENT
+
+
+def _incomplete(state: SceneState) -> str:
+    return f"not complete: {state.remark} (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
 
 
 def _write(

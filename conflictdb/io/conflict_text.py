@@ -145,6 +145,7 @@ def as_geojson(
             "pending": state.pending,
             "last_run_at": format_moment(state.last_run_at),
             "last_error": state.last_error,
+            "detected_at": format_moment(state.detected_at),
         }
         for state in states
     ]

@@ -5,8 +5,9 @@ import json
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import psycopg
@@ -42,7 +43,7 @@ def test_a_scene_that_was_never_detected_is_not_an_empty_one(run: Run, command: 
     run("load", STRAIT)
     for form in FORMATS:
         done = run(command, "--scene", "strait", "--format", form)
-        assert done.code == 0
+        assert done.code == 7  # an empty list of nobody's is not an empty list
         wanted = f"conflictdb: strait: not complete: never detected: 11 objects wait for detection {DOES_IT}\n"
         assert done.err == wanted
     assert run(command, "--scene", "strait", "--format", "json").out == "[]\n"
@@ -50,8 +51,90 @@ def test_a_scene_that_was_never_detected_is_not_an_empty_one(run: Run, command: 
     document = json.loads(run(command, "--scene", "strait", "--format", "geojson").out)
     assert document["features"] == []
     assert document["scenes"] == [
-        {"scene": "strait", "is_current": False, "objects": 11, "pending": 11, "last_run_at": None, "last_error": None}
+        {
+            "scene": "strait",
+            "is_current": False,
+            "objects": 11,
+            "pending": 11,
+            "last_run_at": None,
+            "last_error": None,
+            "detected_at": None,
+        }
     ]
+    run("detect", "--scene", "strait")
+    for form in FORMATS:
+        assert run(command, "--scene", "strait", "--format", form).code == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["conflicts"],
+        ["approaches"],
+        ["explain", "FERRY", "DIVING"],
+        ["plot", "plot.svg"],
+        ["report", "report.html"],
+        ["probe", "--footprint", "POLYGON((9 57, 10 57, 10 58, 9 57))"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_only_a_current_scene_will_do_if_asked(
+    run: Run,
+    change: Callable[[str], None],
+    command: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """Never detected, changed since, current."""
+    monkeypatch.chdir(tmp_path)
+    run("load", STRAIT)
+    for prepare, said in (
+        (lambda: None, "never detected: 11 objects wait for detection"),
+        (lambda: (run("detect", "--scene", "strait"), change(PUT)), "1 object waits for detection"),
+    ):
+        prepare()
+        done = run(*command, "--scene", "strait", "--require-current")
+        assert (done.code, done.out, done.err) == (7, "", f"conflictdb: strait: not complete: {said} {DOES_IT}\n")
+        assert list(tmp_path.iterdir()) == []
+    run("detect", "--scene", "strait")
+    assert run(*command, "--scene", "strait", "--require-current").code == 0
+    assert run("conflicts", "--scene", "strait", "--known-at", "2026-01-01T00:00Z", "--require-current").code == 2
+
+
+def test_what_was_known_before_the_first_detection_is_not_nothing(run: Run, dsn: str) -> None:
+    run("load", STRAIT)
+    known_at = ("conflicts", "--scene", "strait", "--format", "json", "--known-at")
+    done = run(*known_at, "2026-01-01T00:00Z")
+    assert (done.code, done.out) == (4, "")
+    assert "scene 'strait': instant: asks for conflicts of a scene that was never detected" in done.err
+    run("detect", "--scene", "strait")
+    done = run(*known_at, "2026-01-01T00:00Z")
+    assert (done.code, done.out) == (4, "")
+    assert "is before the first detection of the scene, which ended at" in done.err
+    with conflictdb.connect(dsn) as db:
+        ended = db.state("strait").detected_at
+        assert ended is not None
+        assert len(db.conflicts_known_at("strait", ended)) == 7
+        with pytest.raises(InvalidInput, match="is before the first detection"):
+            db.conflicts_known_at("strait", ended - timedelta(microseconds=1))
+
+
+def test_attached_changes_that_wait_are_pending(run: Run, dsn: str, change: Callable[[str], None]) -> None:
+    """They count before anybody has taken them over."""
+    run("detect", STRAIT)
+    change("CREATE TABLE op (id integer PRIMARY KEY, shape geometry(Polygon, 4326))")
+    change("INSERT INTO op SELECT n, ST_MakeEnvelope(n, 0, n + 0.5, 1, 4326) FROM generate_series(1, 3) n")
+    assert run("attach", "area", "--scene", "strait", "--table", "op", "--map", "key=id,footprint=shape").code == 0
+    run("detect", "--scene", "strait")
+    with conflictdb.connect(dsn) as db:
+        assert db.state("strait").pending == 0
+        change("UPDATE op SET shape = ST_Translate(shape, 0, 1) WHERE id < 3")
+        state = db.state("strait")
+        assert (state.pending, state.is_current, [one.pending for one in db.scenes()]) == (2, False, [2])
+        db.follow("strait")
+        assert db.state("strait").pending == 2
+        db.detect("strait")
+        assert db.state("strait").pending == 0
 
 
 @pytest.mark.parametrize("command", ["conflicts", "approaches"])
@@ -93,7 +176,7 @@ def test_a_detection_that_failed_is_remarked(run: Run, dsn: str) -> None:
 def test_waiting_for_a_worker(run: Run, dsn: str) -> None:
     run("load", STRAIT)
     done = run("conflicts", "--scene", "strait", "--wait", "200ms", "--format", "json")
-    assert (done.code, done.out) == (1, "")
+    assert (done.code, done.out) == (7, "")
     assert "is not current after" in done.err
     assert "never detected: 11 objects wait for detection" in done.err
     assert "worker" in done.err

@@ -62,7 +62,8 @@ def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
         told = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
         for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at", "conflict_id", "opened_at"):
             assert [getattr(one, name) for one in known] == [getattr(one, name) for one in then]
-        assert db.conflicts_known_at("strait", known_at - timedelta(days=1)) == []
+        with pytest.raises(InvalidInput, match="is before the first detection of the scene"):
+            db.conflicts_known_at("strait", known_at - timedelta(days=1))
         opened, closed = db.conflict_events("strait", "FERRY", "DIVING")
         assert (opened.kind, closed.kind, closed.run_id) == ("opened", "closed", run.run_id)
         assert (opened.conflict_id, opened.periods) == (closed.conflict_id, closed.periods)

@@ -130,7 +130,9 @@ def test_what_was_known_at_an_instant_is_told_later(scene: Conn) -> None:
     assert rows(scene, KNOWN, early) == rows(scene, KNOWN, before_detection) == both[:1]
     assert sorted(rows(scene, KNOWN, late)) == both
     assert rows(scene, KNOWN, clock(scene)) == both[1:2]
-    assert rows(scene, KNOWN, "2020-01-01") == []
+    with pytest.raises(psycopg.Error, match="is before the first detection of the scene, which ended at"):
+        rows(scene, KNOWN, "2020-01-01")
+    scene.rollback()
     with pytest.raises(psycopg.Error, match="instant: must not be null"):
         rows(scene, KNOWN, None)
 

@@ -12,6 +12,7 @@ from conflictdb.cli.parser import (
     add_lock_timeout,
     add_memory,
     add_output,
+    add_require_current,
     add_wait,
     command,
 )
@@ -96,6 +97,7 @@ def _conflicts(commands: Any) -> None:
         "--known-at", type=instant, metavar="T", help="as they were known at this instant, as far as history is kept"
     )
     add_wait(parser)
+    add_require_current(parser)
     add_output(parser)
 
 
@@ -109,6 +111,7 @@ def _approaches(commands: Any) -> None:
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     add_wait(parser)
+    add_require_current(parser)
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")
 
 
@@ -123,6 +126,7 @@ def _explain(commands: Any) -> None:
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of the two objects")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that holds them")
     add_wait(parser)
+    add_require_current(parser)
     parser.add_argument("--format", choices=("text", "json"), default="text", help="default: text")
 
 
@@ -175,13 +179,14 @@ def _probe(commands: Any) -> None:
         "--worker",
         type=duration_s,
         metavar="DURATION",
-        help="ask a worker, and wait so long at most (30s, 5m); exits with 1 if none has answered",
+        help="ask a worker, and wait so long at most (30s, 5m); exits with 7 if none has answered",
     )
     parser.add_argument(
         "--diff",
         action="store_true",
         help="print only what the plans would change: known conflicts that are gone, new ones and changed ones",
     )
+    add_require_current(parser)
     add_jobs(parser)
     add_fail_on_conflict(parser)
     parser.add_argument("--format", choices=FORMATS, default="table", help="default: table")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from conflictdb.cli.parser import add_wait, command
+from conflictdb.cli.parser import add_require_current, add_wait, command
 from conflictdb.cli.values import instant, name, port, whole
 
 
@@ -52,6 +52,7 @@ def _plot(commands: Any) -> None:
         "--conflict", nargs=2, metavar=("A", "B"), help="keys of two objects to draw, in conflict or not"
     )
     add_wait(parser)
+    add_require_current(parser)
 
 
 def _report(commands: Any) -> None:
@@ -66,6 +67,7 @@ def _report(commands: Any) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="report to write: .html (one file) or .pdf")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to report on")
     add_wait(parser)
+    add_require_current(parser)
 
 
 def _history(commands: Any) -> None:

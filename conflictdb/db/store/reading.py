@@ -70,8 +70,8 @@ class RunStatus:
 def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
     """Return whether what is known of a scene is complete; InvalidInput if the scene is not known."""
     with transaction(conn):
-        objects, pending, last_run_at, last_error, is_current, remark = call(conn, "_scene_state", scene)
-    return SceneState(scene, objects, pending, _utc(last_run_at), last_error, is_current, remark)
+        objects, pending, last_run_at, last_error, is_current, remark, detected_at = call(conn, "_scene_state", scene)
+    return SceneState(scene, objects, pending, _utc(last_run_at), last_error, is_current, remark, _utc(detected_at))
 
 
 def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:
@@ -189,7 +189,8 @@ def each_approach(
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
     """Return the conflicts of a scene as they were known at an instant, earliest first.
 
-    Raises InvalidInput if the scene is not known, or its history does not reach back so far.
+    Raises InvalidInput if the scene is not known, or had not been detected by then, or its history does not reach back
+    so far.
     """
     with transaction(conn):
         rows = call_by_name(conn, "_conflicts_known_at", scene, at)
