@@ -706,6 +706,9 @@ FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamp with tim
 FUNCTION _attached_tables(p_relation oid)
     RETURNS TABLE(relation oid, is_root boolean) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _attached_waiting(p_scene_id bigint)
+    RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _attaching_role(p_attachment_id bigint)
     RETURNS name LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -828,6 +831,9 @@ FUNCTION _check_role(p_who text, p_role text)
 
 FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
+FUNCTION _check_speed(p_who text, p_path geometry)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
@@ -1072,6 +1078,9 @@ FUNCTION _mark_all(p_scene_id bigint)
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _max_speed_kn()
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+
 FUNCTION _may_change(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1122,6 +1131,9 @@ FUNCTION _off_the_pole(p_part geometry)
 
 FUNCTION _open_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
+
+FUNCTION _order_reason(p_identity text)
+    RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1255,7 +1267,7 @@ FUNCTION _scene_id(p_scene text)
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision, nearest_m double precision, centre_lon double precision, centre_lat double precision) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text)
+FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _scene_to_change(p_scene text)

@@ -68,8 +68,8 @@ def test_a_revision_says_whether_answers_change(file: Path) -> None:
     """By a line of its own, which the upgrade reads: then every object is marked, else nothing is."""
     said = getattr(module(file), "changes_answers", None)
     assert isinstance(said, bool), (
-        f"{file.name}: say changes_answers = True if a detection by this release (sql/, kernel, stages, reading) may find "
-        "other conflicts, periods or points than one by the release before it, else changes_answers = False"
+        f"{file.name}: say changes_answers = True if a detection by this release (sql/, kernel, stages, reading) may "
+        "find other conflicts, periods or points than one by the release before it, else changes_answers = False"
     )
     assert f"\nchanges_answers = {said}\n" in file.read_text()
 

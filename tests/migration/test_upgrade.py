@@ -151,7 +151,9 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
     with psycopg.connect(empty_dsn) as conn:
         conn.execute(DETECTED.encode())
         # What these columns hold follows from others; only some revisions have them, and none a default.
-        columns = conn.execute("SELECT attname FROM pg_attribute WHERE attrelid = 'conflictdb.area'::regclass").fetchall()
+        columns = conn.execute(
+            "SELECT attname FROM pg_attribute WHERE attrelid = 'conflictdb.area'::regclass"
+        ).fetchall()
         more = ", first_version" if ("first_version",) in columns else ""
         conn.execute(AREAS.format(column=more, value=more and ", n").encode())
     assert runner(empty_dsn, capsys)("upgrade").err == (
