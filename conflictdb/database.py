@@ -850,7 +850,7 @@ def _notices_as_warnings(connection: "psycopg.Connection[Any]") -> Iterator[None
     finally:
         connection.remove_notice_handler(keep)
     for one in remarks:
-        warnings.warn(one, UserWarning, stacklevel=5)
+        warnings.warn(one, UserWarning, stacklevel=4)
 
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:

@@ -16,7 +16,7 @@ from conflictdb.model import MAX_POINTS, Area, Track
 
 Conn = psycopg.Connection[Any]
 SQUARE = "SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))"
-TRACK = "ST_GeomFromEWKT('SRID=4326;LINESTRINGM(0 0 0, 1 1 60, 2 2 120)')"
+TRACK = "ST_GeomFromEWKT('SRID=4326;LINESTRINGM(0 0 0, 1 1 6000, 2 2 12000)')"
 LOWER = """DO $$ BEGIN
     EXECUTE format('ALTER DATABASE %I SET conflictdb.max_vertices = 4', current_database());
 END $$"""

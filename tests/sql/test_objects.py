@@ -109,8 +109,9 @@ def test_a_haven_whose_area_is_hardly_a_number_is_stored(conn: Conn) -> None:
     """A part of it would be none: PostgreSQL calls that underflow, and refused the whole load."""
     corner = 5e-161
     outline_m = np.array([[corner, corner], [corner, 0.0], [0.0, 0.0], [0.0, corner]])
-    tiny = replace(TRACKS[0], outline_m=outline_m)
-    growing = replace(tiny, key="growing", outlines_m=np.stack([outline_m] * len(tiny.positions_deg)))
+    tiny = replace(TRACKS[0], outline_m=outline_m, max_speed_kn=np.inf)
+    outlines_m = np.stack([outline_m] * len(tiny.positions_deg))
+    growing = replace(tiny, key="growing", outlines_m=outlines_m, max_speed_kn=np.inf)
     store.replace_scene(conn, SCENE, [], [tiny, growing], merge=False)
     for found, wanted in zip(store.read_scene(conn, "s")[2], (tiny, growing), strict=True):
         assert_same(found, wanted)
@@ -154,7 +155,7 @@ def test_loading_touches_only_what_differs(conn: Conn) -> None:
     conn.execute("DELETE FROM conflictdb.change")
     conn.commit()
     areas = [replace(AREAS[0], floor_m=5.0), replace(AREAS[1], name="other"), *AREAS[2:4]]
-    later = replace(TRACKS[0], times_us=TRACKS[0].times_us + np.array([0, 0, 1]))
+    later = replace(TRACKS[0], times_us=TRACKS[0].times_us + np.array([0, 0, 1]), max_speed_kn=np.inf)
     tracks = [later, *TRACKS[1:], track("new", [1, 2])]
     assert store.replace_scene(conn, SCENE, areas, tracks, merge=False) == store.LoadCounts(1, 3, 1, 14)
     assert store.list_scenes(conn)[0].pending == 4  # not the one whose name changed

@@ -102,7 +102,7 @@ BAD = {
         "put_track('s', 'B', 'SRID=4326;LINESTRING M(5 88 1,5 89.1 2)', {o})", "ZC005", "latitude_in_plane",
     ),
     "haven beyond 89.5 in rhumb": (
-        "put_track('s', 'B', 'SRID=4326;LINESTRING M(5 88 1,5 88.9 2)', rectangle_outline(80000, 0, 1, 1))",
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(5 88 0,5 88.9 3600)', rectangle_outline(80000, 0, 1, 1))",
         "ZC005", "haven_in_plane",
     ),
     "times equal": (
@@ -110,6 +110,9 @@ BAD = {
     ),
     "times falling": (
         "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 2,3 58 1)', {o})", "ZC002", "path_time_increasing",
+    ),
+    "a leg too fast": (
+        "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 0,3 58 60)', {o})", "ZC002", "path_speed_possible",
     ),
     "times in one microsecond": (
         "put_track('s', 'B', 'SRID=4326;LINESTRING M(3 57 1,3 58 1.0000003)', {o})", "ZC002", "path_time_increasing",
