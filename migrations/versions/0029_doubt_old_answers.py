@@ -8,8 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e14cd37d2fdb72c41fa0577508664901598cbfb8da0a0e8c974b83f9f9d1d042"
-
+routines_sha256 = "8507bea145e22cc24902bb38a7f360f553e3329cc0beecd139999fb7bd0eb955"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
