@@ -5,7 +5,7 @@ to the microsecond; where a period has no bound, it is None. Positions are (long
 """
 
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias, TypeVar, cast
@@ -117,6 +117,8 @@ class Conflict(Drawable):
     changed_at : when its periods, verdict or a key last changed; None if they never did
     acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until : who took note of it as it is, when, why,
         and until when that holds (None: as long as it lasts); all None where nobody did, or where that is over
+    a_id, a_version, b_id, b_version : numbers of the two objects, and of their states that it was found of; None also
+        unless the region is asked for
     """
 
     scene: str
@@ -145,6 +147,10 @@ class Conflict(Drawable):
     acknowledged_at: datetime | None = None
     acknowledged_for: str | None = None
     acknowledged_until: datetime | None = None
+    a_id: int | None = field(default=None, repr=False, compare=False)
+    a_version: int | None = field(default=None, repr=False, compare=False)
+    b_id: int | None = field(default=None, repr=False, compare=False)
+    b_version: int | None = field(default=None, repr=False, compare=False)
 
     @property
     def opened_at(self) -> datetime | None:
@@ -202,6 +208,7 @@ class Approach:
     verdict : near (no conflict), or that of the conflict
     method, time_error_s : of the detection that found it, and as of the conflict
     is_current, scene_is_current, run_id, found_at : as of a `Conflict`
+    a_id, a_version, b_id, b_version : as of a `Conflict`; None unless only those that are near are asked for
     """
 
     scene: str
@@ -221,6 +228,10 @@ class Approach:
     scene_is_current: bool | None = None
     run_id: int | None = None
     found_at: datetime | None = None
+    a_id: int | None = field(default=None, repr=False, compare=False)
+    a_version: int | None = field(default=None, repr=False, compare=False)
+    b_id: int | None = field(default=None, repr=False, compare=False)
+    b_version: int | None = field(default=None, repr=False, compare=False)
 
     def as_near(self) -> Conflict:
         """Return a pair that is only near as a row among conflicts: it has no periods.
@@ -249,6 +260,10 @@ class Approach:
             scene_is_current=self.scene_is_current,
             run_id=self.run_id,
             found_at=self.found_at,
+            a_id=self.a_id,
+            a_version=self.a_version,
+            b_id=self.b_id,
+            b_version=self.b_version,
         )
 
 

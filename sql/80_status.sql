@@ -8,25 +8,30 @@ RETURNS TABLE (
     closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
     closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
     scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
-    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz,
+    a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE sql STABLE
 BEGIN ATOMIC
     -- A query that is inlined: through a cursor rows come as they are asked for, and are not put on disk before.
+    -- 25 decimals are all digits of a double: those below 1e-8 PostGIS writes with an exponent.
     SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
-           CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 15) END,
+           CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 25) END,
            ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
            c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
            ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
            c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
-           c.acknowledged_until
+           c.acknowledged_until, k.a_id, k.a_version, k.b_id, k.b_version
     FROM conflicts c
+    LEFT JOIN conflict k ON p_with_region AND k.scene_id = _scene_id(p_scene) AND k.conflict_id = c.conflict_id
+                            AND k.a_key = c.a_key AND k.b_key = c.b_key
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
       AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[]) IS
-'The conflicts of a scene (at an instant, among objects of some keys, if given), earliest first; periods in binary.';
+'The conflicts of a scene (at an instant, among objects of some keys, if given), earliest first; periods in binary. '
+'Numbers and versions of objects only with regions.';
 
 CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
@@ -75,7 +80,8 @@ RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
     b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
-    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision
+    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision,
+    a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -83,8 +89,11 @@ BEGIN
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
                ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
-               c.scene_is_current, c.method, c.time_error_s
+               c.scene_is_current, c.method, c.time_error_s, k.a_id, k.a_version, k.b_id, k.b_version
         FROM approaches c
+        LEFT JOIN conflict k ON p_only_near AND k.scene_id = _scene_id(p_scene) AND k.verdict = 'near'
+                                AND k.a_key = c.a_key AND (k.a_kind = 1) = (c.a_kind = 'track')
+                                AND k.b_key = c.b_key AND (k.b_kind = 1) = (c.b_kind = 'track')
         WHERE c.scene = p_scene AND (NOT p_only_near OR c.verdict = 'near')
           AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
         ORDER BY c.closest_at NULLS FIRST, c.a_key, c.b_key;
@@ -92,7 +101,7 @@ END
 $$;
 COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
 'The closest approaches of a scene (among objects of some keys, if given), or only those of pairs without conflict, '
-'earliest first.';
+'earliest first. Numbers and versions of objects only of the latter.';
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,

@@ -14,7 +14,11 @@ routines_sha256 = "8507bea145e22cc24902bb38a7f360f553e3329cc0beecd139999fb7bd0eb
 changes_answers = True
 
 # Their arguments or results change; sql/ makes what follows them.
-REPLACED_ROUTINES = ("_scene_state(text)",)
+REPLACED_ROUTINES = (
+    "_approaches(text, boolean, text[])",
+    "_conflicts(text, timestamptz, boolean, text[])",
+    "_scene_state(text)",
+)
 
 
 def upgrade() -> None:

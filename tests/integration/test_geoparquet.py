@@ -8,6 +8,7 @@ from pathlib import Path
 import geopandas
 import pyarrow.parquet as pq
 import pytest
+import shapely
 from commands import STRAIT, Run, runner
 
 from conflictdb import connect
@@ -100,6 +101,38 @@ def test_conflicts_go_out_with_where_they_are(run: Run, tmp_path: Path, monkeypa
     assert list(frame["run_id"]) == [row["run_id"] for row in found]
     assert [len(periods) for periods in frame["periods"]] == [len(row["periods"]) for row in found]
     assert list(frame["closest_m"]) == [row["closest_m"] for row in found]
+
+
+def test_conflicts_go_out_as_exactly_as_the_database_has_them(run: Run, dsn: str, tmp_path: Path) -> None:
+    """Regions to the last bit, in GeoParquet and in JSON, and numbers and versions of objects; of those near, too."""
+    near = {**json.loads(Path(STRAIT).read_text())}
+    near["scene"] = {**near.get("scene", {}), "name": "strait", "nearest_m": 50_000}
+    (tmp_path / "near.json").write_text(json.dumps(near))
+    assert run("load", tmp_path / "near.json").code == 0
+    written = io.BytesIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdout", io.TextIOWrapper(written, write_through=True))
+        assert run("detect", "--scene", "strait", "--format", "geoparquet").code == 0
+        rows = pq.read_table(io.BytesIO(written.getvalue())).to_pylist()
+        sys.stdout.detach()
+    names = ("a_key", "b_key", "a_id", "a_version", "b_id", "b_version")
+    query = f"SELECT {', '.join(names)}, ST_AsBinary(region), verdict FROM conflictdb.conflict"
+    with connect(dsn) as db:
+        found = db.connection.execute(query).fetchall()
+    known = [dict(zip((*names, "region", "verdict"), row, strict=True)) for row in found]
+    assert {row["verdict"] for row in known} >= {"conflict", "near"}
+    assert sorted([row[name] for name in names] for row in rows) == sorted(
+        [row[name] for name in names] for row in known
+    )
+    regions = {(row["a_key"], row["b_key"]): row["region"] for row in known if row["verdict"] != "near"}
+    exact = [(row["a_key"], row["b_key"]) for row in rows if row["verdict"] != "near"]
+    assert {row["region"] for row in rows if row["verdict"] == "near"} == {None}
+    assert {(row["a_key"], row["b_key"]): row["region"] for row in rows if row["region"]} == regions
+    listed = json.loads(run("conflicts", "--scene", "strait", "--format", "json").out)
+    assert len(listed) == len(exact)
+    for row in listed:
+        shape = shapely.geometry.shape(row["region"])
+        assert shapely.to_wkb(shape, byte_order=1) == regions[row["a_key"], row["b_key"]]
 
 
 def test_what_cannot_be_written_is_told(run: Run, tmp_path: Path) -> None:

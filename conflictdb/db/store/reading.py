@@ -27,6 +27,7 @@ from conflictdb.results import (
 _KINDS: Final = {kind.value: kind for kind in Kind}
 _VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
 _METHODS: Final = {method.value: method for method in Method}
+_NUMBERS: Final = ("a_id", "a_version", "b_id", "b_version")
 
 # A multirange is sent as a count and so many ranges, each with its length before it: a byte of flags and the bounds
 # that there are, each with its length; all big-endian (PostgreSQL's multirange_send and range_send).
@@ -123,7 +124,7 @@ def each_conflict(
             a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
             is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
             a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, scene_is_current, conflict_id, changed_at, *rest = rest
-            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until = rest
+            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, *numbers = rest
             yield Conflict(
                 scene=scene,
                 a_key=a_key,
@@ -151,6 +152,7 @@ def each_conflict(
                 acknowledged_at=_utc(acknowledged_at),
                 acknowledged_for=acknowledged_for,
                 acknowledged_until=_utc(acknowledged_until),
+                **dict(zip(_NUMBERS, numbers, strict=True)),
             )
 
 
@@ -183,6 +185,7 @@ def each_approach(
                 scene_is_current=row[15],
                 method=_METHODS[row[16]],
                 time_error_s=row[17],
+                **dict(zip(_NUMBERS, row[18:], strict=True)),
             )
 
 
