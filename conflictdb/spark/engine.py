@@ -5,21 +5,25 @@ Sedona, which are fetched by their Maven coordinates once, or come with the clus
 """
 
 import os
+import re
+import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, MutableMapping
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping, MutableMapping
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from threading import current_thread, main_thread
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from conflictdb.errors import ConflictDBError, EngineMissing
+from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput
+from conflictdb.spark.interrupts import interrupts_between_calls
 
 if TYPE_CHECKING:
-    from py4j.protocol import Py4JError
-    from pyspark.errors import PySparkException
     from pyspark.sql import SparkSession
 
 # What the versions of Sedona's Python package and of Spark go with; its transforms need the tools' wrapper.
@@ -34,6 +38,10 @@ _JAVA: Final = 17
 _SETTINGS_OF_IVY: Final = """<ivysettings><settings defaultResolver="central"/>
 <resolvers><ibiblio name="central" m2compatible="true" usepoms="false"/></resolvers></ivysettings>"""
 _DRIVER_MEMORY: Final = "2g"
+# How often a task is tried on this machine, as on a cluster: a worker may be killed.
+_TRIES: Final = 4
+# Options that hold lists of jars.
+_JARS: Final = ("spark.jars", "spark.jars.packages")
 # Objects of Sedona travel in its own form, instants are what they are in any zone, and in files what others read too.
 _OPTIONS: Final[dict[str, Any]] = {
     "spark.serializer": "org.apache.spark.serializer.KryoSerializer",
@@ -85,10 +93,12 @@ def session(
     *,
     is_quiet: bool,
     reads_database: bool = False,
+    options: Mapping[str, str] = MappingProxyType({}),
 ) -> "Iterator[SparkSession]":
     """Give a session with Sedona; it ends with the block. What Spark cannot do there is a ConflictDBError.
 
-    Raises EngineMissing, with the remedy, where Java, packages or jars are missing.
+    Raises EngineMissing, with the remedy, where Java, packages or jars are missing, and InvalidInput for options that
+    answers depend on.
 
     master : where Spark runs: ``local[4]``, ``spark://host:7077``; None: all processors of this machine, or what
         spark-submit says
@@ -96,7 +106,11 @@ def session(
     environ : that of this program: says whether spark-submit started it, and where Java is; told what workers run
     is_quiet : what Java prints goes to a file, and its end into the error
     reads_database : with the driver of databases
+    options : of Spark, by their names; they go before its defaults, and jars of theirs are added
     """
+    for name, value in options.items():
+        if value != _OPTIONS.get(name, value):
+            raise InvalidInput(f"--conf {name}", "", f"must be {_OPTIONS[name]}: other values change answers")
     is_submitted = "PYSPARK_GATEWAY_PORT" in environ
     if not is_submitted:
         _require_java(environ.get("JAVA_HOME"))
@@ -107,9 +121,13 @@ def session(
     builder = SparkSession.builder.appName("conflictdb").config(map=_OPTIONS)
     if not is_submitted:
         environ.setdefault("PYSPARK_PYTHON", sys.executable)  # what workers are, where they are told nothing else
-        builder = builder.config(map=_alone(master or "local[*]")).config(map=_jars(cache, packages))
-    elif master is not None:
-        builder = builder.master(master)
+        alone = _alone(master or options.get("spark.master", "local[*]"), _said_elsewhere(environ))
+        builder = builder.config(map=alone | _with_jars(_jars(cache, packages), options))
+    else:
+        builder = builder.config(map=dict(options))
+        if master is not None:
+            builder = builder.master(master)
+    heard = signal.getsignal(signal.SIGINT)
     with tempfile.TemporaryFile("w+") as said:
         try:
             with _printed_to(said.fileno() if is_quiet and not is_submitted else None):
@@ -121,8 +139,13 @@ def session(
                 f"Spark did not start. If its jars cannot be fetched from Maven Central ({', '.join(packages)}), put "
                 f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
             ) from error
+        if current_thread() is main_thread():  # pyspark's own handler calls Java within a call of Java
+            signal.signal(signal.SIGINT, heard)
         try:
-            with told_in_one_line(ConflictDBError, "Spark did not finish"):
+            with (
+                interrupts_between_calls(spark.sparkContext.cancelAllJobs),
+                told_in_one_line(ConflictDBError, "Spark did not finish"),
+            ):
                 yield with_sedona(spark)
         finally:
             spark.stop()
@@ -137,14 +160,15 @@ def told_in_one_line(kind: type[ConflictDBError], what: str) -> Iterator[None]:
     try:
         yield
     except (Py4JError, PySparkException) as error:
-        raise kind(f"{what}: {_cause_of(error)}") from error
+        raise kind(f"{what}: {cause_of(error)}") from error
 
 
-def _cause_of(error: "Py4JError | PySparkException") -> str:
+def cause_of(error: Exception) -> str:
     """Return what was wrong first, in one line; where a worker ended, what ended it."""
     cause, message = getattr(error, "java_exception", None), str(error)
     while cause is not None:
-        message, cause = str(cause.getMessage()), cause.getCause()
+        said = cause.getMessage()  # None of an exception that is its name alone
+        message, cause = message if said is None else str(said), cause.getCause()
     lines = [line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__]
     return lines[-1] if any("Traceback" in line for line in lines) else lines[0]
 
@@ -172,17 +196,44 @@ def with_driver(spark: "SparkSession") -> None:
         ) from None
 
 
-def _alone(master: str) -> dict[str, Any]:
-    """Return the options of a program that is not started by spark-submit."""
-    options: dict[str, Any] = {
-        "spark.master": master,
-        "spark.ui.enabled": "false",
-        "spark.ui.showConsoleProgress": "false",
-    }
+def _alone(master: str, said: Collection[str]) -> dict[str, Any]:
+    """Return the options of a program that is not started by spark-submit.
+
+    said : names of options that the user's configuration of Spark sets
+    """
+    options: dict[str, Any] = {"spark.ui.enabled": "false", "spark.ui.showConsoleProgress": "false"}
+    if match := re.fullmatch(r"local(?:\[\s*(\d+|\*)\s*\])?", master):  # without retries, unless they are asked for
+        master = f"local[{match[1] or 1},{_TRIES}]"
     if master.startswith("local"):  # nobody else talks to it
         options |= {"spark.driver.bindAddress": "127.0.0.1", "spark.driver.host": "127.0.0.1"}
         options |= {"spark.driver.memory": _DRIVER_MEMORY}
-    return options
+    return {name: value for name, value in options.items() if name not in said} | {"spark.master": master}
+
+
+def _said_elsewhere(environ: Mapping[str, str]) -> set[str]:
+    """Return the names of options in the user's own configuration of Spark, which a program would override."""
+    said = {word.partition("=")[0] for word in shlex.split(environ.get("PYSPARK_SUBMIT_ARGS", ""))}
+    if "--driver-memory" in said or environ.get("SPARK_DRIVER_MEMORY"):
+        said.add("spark.driver.memory")
+    directory = environ.get("SPARK_CONF_DIR") or str(Path(environ.get("SPARK_HOME") or _home(), "conf"))
+    with suppress(OSError):
+        lines = Path(directory, "spark-defaults.conf").read_text(errors="replace").splitlines()
+        said |= {
+            re.split(r"[\s=:]", line.strip(), maxsplit=1)[0] for line in lines if not line.lstrip().startswith("#")
+        }
+    return said
+
+
+def _home() -> str:
+    from pyspark import __file__ as module
+
+    return str(Path(module).parent)
+
+
+def _with_jars(jars: dict[str, Any], options: Mapping[str, str]) -> dict[str, Any]:
+    """Return options, but for the master, with the jars that a session needs; those that they name stay."""
+    both = {name: f"{jars[name]},{options[name]}" for name in _JARS if jars.get(name) and options.get(name)}
+    return jars | {name: value for name, value in options.items() if name != "spark.master"} | both
 
 
 def _jars(cache: Path, packages: list[str]) -> dict[str, Any]:

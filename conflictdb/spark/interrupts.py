@@ -1,0 +1,88 @@
+"""Ctrl-C and SIGTERM while Java works: jobs are cancelled, and the interrupt is raised between two calls of Java.
+
+Raised within a call it would leave half an answer on the connection, which the next call would take for its own.
+"""
+
+import logging
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from threading import Event, Thread, current_thread, main_thread
+from types import FrameType
+from typing import Any, Final
+
+# How long the answer of a call is waited for: SIGTERM ends a command within 5 s.
+_LONGEST_S: Final = {signal.SIGINT: 20.0, signal.SIGTERM: 3.0}
+# How often jobs are cancelled again, for new ones may have begun.
+_EVERY_S: Final = 0.2
+
+
+@contextmanager
+def interrupts_between_calls(cancel: Callable[[], Any]) -> Iterator[None]:
+    """Let the handlers of signals that are there now act between calls of Java; errors after a signal are its own.
+
+    cancel : called, by a thread of its own, to have a call of Java end soon
+    """
+    if current_thread() is not main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _LONGEST_S}
+    waiting = _Waiting(cancel, before)
+    for number in before:
+        signal.signal(number, waiting.hear)
+    try:
+        yield
+    except Exception:
+        waiting.act(None)
+        raise
+    finally:
+        waiting.ended.set()
+        logging.disable(logging.NOTSET)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    waiting.act(None)
+
+
+class _Waiting:
+    """A signal that was heard, and waits for a call of Java to end."""
+
+    def __init__(self, cancel: Callable[[], Any], before: dict[signal.Signals, Any]) -> None:
+        self.ended = Event()
+        self._cancel, self._before = cancel, before
+        self._number: signal.Signals | None = None
+        self._heard_s = 0.0
+
+    def hear(self, number: int, frame: FrameType | None) -> None:
+        """Act now, or cancel what Java does and be called again."""
+        if self._number is None:
+            self._number, self._heard_s = signal.Signals(number), time.monotonic()
+            if _is_call(frame):
+                Thread(target=self._remind, daemon=True, name="interrupt").start()
+        is_late = time.monotonic() - self._heard_s > _LONGEST_S[self._number]
+        if is_late:
+            logging.disable(logging.ERROR)  # py4j would print where in it that was
+        if is_late or not _is_call(frame):
+            self.act(frame)
+
+    def act(self, frame: FrameType | None) -> None:
+        """Do what the handler of the signal that was heard does, if one was: it raises."""
+        self.ended.set()
+        if self._number is not None and callable(handler := self._before[self._number]):
+            handler(self._number, frame)
+
+    def _remind(self) -> None:
+        while not self.ended.is_set():
+            with suppress(Exception):  # Java may be gone
+                self._cancel()
+            if not self.ended.wait(_EVERY_S) and self._number is not None:
+                signal.pthread_kill(main_thread().ident or 0, self._number)
+
+
+def _is_call(frame: FrameType | None) -> bool:
+    """Return whether a call of Java is under way."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).startswith("py4j."):
+            return True
+        frame = frame.f_back
+    return False
