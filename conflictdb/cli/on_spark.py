@@ -4,15 +4,17 @@ import argparse
 import os
 import shlex
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import note, out, remark
+from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 # Settings that a scene has unless they are given.
 _SETTINGS: Final = ("motion", "earth", "centre", "method", "tolerance_m", "separation_m", "nearest_m")
+# Seconds from one look at the tasks of Spark to the next.
+_EVERY_S: Final = 1.0
 _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"})
 
 
@@ -41,43 +45,96 @@ def detect(args: argparse.Namespace) -> int:
         from conflictdb.spark.detection import detected
         from conflictdb.spark.files import write_conflicts, write_states
 
-        given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
-        scene = replace(scene, **{name: value for name, value in given.items() if value is not None})
-        found = detected(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
-        write_conflicts(found.conflicts, args.output)
-        pairs = spark.read.parquet(args.output).count()
-        write_states(found.objects, scene, args.output, pairs)
+        with _shown_progress(spark) as doing:
+            doing("cutting objects")
+            found = detected(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
+            doing("joining and solving")
+            write_conflicts(found.conflicts, args.output, overwrite=args.overwrite)
+            doing("counting")
+            pairs = spark.read.parquet(args.output).count()
+            write_states(found.objects, scene, args.output, pairs)
         note(f"{scene.name}: {pairs:,} pairs in {args.output}")
     return DONE
 
 
 @contextmanager
 def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, DataFrame]"]:
-    """Give a session of Spark, and settings and objects of files, or else of the scene of the database."""
+    """Give a session of Spark, and settings and objects of files, or else of the scene of the database.
+
+    Raises InvalidInput, before anything is computed, where the output cannot be written.
+    """
     if args.input:
         with _session(args) as spark:
-            from conflictdb.spark.files import read_objects, settings_in
+            from conflictdb.spark.files import read_scene, require_output
 
-            settings, objects = settings_in(args.input), read_objects(spark, args.input)
+            require_output(spark, args.output, overwrite=args.overwrite)
+            settings, objects = read_scene(spark, args.input, remark)
+            require_output(spark, args.output, objects, overwrite=args.overwrite)
             if objects.isEmpty():
                 raise without_objects("file", ", ".join(args.input), ())
-            yield spark, settings or Scene(args.scene or "spark"), objects
+            scene = _with_options(args, settings or Scene(args.scene or "spark"))
+            if settings is None:
+                remark(f"the input does not say the settings of its scene: {_settings_text(scene)}")
+            yield spark, scene, objects
         return
     with database(args) as db:
         engine.coordinates()  # says what is missing, before anything is read
         from conflictdb.spark.jdbc import is_reached_by_network, scene_objects
 
-        if is_reached_by_network(db.connection):
-            with _session(args, reads_database=True) as spark, scene_objects(spark, db.connection, args.scene) as given:
-                yield spark, *given
-            return
-        with _session(args) as spark, tempfile.TemporaryDirectory() as directory:
-            from conflictdb.spark.files import read_objects, settings_in
+        by_network = is_reached_by_network(db.connection)
+        with _session(args, reads_database=by_network) as spark:
+            from conflictdb.spark.files import read_scene, require_output
 
+            require_output(spark, args.output, overwrite=args.overwrite)
+            if by_network:
+                with scene_objects(spark, db.connection, args.scene) as (scene, objects):
+                    yield spark, _with_options(args, scene), objects
+                return
             _require_here(spark, args.scene)
-            path = str(Path(directory, "objects.parquet"))
-            db.export(args.scene, path)
-            yield spark, settings_in([path]) or Scene(args.scene), read_objects(spark, [path])
+            with tempfile.TemporaryDirectory() as directory:
+                path = str(Path(directory, "objects.parquet"))
+                db.export(args.scene, path)
+                settings, objects = read_scene(spark, [path])
+                yield spark, _with_options(args, settings or Scene(args.scene)), objects
+
+
+def _with_options(args: argparse.Namespace, scene: Scene) -> Scene:
+    """Return a scene with the settings that options give."""
+    given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
+    return replace(scene, **{name: value for name, value in given.items() if value is not None})
+
+
+def _settings_text(scene: Scene) -> str:
+    return (
+        f"{scene.motion}, {scene.earth}, separation {scene.separation_m:g} m, tolerance {scene.tolerance_m:g} m, "
+        f"nearest {scene.nearest_m:g} m"
+    )
+
+
+@contextmanager
+def _shown_progress(spark: "SparkSession") -> Iterator[Callable[[str], None]]:
+    """Show on a terminal, every second, how many tasks Spark has done; gives what says what it is doing."""
+    began_s = time.monotonic()
+    doing, ended = ["starting"], Event()
+    tracker = spark.sparkContext.statusTracker()
+
+    def show() -> None:
+        while not ended.wait(_EVERY_S):
+            with suppress(Exception):  # Spark may be ending
+                stages = [tracker.getStageInfo(number) for number in tracker.getActiveStageIds()]
+                done = sum(one.numCompletedTasks for one in stages if one)
+                tasks = sum(one.numTasks for one in stages if one)
+                said = f", {done:,} of {tasks:,} tasks" if tasks else ""
+                progress(f"Spark: {doing[0]}{said}, {time.monotonic() - began_s:.0f} s")
+
+    watching = Thread(target=show, daemon=True, name="progress")
+    watching.start()
+    try:
+        yield lambda text: doing.__setitem__(0, text)
+    finally:
+        ended.set()
+        watching.join()
+        progress("")
 
 
 def _require_here(spark: "SparkSession", scene: str) -> None:
@@ -149,6 +206,11 @@ def _session(args: argparse.Namespace, *, reads_database: bool = False) -> Itera
     cache = Settings.from_environment().cache / "spark"
     note("Spark starts, in some ten seconds; the first time it fetches its jars (115 MB)")
     with engine.session(
-        args.master, cache, os.environ, is_quiet=not args.debug, reads_database=reads_database
+        args.master,
+        cache,
+        os.environ,
+        is_quiet=not args.debug,
+        reads_database=reads_database,
+        options=dict(args.conf or ()),
     ) as spark:
         yield spark

@@ -46,6 +46,16 @@ def mapping(text: str) -> dict[str, str]:
     return fields
 
 
+def option(text: str) -> tuple[str, str]:
+    """Return the name and the value of a setting of Spark, ``spark.driver.memory=8g``."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.startswith("spark."):
+        raise argparse.ArgumentTypeError(
+            f"must be KEY=VALUE, a setting of Spark such as spark.driver.memory=8g; got {text!r}"
+        )
+    return key.strip(), value
+
+
 def place(text: str) -> tuple[float, float]:
     """Return longitude and latitude in degrees of ``9.5,54``."""
     parts = text.split(",")

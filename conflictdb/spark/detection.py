@@ -90,6 +90,7 @@ def detected(
 ) -> Detected:
     """Do what `detect_on_spark` does; the objects stay as long as the conflicts are referred to."""
     with_sedona(spark)
+    pieces.check_case("objects", objects.columns)
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
         objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
     objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])

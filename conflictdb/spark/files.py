@@ -1,36 +1,77 @@
 """GeoParquet on Spark: objects in, conflicts out, by all workers at once; a path is what Spark can read and write."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial, reduce
 from pathlib import Path
+from typing import Any, Final
 
 import pyarrow as pa
-from pyarrow import parquet
 from pyspark.errors import AnalysisException
 from pyspark.sql import DataFrame, SparkSession, functions
+from pyspark.sql.pandas.types import from_arrow_schema
 
 from conflictdb.arrays.arrow.forms import told
 from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
 from conflictdb.io.computed import STATES, settings_text
-from conflictdb.io.geoparquet import GEOMETRY, Layout
+from conflictdb.io.geoparquet import GEOMETRY, METADATA_KEY, PLANAR, Layout
+from conflictdb.io.names import RENAME_COLUMN, misnamed
+from conflictdb.io.objects import AREA_GUARDED, AREA_MEMBERS, TRACK_GUARDED, TRACK_MEMBERS
 from conflictdb.io.scene_file import scene_of
 from conflictdb.model import Scene
 from conflictdb.results import Kind
-from conflictdb.spark.pieces import NO_NUMBER
+from conflictdb.spark.pieces import NO_NUMBER, check_case
+from conflictdb.spark.storage import listed, parquet_reader, plain_path, require_new, schemas_of, shown
+
+# What other columns could have been meant to be; and what means something in files of others, which `load` reads.
+_GUARDED: Final = tuple(sorted({*AREA_GUARDED, *TRACK_GUARDED}))
+_OF_FILES: Final = frozenset({*AREA_MEMBERS, *TRACK_MEMBERS, "radius_m"} - set(OBJECTS.schema.names))
+
+# How names begin in what `write_conflicts` and `write_states` leave, also where they did not end.
+_WRITTEN: Final = ("part-", "_SUCCESS", "_temporary", STATES)
 
 
-def settings_in(paths: Sequence[str]) -> Scene | None:
-    """Return the settings of the scene that files, or directories of them, were exported of.
+def read_scene(
+    spark: SparkSession, paths: Sequence[str], say: Callable[[str], None] = lambda text: None
+) -> tuple[Scene | None, DataFrame]:
+    """Return the settings and the objects of GeoParquet files: paths, URIs, globs, or directories.
 
-    None for what is not here, or says nothing; raises InvalidInput where some say other settings than the first, or a
-    reference system that is not longitude and latitude.
+    Settings are None where no file says them. Objects have the columns of the form OBJECTS that any of the files has.
+    Raises InvalidInput, of a file, where that is no Parquet, says other settings than the first or a reference system
+    that is not longitude and latitude, or has columns that would be lost.
+
+    say : is told once what is read, but not as the files say it
+    """
+    found = listed(spark, paths)
+    schemas = schemas_of(spark, found.inputFiles())
+    named = {shown(file): schema for file, schema in schemas.items()}
+    settings = settings_of(named)
+    of_directories = [name for name in found.columns if name != "id"]
+    for text in dict.fromkeys(
+        text for file, schema in named.items() for text in _checked(file, schema, of_directories)
+    ):
+        say(text)
+    return settings, _read(spark, paths, schemas, of_directories)
+
+
+def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
+    """Return the objects of GeoParquet files, as `read_scene` does."""
+    return read_scene(spark, paths)[1]
+
+
+def settings_of(schemas: Mapping[str, pa.Schema]) -> Scene | None:
+    """Return the settings of the scene that files were exported of, by their schemas; None where none says them.
+
+    Raises InvalidInput where some say other settings than the first.
     """
     first: tuple[str, Scene] | None = None
-    for file in (file for path in paths for file in _files(Path(path))):
-        scene = _settings(file)
-        if scene is None:
+    for file, schema in schemas.items():
+        said = told(file, schema).get("scene")
+        if said is None:
             continue
+        scene = scene_of(said, Path(file).stem)
         first = first or (file, scene)
         if differing := scene.differing(first[1]):
             rule = f"differs from that in {first[0]}; a scene has one set of settings"
@@ -38,56 +79,112 @@ def settings_in(paths: Sequence[str]) -> Scene | None:
     return first[1] if first else None
 
 
-def _files(path: Path) -> list[str]:
-    """Return a file, or those in a directory that Spark reads, whatever they end in; none of what is elsewhere."""
-    if path.is_dir():
-        return sorted(str(one) for one in path.rglob("*") if one.is_file() and not _is_hidden(one, path))
-    return [str(path)] if path.is_file() else []
+def _checked(file: str, schema: pa.Schema, of_directories: Sequence[str]) -> Iterator[str]:
+    """Yield what is to be said of the schema of a file; raises InvalidInput where it is no table of objects.
 
-
-def _is_hidden(file: Path, directory: Path) -> bool:
-    return any(part[0] in "._" for part in file.relative_to(directory).parts)
-
-
-def _settings(path: str) -> Scene | None:
-    try:
-        schema = parquet.read_schema(path)
-    except pa.ArrowException as error:
-        raise InvalidInput(path, "", f"is no Parquet of conflictdb: {_first_line(error)}") from error
+    of_directories : columns that are names of directories, as of `kind=area/part.parquet`
+    """
     try:
         layout = Layout.of(schema)
+        _check_columns(schema, of_directories)
+        OBJECTS.columns(_with(schema, of_directories).empty_table())
     except InvalidInput as refused:
-        raise refused.at(path) from refused.__cause__
+        raise refused.at(file) from refused.__cause__
     if layout.to_degrees is not None or layout.encoding != "WKB" or layout.geometry not in (None, GEOMETRY):
         rule = f"must say that column {GEOMETRY} is longitude and latitude in WKB: load the file, and export it"
-        raise InvalidInput(path, "metadata geo", rule)
-    scene = told(path, schema).get("scene")
-    return None if scene is None else scene_of(scene, Path(path).stem)
+        raise InvalidInput(file, "metadata geo", rule)
+    is_own = _is_own(schema)
+    if not (layout.is_sure or (is_own and METADATA_KEY not in (schema.metadata or {}))):
+        yield "the input does not say its reference system: taken for longitude and latitude on WGS84"
+    if layout.edges != PLANAR:
+        yield f"the input says that edges are {layout.edges[:60]!r}; here they are what the motion of the scene says"
+    if layout.epoch is not None:
+        yield f"the input says that its coordinates are of epoch {layout.epoch:g}; they are used as they are"
 
 
-def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
-    """Return the objects of GeoParquet files, or directories of them; raises InvalidInput for others."""
-    try:
-        objects = spark.read.parquet(*paths)
-    except AnalysisException as error:
-        raise InvalidInput(", ".join(paths), "", f"is no Parquet that Spark can read: {_first_line(error)}") from error
-    missing = [one.name for one in OBJECTS.schema if not one.nullable and one.name not in objects.columns]
-    if missing:
-        rule = (
-            f"is missing; objects are exported by `conflictdb export --format geoparquet`; there are {objects.columns}"
-        )
-        raise InvalidInput(", ".join(paths), missing[0], rule)
-    return objects
+def _is_own(schema: pa.Schema) -> bool:
+    return told("file", schema).get("form") == OBJECTS.name
 
 
-def write_conflicts(found: DataFrame, path: str) -> None:
-    """Write conflicts as a directory of GeoParquet files; raises InvalidInput where there is one."""
+def _with(schema: pa.Schema, of_directories: Sequence[str]) -> pa.Schema:
+    """Return a schema with the columns that directories say, of the types that they should have."""
+    said = [OBJECTS.schema.field(name) for name in of_directories if name in OBJECTS.schema.names]
+    return pa.schema([*schema, *(field for field in said if field.name not in schema.names)], schema.metadata)
+
+
+def _check_columns(schema: pa.Schema, of_directories: Sequence[str]) -> None:
+    """Raise InvalidInput for a column that would be taken for a property, and was meant to be more, as `load` does."""
+    names = [*schema.names, *of_directories]
+    check_case("file", names)
+    for name in names:
+        if name.lower() in _OF_FILES and not _is_own(schema):
+            rule = "is not read here: `conflictdb load` the file, and export it"
+            raise InvalidInput("file", f"column {name}", rule)
+    if not _is_own(schema):
+        values = {field.name: _sample(field.type) for field in schema} | dict.fromkeys(of_directories, "1")
+        for refused in misnamed("file", values, _GUARDED, remedy=RENAME_COLUMN):
+            raise refused
+
+
+def _sample(of: pa.DataType) -> Any:
+    """Return a value such as a column of a type may hold, as JSON has it."""
+    if pa.types.is_null(of) or pa.types.is_boolean(of):
+        return None
+    if pa.types.is_integer(of) or pa.types.is_floating(of) or pa.types.is_decimal(of):
+        return 1
+    return [1] if pa.types.is_nested(of) else "1"
+
+
+def _read(
+    spark: SparkSession, paths: Sequence[str], schemas: Mapping[str, pa.Schema], of_directories: Sequence[str]
+) -> DataFrame:
+    """Return the objects of files with these schemas: columns that a file lacks, or of which it knows no type, null."""
+    alike: dict[tuple[tuple[str, str], ...], list[str]] = defaultdict(list)
+    for file, schema in schemas.items():
+        known = [field for field in schema if field.name in OBJECTS.schema.names and not pa.types.is_null(field.type)]
+        alike[tuple(sorted((field.name, str(field.type)) for field in known))].append(file)
+    reader = parquet_reader(spark)
+    if len(alike) == 1:
+        ((columns, _),) = alike.items()
+        objects = reader.parquet(*paths)
+        return objects.select([*(name for name, _ in columns), *_said(of_directories, columns)])
+    if any(name in OBJECTS.schema.names for name in of_directories):
+        first, second, *_ = (shown(files[0]) for files in alike.values())
+        rule = f"are others than in {first}, and directories say {', '.join(of_directories)}: give each its own run"
+        raise InvalidInput(second, "columns", rule)
+    types = {field.name: field.dataType for field in from_arrow_schema(OBJECTS.schema)}
+    parts = []
+    for columns, files in alike.items():
+        part = reader.parquet(*(plain_path(spark, file) for file in files))
+        parts.append(part.select([functions.col(name).cast(types[name]) for name, _ in columns]))
+    return reduce(partial(DataFrame.unionByName, allowMissingColumns=True), parts)
+
+
+def _said(of_directories: Sequence[str], columns: Sequence[tuple[str, str]]) -> list[str]:
+    return [name for name in of_directories if name in OBJECTS.schema.names and name not in dict(columns)]
+
+
+def require_output(spark: SparkSession, path: str, objects: DataFrame | None = None, *, overwrite: bool) -> None:
+    """Raise InvalidInput if conflicts cannot be written to a path: something is there that may not be replaced.
+
+    objects : input of files, which must not be there
+    overwrite : what `write_conflicts` wrote may be replaced
+    """
+    require_new(spark, path, _WRITTEN, objects.inputFiles() if objects else [], overwrite=overwrite)
+
+
+def write_conflicts(found: DataFrame, path: str, *, overwrite: bool = False) -> None:
+    """Write conflicts as a directory of GeoParquet files; raises InvalidInput where there is one.
+
+    overwrite : one that is there is removed, whatever it holds, when work begins
+    """
     # Of several geometries Sedona takes any for the main one, so there is one; the points stay WKB.
     region, *_ = GEOMETRIES
     found = found.withColumn(region, functions.call_function("ST_GeomFromWKB", functions.col(region)))
     try:
         # Without a name of their own, coordinates are longitude and latitude on WGS84.
-        found.write.format("geoparquet").option("geoparquet.crs", "").save(path)
+        mode = "overwrite" if overwrite else "error"
+        found.write.format("geoparquet").option("geoparquet.crs", "").mode(mode).save(path)
     except AnalysisException as error:
         raise InvalidInput(path, "", f"cannot be written: {_first_line(error)}") from error
 

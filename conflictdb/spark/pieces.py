@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
-from conflictdb.arrays.arrow.objects import to_objects
+from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
@@ -62,6 +62,14 @@ SCHEMA: Final = pa.schema(
         pa.field("refused", pa.string()),
     ]
 )
+
+
+def check_case(who: str, names: Iterable[str]) -> None:
+    """Raise InvalidInput for a column that would be lost, for its name differs from a known one in case."""
+    for name in names:
+        known = name.lower()
+        if name != known and known in OBJECTS.schema.names:
+            raise InvalidInput(who, f"column {name}", f"must be written {known}: rename it")
 
 
 def cut(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:

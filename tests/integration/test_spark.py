@@ -60,10 +60,11 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": geo}}
     parquet.write_table(of_a_list.replace_schema_metadata({"geo": json.dumps(geo)}), metres)
     detect = ["spark", "detect", "--output", output, "--input"]
-    commands = [[*detect, refused], [*detect, exported, "--partitions", "2"]]
-    commands += [[*detect, path] for path in (exported, __file__, strange, twins)]
-    commands += [[*detect, around, "--motion", "great_circle", "--earth", "sphere"]]
-    commands += [[*detect, path] for path in (nothing, metres)]
+    elsewhere = ["spark", "detect", "--output", str(tmp_path / "another output"), "--input"]
+    commands = [[*elsewhere, refused], [*detect, exported, "--partitions", "2"], [*detect, exported]]
+    commands += [[*elsewhere, path] for path in (__file__, strange, twins)]
+    commands += [[*elsewhere, around, "--motion", "great_circle", "--earth", "sphere"]]
+    commands += [[*elsewhere, path] for path in (nothing, metres)]
     found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
     assert (tmp_path / "near at the seam.killed").exists()
     for job in jobs:
@@ -80,6 +81,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     assert done[0] == 0
     assert in_order(parquet.read_table(output)).to_pylist() == expected.to_pylist()
     assert "already exists" in twice[1]
+    assert not (tmp_path / "another output").exists()
     assert "test_spark.py" in no_parquet[1]
     assert no_object[1] == f"conflictdb: {strange}: metadata conflictdb: must be a JSON object\n"
     assert "object 'T': id: occurs more than once" in same_key[1]

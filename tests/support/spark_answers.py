@@ -153,16 +153,22 @@ def _kill_an_executor(tracker: Any, partitions: int) -> None:
         for number in tracker.getActiveStageIds()
     ):
         time.sleep(0.02)
-    parents = {int(path.name): _parent(path) for path in Path("/proc").iterdir() if path.name.isdigit()}
-    for pid in parents:
-        ancestors, one = set(), pid
-        while one in parents:
-            one = parents[one]
-            ancestors.add(one)
-        if os.getpid() in ancestors and "CoarseGrainedExecutorBackend" in _command(pid):
+    for pid, (_, command) in descendants(os.getpid()).items():
+        if "CoarseGrainedExecutorBackend" in command:
             os.kill(pid, signal.SIGKILL)
             return
     raise AssertionError("there is no executor to kill")
+
+
+def descendants(pid: int) -> dict[int, tuple[int, str]]:
+    """Processes that one has started, and those started by them: the parent and the command of each."""
+    parents = {int(path.name): _parent(path) for path in Path("/proc").iterdir() if path.name.isdigit()}
+    found: dict[int, tuple[int, str]] = {}
+    newest = {pid}
+    while newest:
+        newest = {one for one, parent in parents.items() if parent in newest} - set(found)
+        found |= {one: (parents[one], _command(one)) for one in newest}
+    return found
 
 
 def _parent(process: Path) -> int:

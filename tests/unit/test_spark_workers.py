@@ -1,5 +1,6 @@
 """What workers of Spark do with batches of rows, without Spark: the same rows however batches are cut."""
 
+import json
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -14,12 +15,13 @@ import shapely.affinity
 from spark_answers import answer_of_one_machine, in_order
 from workloads import GROWING, OCEAN, SEAM, throw
 
+from conflictdb.arrays.arrow.objects import OBJECTS as FORM
 from conflictdb.arrays.arrow.objects import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.in_memory import solve
-from conflictdb.io.parquet_writing import write_objects
+from conflictdb.io.scene_file import settings_of as settings_as_json
 from conflictdb.methods import Method
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
@@ -32,24 +34,50 @@ THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)
 OBJECTS = [*((one.scene, one.areas, one.tracks) for one in scenes.known_scenes()), *THROWN]
 
 
-def test_files_of_one_scene_say_the_same_settings(tmp_path: Path) -> None:
-    """Those of a file, or of any in a directory; other settings are refused, whichever of the files says them."""
+def test_files_of_one_scene_say_the_same_settings() -> None:
+    """Those of the first that says any; other settings are refused, whichever of the files says them."""
     pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
-    from conflictdb.spark.files import settings_in
+    from conflictdb.spark.files import settings_of
 
-    (tmp_path / "parts" / "day=1").mkdir(parents=True)
-    first, second = tmp_path / "first.parquet", tmp_path / "parts" / "day=1" / "second.geoparquet"
-    for path, scene in ((first, Scene("s", separation_m=500.0)), (second, Scene("other", separation_m=500.0))):
-        with path.open("wb") as stream:
-            write_objects(stream, scene, [])
-    (tmp_path / "parts" / "_hidden.parquet").touch()
-    assert settings_in([str(first), "s3a://nowhere/objects"]) == Scene("s", separation_m=500.0)
-    assert settings_in([str(tmp_path / "parts"), str(first)]) == Scene("other", separation_m=500.0)
-    assert settings_in(["s3a://nowhere/objects"]) is None
-    with second.open("wb") as stream:
-        write_objects(stream, Scene("s", separation_m=100.0), [])
-    with pytest.raises(InvalidInput, match=r"second\.geoparquet: scene 's': separation_m: differs from that in .*fir"):
-        settings_in([str(first), str(tmp_path / "parts")])
+    def schema(scene: Scene | None) -> pa.Schema:
+        said = {"conflictdb": json.dumps({"scene": settings_as_json(scene)})} if scene else {}
+        return FORM.schema.with_metadata(said)
+
+    first, other = Scene("s", separation_m=500.0), Scene("other", separation_m=500.0)
+    assert settings_of({"a": schema(first), "b": schema(None)}) == first
+    assert settings_of({"a": schema(None), "b": schema(other), "c": schema(first)}) == other
+    assert settings_of({"a": schema(None)}) is None
+    with pytest.raises(InvalidInput, match=r"second: scene 's': separation_m: differs from that in first"):
+        settings_of({"first": schema(first), "second": schema(Scene("s", separation_m=100.0))})
+
+
+def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
+    """Those of spark-defaults.conf, of PYSPARK_SUBMIT_ARGS and of --conf; tasks are tried again on one machine."""
+    from conflictdb.spark import engine
+
+    (tmp_path / "spark-defaults.conf").write_text("# spark.ui.enabled true\nspark.driver.memory  7g\n")
+    for environ in (
+        {"SPARK_CONF_DIR": str(tmp_path)},
+        {"SPARK_CONF_DIR": "/nowhere", "SPARK_DRIVER_MEMORY": "7g"},
+        {"SPARK_CONF_DIR": "/nowhere", "PYSPARK_SUBMIT_ARGS": "--driver-memory 7g pyspark-shell"},
+        {"SPARK_CONF_DIR": "/nowhere", "PYSPARK_SUBMIT_ARGS": "--conf spark.driver.memory=7g pyspark-shell"},
+    ):
+        assert "spark.driver.memory" not in engine._alone("local[2]", engine._said_elsewhere(environ))
+        assert engine._alone("local[2]", engine._said_elsewhere(environ))["spark.ui.enabled"] == "false"
+    said = engine._said_elsewhere({"SPARK_CONF_DIR": "/nowhere"})
+    assert engine._alone("local[2]", said)["spark.driver.memory"] == "2g"
+    for master, tried in (
+        ("local[2]", "local[2,4]"), ("local[*]", "local[*,4]"), ("local", "local[1,4]"), ("local[2, 1]", "local[2, 1]"),
+        ("local-cluster[2,1,1024]", "local-cluster[2,1,1024]"), ("spark://host:7077", "spark://host:7077"),
+    ):  # fmt: skip
+        assert engine._alone(master, ())["spark.master"] == tried
+    merged = engine._with_jars({"spark.jars": "ours"}, {"spark.jars": "theirs", "spark.driver.memory": "8g"})
+    assert merged == {"spark.jars": "ours,theirs", "spark.driver.memory": "8g"}
+    with (
+        pytest.raises(InvalidInput, match=r"--conf spark\.sql\.session\.timeZone: must be UTC"),
+        engine.session(None, tmp_path, {}, is_quiet=True, options={"spark.sql.session.timeZone": "CET"}),
+    ):
+        pass
 
 
 def test_what_spark_cannot_do_is_one_line() -> None:
@@ -62,10 +90,10 @@ def test_what_spark_cannot_do_is_one_line() -> None:
 
     @dataclass
     class Thrown:
-        message: str
+        message: str | None
         cause: "Thrown | None" = None
 
-        def getMessage(self) -> str:  # noqa: N802 Java's name
+        def getMessage(self) -> str | None:  # noqa: N802 Java's name
             return self.message
 
         def getCause(self) -> "Thrown | None":  # noqa: N802
@@ -73,16 +101,26 @@ def test_what_spark_cannot_do_is_one_line() -> None:
 
     full = Py4JError("An error occurred while calling o1.count.")
     full.java_exception = Thrown("Job aborted\n\tat org.apache", Thrown("No space left on device\n\tat java.io"))
+    killed = Py4JError("An error occurred while calling o1.save.")
+    killed.java_exception = Thrown("Job aborted", Thrown("Python worker exited unexpectedly", Thrown(None)))
     worker = PySparkException("An exception was thrown from the Python worker.\nTraceback (...):\n  File\nMemoryError")
     for error, said in (
         (full, "No space left on device"),
         (worker, "MemoryError"),
         (Py4JNetworkError("Answer from Java side is empty\n"), "Answer from Java side is empty"),
         (Py4JNetworkError(""), "Py4JNetworkError"),
+        (killed, "Python worker exited unexpectedly"),
     ):
         with pytest.raises(ConflictDBError) as told, engine.told_in_one_line(ConflictDBError, "Spark did not finish"):
             raise error
         assert str(told.value) == f"Spark did not finish: {said}"
+
+
+def test_a_column_that_would_be_lost_is_refused() -> None:
+    """Spark takes names in any case, and the form OBJECTS as they are; others may be called as they like."""
+    pieces.check_case("objects", [*FORM.schema.names, "Port", "speed"])
+    with pytest.raises(InvalidInput, match="objects: column Start: must be written start: rename it"):
+        pieces.check_case("objects", ["id", "Start"])
 
 
 def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Generator) -> list[pa.RecordBatch]:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from conflictdb.cli.parser import METHOD_NAMES, METHODS_SAID, Parser, add_lock_timeout, add_memory, command
-from conflictdb.cli.values import count, metres, name, place
+from conflictdb.cli.values import count, metres, name, option, place
 
 
 def add(commands: Any) -> None:
@@ -27,10 +27,11 @@ def add(commands: Any) -> None:
         "--input",
         nargs="+",
         metavar="PATH",
-        help="GeoParquet files of objects, as `conflictdb export` writes them, or directories of them; any path that "
-        "Spark can read (default: the scene of the database)",
+        help="GeoParquet files of objects, as `conflictdb export` writes them, or directories of them: any path, URI "
+        "or glob that Spark can read (default: the scene of the database)",
     )
     parser.add_argument("--output", required=True, metavar="PATH", help="directory of GeoParquet to write, a new one")
+    parser.add_argument("--overwrite", action="store_true", help="replace the output of an earlier `spark detect`")
     _add_spark(parser)
     parser.add_argument(
         "--scene",
@@ -79,4 +80,11 @@ def _add_spark(parser: Parser) -> None:
         metavar="URL",
         help="where Spark runs: local[4], spark://host:7077, … (default: all processors of this machine, or what "
         "spark-submit says)",
+    )
+    parser.add_argument(
+        "--conf",
+        action="append",
+        type=option,
+        metavar="KEY=VALUE",
+        help="a setting of Spark, such as spark.driver.memory=8g; repeat it for more",
     )

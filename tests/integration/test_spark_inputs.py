@@ -1,0 +1,164 @@
+"""What `spark detect` reads and writes: paths, URIs and globs alike, parts of other columns, outputs that are there."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+from pyarrow import parquet
+from spark_answers import answer_of_one_machine, answers, descendants, in_order
+
+from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.io.parquet_writing import write_objects
+from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+
+T0_US = 1_780_000_000_000_000
+HOUR_US = 3_600_000_000
+# They pass at 3 km, which is a conflict with the separation of the scene alone; the area is over when B comes.
+SCENE = Scene("apart", separation_m=5_000.0)
+HAVEN = rectangle_outline_m(50.0, 50.0, 10.0, 10.0)
+TRACKS = [
+    Track(key, np.array([[0.0, lat], [0.2, lat]]), T0_US + np.array([0, HOUR_US]), HAVEN, grow_mps=grow)
+    for key, lat, grow in (("A", 0.0, 0.0), ("B", 0.03, 0.1))
+]
+AREAS = [Area("PAST", shapely.MultiPolygon([shapely.box(0.1, 0.0, 0.2, 0.1)]), end_us=T0_US - HOUR_US)]
+
+
+def exported(path: Path, scene: Scene | None, table: pa.Table) -> None:
+    """A file of these rows and columns, which says the settings of a scene, if it is given."""
+    with path.open("wb") as stream:
+        write_objects(stream, scene or SCENE, [of_objects(AREAS, TRACKS)])
+    said = parquet.read_schema(path).metadata
+    if scene is None:
+        said = {b"geo": said[b"geo"]}
+    parquet.write_table(table.replace_schema_metadata(said), path)
+
+
+def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) -> None:
+    """A URI, a glob and another file system read as a path does; columns of all parts are read, or one is refused."""
+    areas, tracks = (pa.table(of_objects(*some)) for some in ((AREAS, []), ([], TRACKS)))
+    both = pa.concat_tables([tracks, areas])
+    for name in ("whole", "parts", "untyped", "of others", "strange", "garbage", "earlier"):
+        (tmp_path / name).mkdir()
+    whole = tmp_path / "whole" / "the part.parquet"
+    exported(whole, SCENE, both)
+    # Tracks come first, without the columns of areas; and without growth, which the second has.
+    steady = tracks.slice(0, 1).drop_columns(["start", "end", "grow_mps"])
+    exported(tmp_path / "parts" / "1 {a}.parquet", SCENE, steady)
+    exported(tmp_path / "parts" / "2.parquet", SCENE, pa.concat_tables([tracks.slice(1), areas]))
+    # As pandas writes columns of which it knows nothing, and small numbers.
+    place = areas.schema.get_field_index("times")
+    untyped = areas.set_column(place, "times", pa.nulls(1)).set_column(3, "version", pa.array([1], pa.int32()))
+    exported(tmp_path / "untyped" / "1.parquet", SCENE, untyped)
+    exported(tmp_path / "untyped" / "2.parquet", SCENE, tracks)
+    exported(tmp_path / "of others" / "1.parquet", None, both)
+    renamed = {"case": ("start", "Start"), "unit": ("floor_m", "floor_ft"), "zone": ("start", "start")}
+    for name, (old, new) in renamed.items():
+        table = both.rename_columns([new if column == old else column for column in both.column_names])
+        if name == "zone":
+            table = table.set_column(6, "start", table["start"].cast(pa.timestamp("us")))
+        if name == "unit":
+            table = table.set_column(12, "floor_ft", pa.array([1.0, 2.0, 3.0]))
+        exported(tmp_path / f"{name}.parquet", None, table)
+    (tmp_path / "garbage" / "part.parquet").write_bytes(b"PAR1 this is none PAR1")
+    (tmp_path / "strange" / "letter.txt").touch()
+    lake = f"spark.hadoop.fs.viewfs.mounttable.lake.link./plans=file:{tmp_path}/whole"
+    outputs = iter(range(100))
+
+    def detect(*words: str, into: str | None = None) -> list[str]:
+        into = into or str(tmp_path / f"out {next(outputs)}")
+        return ["spark", "detect", "--output", into, "--partitions", "2", "--input", *words]
+
+    same = [
+        detect(f"file://{tmp_path}/whole/the part.parquet"),
+        detect(str(tmp_path / "wh*" / "the*.parquet")),
+        detect("viewfs://lake/plans", "--conf", lake),
+        detect(str(tmp_path / "parts")),
+        detect(str(tmp_path / "untyped" / "[12].parquet")),
+        detect(str(tmp_path / "of others"), "--separation-m", "5000", "--scene", "apart"),
+        # What is there is replaced, also where work had ended too early.
+        detect(str(whole), "--overwrite", into=str(tmp_path / "out 0")),
+    ]
+    refused = [
+        (detect(str(tmp_path / f"{name}.parquet")), said)
+        for name, said in (
+            ("case", "column Start: must be written start: rename it"),
+            ("unit", "floor_ft: is not known; did you mean floor_m? Rename the column"),
+            ("zone", "start: must be timestamp[us, tz=UTC]; got timestamp[us]: instants need a time zone"),
+        )
+    ]
+    refused += [
+        (detect(str(tmp_path / "garbage")), "garbage/part.parquet: is no Parquet of conflictdb: it does not end"),
+        (detect("s3a://nowhere/plans"), "s3a://nowhere/plans: cannot be read by Spark: Class org.apache.hadoop.fs.s3a"),
+        (detect(str(tmp_path / "no*.parquet")), "does not exist"),
+        # Before the input is looked at.
+        (detect("/nowhere", into=str(tmp_path / "strange")), "already exists: name another directory, or give --over"),
+        (detect("/nowhere", "--overwrite", into=str(tmp_path / "strange")), "holds 'letter.txt', which `spark detect`"),
+        (detect("/nowhere", "--overwrite", into=str(whole)), "is a file"),
+        (
+            detect(str(tmp_path / "earlier" / "part-0.parquet"), "--overwrite", into=str(tmp_path / "earlier")),
+            "holds input: what is read cannot be overwritten",
+        ),
+    ]
+    exported(tmp_path / "earlier" / "part-0.parquet", SCENE, both)
+    answers([], tmp_path, "local[2]", [*same, *(command for command, _ in refused)])
+    told = json.loads((tmp_path / "said.json").read_text())
+
+    expected = answer_of_one_machine(SCENE, AREAS, TRACKS).to_pylist()
+    assert [row["verdict"] for row in expected] == ["conflict"]
+    for command, (code, text) in zip(same, told, strict=False):
+        assert code == 0, (command, text)
+        found = in_order(parquet.read_table(command[3])).to_pylist()
+        assert found == expected, command
+    says_settings = [text for _, text in told[: len(same)]]
+    assert [bool(text) for text in says_settings] == [False] * 5 + [True, False]
+    assert "does not say the settings of its scene: rhumb, wgs84, separation 5000 m" in says_settings[5]
+    for (command, said), (code, text) in zip(refused, told[len(same) :], strict=True):
+        assert (code, text.count("\n")) == (4, 1), (command, text)
+        assert said in text
+    assert (tmp_path / "earlier" / "part-0.parquet").exists()
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_worker_that_is_killed_is_replaced_and_an_interrupt_is_one_line(tmp_path: Path, ends: bool) -> None:
+    """On one machine, too, tasks are tried again; Ctrl-C ends all of it with 130, and leaves no traceback."""
+    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    rng = np.random.default_rng(1)
+    crowd = [Track(f"S{i:03}", rng.uniform(0, 0.02, (3, 2)), T0_US + np.arange(3) * HOUR_US, HAVEN) for i in range(150)]
+    with (tmp_path / "crowd.parquet").open("wb") as stream:
+        write_objects(stream, Scene("crowd"), [of_objects([], crowd)])
+    command = [sys.executable, "-m", "conflictdb", "spark", "detect", "--master", "local[2]"]
+    command += ["--input", str(tmp_path / "crowd.parquet"), "--output", str(tmp_path / "out")]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        while not (workers := _workers(running.pid)) and running.poll() is None:
+            time.sleep(0.02)
+        assert workers, running.stderr and running.stderr.read()
+        if ends:
+            os.killpg(running.pid, signal.SIGINT)
+        else:
+            os.kill(workers[0], signal.SIGKILL)
+        _, said = running.communicate(timeout=300)
+    finally:
+        if running.poll() is None:
+            running.kill()
+    if ends:
+        assert (running.returncode, said) == (130, "conflictdb: interrupted\n")
+    else:
+        assert (running.returncode, said) == (0, "")
+        expected = answer_of_one_machine(Scene("crowd"), [], crowd)
+        assert in_order(parquet.read_table(tmp_path / "out")).to_pylist() == expected.to_pylist()
+
+
+def _workers(pid: int) -> list[int]:
+    """Processes of Python that Spark's daemon has forked."""
+    of = descendants(pid)
+    daemons = {one for one, (_, command) in of.items() if "pyspark.daemon" in command}
+    return [one for one in daemons if of[one][0] in daemons]
