@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8507bea145e22cc24902bb38a7f360f553e3329cc0beecd139999fb7bd0eb955"
+routines_sha256 = "a445f52263a137468f011df915ad33269dcd39b5bcf4b857ad9a0be5ecb526d2"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
