@@ -1,6 +1,7 @@
 """`spark`: scenes that outgrow one machine, on Apache Spark."""
 
 import argparse
+import math
 import os
 import shlex
 import tempfile
@@ -27,6 +28,7 @@ from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.server.settings import Settings
 from conflictdb.spark import engine
+from conflictdb.speeds import MAX_SPEED_KN
 
 if TYPE_CHECKING:
     from pyspark.sql import DataFrame, SparkSession
@@ -40,14 +42,21 @@ _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"
 
 def detect(args: argparse.Namespace) -> int:
     """Find the conflicts of the objects in GeoParquet files, or of a scene of the database, and write them to files."""
-    check(args, [(not args.input and not args.scene, "say --scene, of the database, or --input, of files")])
+    checks = [
+        (not args.input and not args.scene, "say --scene, of the database, or --input, of files"),
+        (args.max_speed_kn is not None and not args.input, "--max-speed-kn is for files"),
+    ]
+    check(args, checks)
+    # The database has checked its own.
+    fastest_kn = math.inf if not args.input else MAX_SPEED_KN if args.max_speed_kn is None else args.max_speed_kn
     with _given(args) as (spark, scene, objects):
         from conflictdb.spark.detection import detected
         from conflictdb.spark.files import write_conflicts, write_states
 
         with _shown_progress(spark) as doing:
             doing("cutting objects")
-            found = detected(spark, objects, scene, partitions=args.partitions, memory_mb=args.memory_mb)
+            memory_mb, partitions = args.memory_mb, args.partitions
+            found = detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=fastest_kn)
             doing("joining and solving")
             write_conflicts(found.conflicts, args.output, overwrite=args.overwrite)
             doing("counting")

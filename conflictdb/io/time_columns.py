@@ -51,4 +51,9 @@ def is_time_like(name: str, value: Any) -> bool:
         return len(value) < 64 and _INSTANT.fullmatch(value) is not None
     if isinstance(value, bool) or not isinstance(value, int | float) or value < _LEAST:
         return False
+    return is_time_name(name)
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a name has a word of time."""
     return not _TIME_WORDS.isdisjoint(word.lower() for word in _WORDS.findall(name[:200]))

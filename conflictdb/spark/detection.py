@@ -26,6 +26,7 @@ from conflictdb.motion.registry import middle_deg, summed_directions
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.spark import joining, pieces, solving
 from conflictdb.spark.engine import with_sedona
+from conflictdb.speeds import MAX_SPEED_KN
 
 # Partitions for each processor of the cluster: so that the last of them to end are short.
 _PER_PROCESSOR: Final = 4
@@ -56,6 +57,7 @@ def detect_on_spark(
     *,
     partitions: int | None = None,
     memory_mb: int = MEMORY_MB,
+    max_speed_kn: float = MAX_SPEED_KN,
 ) -> DataFrame:
     """Return the conflicts of a scene: the rows that `detect` finds, whatever the number of partitions.
 
@@ -69,6 +71,7 @@ def detect_on_spark(
     scene : settings; great circles without a centre are given the middle of the objects
     partitions : of pieces and of pairs of objects; by default four per processor
     memory_mb : of each Python worker, megabytes, that it keeps below
+    max_speed_kn : the speed over the ground beyond which a leg is refused, knots
 
     Raises
     ------
@@ -77,7 +80,8 @@ def detect_on_spark(
     InvalidInput
         An object is refused, or two have the same key.
     """
-    return detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb).conflicts
+    found = detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=max_speed_kn)
+    return found.conflicts
 
 
 def detected(
@@ -87,6 +91,7 @@ def detected(
     *,
     partitions: int | None = None,
     memory_mb: int = MEMORY_MB,
+    max_speed_kn: float = MAX_SPEED_KN,
 ) -> Detected:
     """Do what `detect_on_spark` does; the objects stay as long as the conflicts are referred to."""
     with_sedona(spark)
@@ -96,7 +101,8 @@ def detected(
     objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
     scene = _centred(objects, scene)
     count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
-    cut = mapped(objects.repartition(count, "id"), partial(pieces.cut, scene=scene), pieces.SCHEMA)
+    into_pieces = partial(pieces.cut, scene=scene, max_speed_kn=max_speed_kn)
+    cut = mapped(objects.repartition(count, "id"), into_pieces, pieces.SCHEMA)
     cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
     extent = joining.Extent.of(cut)
     met = mapped(joining.candidates(spark, cut, extent), solving.meeting, solving.PAIRS)

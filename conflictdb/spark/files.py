@@ -20,6 +20,7 @@ from conflictdb.io.geoparquet import GEOMETRY, METADATA_KEY, PLANAR, Layout
 from conflictdb.io.names import RENAME_COLUMN, misnamed
 from conflictdb.io.objects import AREA_GUARDED, AREA_MEMBERS, TRACK_GUARDED, TRACK_MEMBERS
 from conflictdb.io.scene_file import scene_of
+from conflictdb.io.time_columns import is_time_name
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.spark.pieces import NO_NUMBER, check_case
@@ -98,8 +99,16 @@ def _checked(file: str, schema: pa.Schema, of_directories: Sequence[str]) -> Ite
         yield "the input does not say its reference system: taken for longitude and latitude on WGS84"
     if layout.edges != PLANAR:
         yield f"the input says that edges are {layout.edges[:60]!r}; here they are what the motion of the scene says"
+    unread = [field.name for field in schema if field.name not in OBJECTS.schema.names and _is_time(field)]
+    if unread:
+        yield f"columns of the input look like times and are not read: {', '.join(unread[:20])}"
     if layout.epoch is not None:
         yield f"the input says that its coordinates are of epoch {layout.epoch:g}; they are used as they are"
+
+
+def _is_time(field: pa.Field) -> bool:
+    """Return whether a column has instants or dates, or may have them by its name."""
+    return pa.types.is_date(field.type) or pa.types.is_timestamp(field.type) or is_time_name(field.name)
 
 
 def _is_own(schema: pa.Schema) -> bool:

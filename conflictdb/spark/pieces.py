@@ -18,7 +18,8 @@ from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.io.speeds import within_speed
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
@@ -72,10 +73,12 @@ def check_case(who: str, names: Iterable[str]) -> None:
             raise InvalidInput(who, f"column {name}", f"must be written {known}: rename it")
 
 
-def cut(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:
+def cut(batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = np.inf) -> Iterator[pa.RecordBatch]:
     """Yield the pieces of objects; some objects of which one is refused are one row that says so.
 
     Of two with the same key the second is refused: they must be in the same batches.
+
+    max_speed_kn : the speed over the ground beyond which a leg is refused, knots
     """
     seen: set[str] = set()
     for batch in batches:
@@ -84,7 +87,7 @@ def cut(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBa
             some = batch.slice(first, rows)
             try:
                 _refuse_twins(some.column("id").to_pylist(), seen)
-                yield from _pieces(some, scene)
+                yield from _pieces(some, scene, max_speed_kn)
             except InvalidInput as refusal:
                 yield _refused(refusal)
 
@@ -96,9 +99,12 @@ def _refuse_twins(keys: list[str], seen: set[str]) -> None:
         seen.add(key)
 
 
-def _pieces(batch: pa.RecordBatch, scene: Scene) -> Iterator[pa.RecordBatch]:
+def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterator[pa.RecordBatch]:
     """Yield the pieces of some objects, and these themselves."""
     areas, tracks = to_objects(batch)
+    refusals = Refusals()
+    within_speed(tracks, scene.motion, max_speed_kn, refusals)
+    refusals.raise_found()
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
     keys = {Kind.AREA: [area.key for area in areas], Kind.TRACK: [track.key for track in tracks]}

@@ -67,6 +67,22 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
         if name == "unit":
             table = table.set_column(12, "floor_ft", pa.array([1.0, 2.0, 3.0]))
         exported(tmp_path / f"{name}.parquet", None, table)
+    exported(tmp_path / "empty.parquet", SCENE, both.slice(0, 0))
+    (tmp_path / "nothing.parquet").touch()
+    exported(tmp_path / "valid.parquet", SCENE, both.append_column("valid_from", pa.array(["2026-01-01"] * len(both))))
+    fast = Track(
+        "FAST", np.array([[0.0, 0.0], [40.0, 0.0]]), T0_US + np.array([0, HOUR_US]), HAVEN, max_speed_kn=np.inf
+    )
+    exported(tmp_path / "fast.parquet", SCENE, pa.table(of_objects([], [fast])))
+    metres = json.loads(parquet.read_schema(whole).metadata[b"geo"])
+    metres["columns"]["geometry"]["crs"] = {
+        "type": "ProjectedCRS",
+        "name": "m",
+        "id": {"authority": "EPSG", "code": 3857},
+    }
+    parquet.write_table(
+        both.replace_schema_metadata({b"geo": json.dumps(metres).encode()}), tmp_path / "metres.parquet"
+    )
     (tmp_path / "garbage" / "part.parquet").write_bytes(b"PAR1 this is none PAR1")
     (tmp_path / "strange" / "letter.txt").touch()
     lake = f"spark.hadoop.fs.viewfs.mounttable.lake.link./plans=file:{tmp_path}/whole"
@@ -83,6 +99,7 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
         detect(str(tmp_path / "parts")),
         detect(str(tmp_path / "untyped" / "[12].parquet")),
         detect(str(tmp_path / "of others"), "--separation-m", "5000", "--scene", "apart"),
+        detect(str(tmp_path / "valid.parquet")),
         # What is there is replaced, also where work had ended too early.
         detect(str(whole), "--overwrite", into=str(tmp_path / "out 0")),
     ]
@@ -97,7 +114,17 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
     refused += [
         (detect(str(tmp_path / "garbage")), "garbage/part.parquet: is no Parquet of conflictdb: it does not end"),
         (detect("s3a://nowhere/plans"), "s3a://nowhere/plans: cannot be read by Spark: Class org.apache.hadoop.fs.s3a"),
-        (detect(str(tmp_path / "no*.parquet")), "does not exist"),
+        (detect(str(tmp_path / "nowhere*.parquet")), "does not exist"),
+        (detect(f"file://{tmp_path}/empty.parquet"), "holds no area and no track: nothing is changed"),
+        (detect(str(tmp_path / "nothi*.parquet")), "nothing.parquet: is no Parquet of conflictdb"),
+        (
+            detect(str(tmp_path / "metres.parquet")),
+            "metadata geo: must say that column geometry is longitude and latit",
+        ),
+        (
+            detect(str(tmp_path / "fast.parquet")),
+            "track 'FAST': times[1]: the leg to this waypoint is travelled at 2,40",
+        ),
         # Before the input is looked at.
         (detect("/nowhere", into=str(tmp_path / "strange")), "already exists: name another directory, or give --over"),
         (detect("/nowhere", "--overwrite", into=str(tmp_path / "strange")), "holds 'letter.txt', which `spark detect`"),
@@ -118,7 +145,8 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
         found = in_order(parquet.read_table(command[3])).to_pylist()
         assert found == expected, command
     says_settings = [text for _, text in told[: len(same)]]
-    assert [bool(text) for text in says_settings] == [False] * 5 + [True, False]
+    assert [bool(text) for text in says_settings] == [False] * 5 + [True, True, False]
+    assert "columns of the input look like times and are not read: valid_from" in says_settings[6]
     assert "does not say the settings of its scene: rhumb, wgs84, separation 5000 m" in says_settings[5]
     for (command, said), (code, text) in zip(refused, told[len(same) :], strict=True):
         assert (code, text.count("\n")) == (4, 1), (command, text)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from conflictdb.cli.parser import METHOD_NAMES, METHODS_SAID, Parser, add_lock_timeout, add_memory, command
-from conflictdb.cli.values import count, metres, name, option, place
+from conflictdb.cli.values import count, metres, name, option, place, speed_kn
 
 
 def add(commands: Any) -> None:
@@ -33,6 +33,9 @@ def add(commands: Any) -> None:
     parser.add_argument("--output", required=True, metavar="PATH", help="directory of GeoParquet to write, a new one")
     parser.add_argument("--overwrite", action="store_true", help="replace the output of an earlier `spark detect`")
     _add_spark(parser)
+    parser.add_argument(
+        "--max-speed-kn", type=speed_kn, metavar="KN", help="of files: faster tracks are refused (default 2000)"
+    )
     parser.add_argument(
         "--scene",
         type=name,
