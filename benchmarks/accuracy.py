@@ -7,16 +7,16 @@ through every method at tolerances of 1000, 10, 1 and 0 m; and, on the sphere, t
 printed (benchmarks/published.py), on whole legs as in the paper.
 
 Cost: processor time of stages 3 and 4, up to the row per pair of objects, over the pairs of pieces with a track that
-stages 1 and 2 leave at that tolerance: the same number for every method, so that costs compare; `exact` takes all of
-them to stage 4. All scenes of a workload are solved together, as one large scene would be; the methods take turns, and
-the median of the turns counts. What takes milliseconds a pair has one turn, on the scenes held to brute force: it works
-pair by pair, so that their number does not matter. Read the ratios, not the microseconds.
+stages 1 and 2 leave at that tolerance: the same number for every method, so that costs compare. All scenes of a
+workload are solved together, as one large scene would be; the methods take turns, and the median of the turns counts.
+What takes milliseconds a pair has one turn, on the scenes held to brute force: it works pair by pair, so that their
+number does not matter. Read the ratios, not the microseconds.
 
 Error: in the first of the scenes (--true), every pair of objects with a track is held to tests/support/oracle.py, which
 knows no tolerance. An end is the first or the last contact of a pair that meets. It is *unsafe* by how much contact
 there is before the reported start or after the reported end, and *slack* by how much reported time there is before the
 first or after the last contact. False is a pair that is called a conflict although the objects never meet, or grazing
-although they stay further apart than the tolerance; `screen` and `window` call what they report unresolved.
+although they stay further apart than the tolerance; `screen` calls the pairs that it reports unresolved.
 
 Brute force takes minutes: --truth FILE keeps what it found and reads it next time. --results FILE keeps the numbers;
 with --redraw, they are read from there and nothing is measured. The figure needs matplotlib (CONTRIBUTING.md).
@@ -60,7 +60,7 @@ from conflictdb.stage2_intersection import intersections
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)
 PUBLISHED: Final = "published"
-UNBOUNDED: Final = (Method.SCREEN, Method.WINDOW, PUBLISHED)  # state no bound on times
+UNBOUNDED: Final = (Method.SCREEN, PUBLISHED)  # state no bound on times
 # What takes longer than this for a pair, seconds, is timed once, and on the scenes held to brute force only.
 QUICK_S: Final = 2e-3
 # Brute force resolves least separations up to this, plane metres: the largest tolerance at the largest scale.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from figures import BLUE, GREEN, GREY, ORANGE, both_logarithmic, figure
+from figures import GREEN, GREY, ORANGE, both_logarithmic, figure
 from matplotlib.lines import Line2D
 
 if TYPE_CHECKING:
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 LEAST_S: Final = 2e-6
 COLOURS: Final = {
     "screen": GREY,
-    "window": BLUE,
     "nlp": ORANGE,
     "exact": GREEN,
     "published": "#000000",

@@ -29,7 +29,7 @@ from conflictdb.db import store
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 
-METHODS = (Method.SCREEN, Method.WINDOW, Method.EXACT)
+METHODS = (Method.SCREEN, Method.EXACT)
 ROW = "{:>12} {:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>7}"
 DEGREES_PER_ROOT = 2.5 / 40**0.5  # degrees of the window for the root of the number of areas
 

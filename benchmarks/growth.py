@@ -164,7 +164,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     from figures import BLUE, GREEN, GREY, ORANGE, PINK, both_logarithmic, figure
 
     colours = dict(zip(STAGES, (ORANGE, BLUE, GREEN, GREY, PINK, "#000000"), strict=True))
-    del colours["stage3_s"]  # `exact` leaves it out
+    del colours["stage3_s"]  # of `exact` it is too little to show: few pairs are decided in closed form
     every = list(dict.fromkeys(row["series"] for row in rows))
     with figure(path, len(every), 3, (12.0, 3.4 * len(every))) as (drawn, panels):
         for (whole, stages, memory), series in zip(panels, every, strict=True):

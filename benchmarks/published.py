@@ -11,7 +11,7 @@ point, rho_b how far behind it (taken as negative), as fractions of the leg.
 
     as printed   first = rho_min + rho_b    last = rho_max - rho_f    the haven is rigid
     mended       first = rho_min - rho_f    last = rho_max - rho_b    still rigid, as the haven is at the leg's start
-    `window`     the product: extents over both ends of the leg, and a bound on how they bend in between
+    stage 3      the product: extents over both ends of the leg, and a bound on how they bend in between
 
 Each is clamped to the leg, 0 to 1.
 
@@ -30,7 +30,7 @@ tolerance 0, and for some pairs of each row also brute force (tests/support/orac
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from unittest.mock import patch
@@ -45,7 +45,7 @@ from scenes import T0_US
 from tables import markdown, put_into
 from workloads import convex_around
 
-from conflictdb import Area, Scene, Track, rectangle_outline_m
+from conflictdb import Area, Scene, Track, kernel, rectangle_outline_m
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
@@ -57,6 +57,7 @@ from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_stages
 from conflictdb.results import Kind
+from conflictdb.stage3_projection import windows
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ class Errors:
 
     late : how much later than the first contact the window starts; by way of computing it
     early : how much earlier than the last contact it ends
-    slack : (2 n,) how much of `window` is not contact, before and after
+    slack : (2 n,) how much of the window of stage 3 is not contact, before and after
     checked : pairs held to brute force
     """
 
@@ -204,7 +205,7 @@ class Errors:
 
 PRINTED: Final = "as printed"
 MENDED: Final = "extents mended, rigid"
-WINDOW: Final = "window"
+STAGE_3: Final = "stage 3"
 
 
 def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
@@ -214,15 +215,16 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     areas, tracks = ([pair[k] for pair in thrown] for k in (0, 1))
     footprints = AreaBatch.of(areas).footprint
 
-    def answer(method: Method, pieces: Pieces, pairs: Pairs) -> Conflicts:
-        return run_stages(
-            replace(SCENE, method=method), plane_of(SCENE), pieces, pairs, lambda numbers: footprints[numbers]
-        )[0]
-
-    certified = answer(Method.EXACT, *one_pair_each(areas, tracks))
+    plane = plane_of(SCENE)
+    certified = run_stages(SCENE, plane, *one_pair_each(areas, tracks), lambda numbers: footprints[numbers])[0]
+    truth = hulls_s(certified, len(thrown))
     with whole_legs():
         pieces, pairs = one_pair_each(areas, tracks)
-    truth, window = (hulls_s(found, len(thrown)) for found in (certified, answer(Method.WINDOW, pieces, pairs)))
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
+    shared_s = np.stack([start_us - T0_US, end_us - T0_US], axis=1) / 1e6
+    window = shared_s[:, :1] + np.stack(windows(SCENE, plane, prepared, pairs), axis=1)
+    window = np.clip(window, shared_s[:, :1], shared_s[:, 1:])
     bound_s = dict(zip(certified.a_id.tolist(), certified.time_error_s.tolist(), strict=True))
     rows = np.flatnonzero(np.isfinite(truth[pairs.a, 0]))[:count]
     if len(rows) < count:
@@ -234,14 +236,14 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
         off_s = float(np.abs(brute_s - truth[number]).max())
         if off_s > bound_s[number] + ROUNDING_S:
             raise AssertionError(f"{case.name}, pair {number}: {Method.EXACT.value} is {off_s} s from brute force")
-    ways = {WINDOW: window[met]}
+    ways = {STAGE_3: window[rows]}
     for name, mended in ((PRINTED, False), (MENDED, True)):
         first, last = published_windows(earth_of(SCENE.earth), pieces, pairs, mended=mended)
         ways[name] = np.stack([first[rows], last[rows]], axis=1)
     return Errors(
         {name: np.maximum(way[:, 0] - truth[met, 0], 0.0) / 60.0 for name, way in ways.items()},
         {name: np.maximum(truth[met, 1] - way[:, 1], 0.0) / 60.0 for name, way in ways.items()},
-        np.concatenate([truth[met, 0] - window[met, 0], window[met, 1] - truth[met, 1]]) / 60.0,
+        np.concatenate([truth[met, 0] - window[rows, 0], window[rows, 1] - truth[met, 1]]) / 60.0,
         min(checked, len(met)),
     )
 
@@ -291,7 +293,7 @@ def report(pairs: int, checked: int, seed: int) -> str:
                 f"{np.median(late):.0f} / {late.max():.0f} min",
                 f"{np.median(early):.0f} / {early.max():.0f} min",
                 f"{minutes(found.late[MENDED].max())} / {minutes(found.early[MENDED].max())}",
-                minutes(max(found.late[WINDOW].max(), found.early[WINDOW].max())),
+                minutes(max(found.late[STAGE_3].max(), found.early[STAGE_3].max())),
                 " / ".join(f"{slack:.1f} min" for slack in np.quantile(found.slack, [0.5, 0.95, 1.0])),
             ]
         )
@@ -300,8 +302,8 @@ def report(pairs: int, checked: int, seed: int) -> str:
         "as printed: start too late, median / worst",
         "as printed: end too early, median / worst",
         "extents mended: start too late / end too early, worst",
-        "`window`: late or early",
-        "slack of `window`: median / 95 % / worst",
+        "stage 3: late or early",
+        "slack of stage 3: median / 95 % / worst",
     )
     return markdown(heads, rows)
 

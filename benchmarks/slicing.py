@@ -3,7 +3,7 @@
     ./.venv/bin/python benchmarks/slicing.py [--areas 200] [--tracks 200]
 
 For each workload and length of a leg (in haven lengths) up to which it is one slice, the median over the runs of one
-detection with method window: the stages that slices touch. The numbers decide WHOLE_LEG_HAVENS in
+detection: the stages that slices touch. The numbers decide WHOLE_LEG_HAVENS in
 conflictdb/pieces/cutting.py. *sparse* has some three candidates an object, the others a hundred.
 """
 
@@ -19,7 +19,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
-from conflictdb import Method
 from conflictdb.io import scene_text
 from conflictdb.pieces import cutting
 
@@ -48,7 +47,7 @@ def main() -> None:
     for workload in (SPARSE, LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
         scene, areas, tracks = throw(workload, 1, args.areas, args.tracks)
         print(f"\n{workload.name}: {len(areas)} areas, {len(tracks)} tracks; seconds")
-        heads = ("leg, havens", "pieces", "boxes", "hulls", "windows", "pieces s", "1-2 s", "3-4 s", "all s")
+        heads = ("leg, havens", "pieces", "boxes", "hulls", "solved", "pieces s", "1-2 s", "3-4 s", "all s")
         print(" ".join(f"{head:>{width}}" for head, width in zip(heads, WIDTHS, strict=True)))
         with tempfile.TemporaryDirectory() as folder, conflictdb.connect() as db:
             path = Path(folder, "scene.geojson")
@@ -56,7 +55,7 @@ def main() -> None:
             name = db.load(path, "slicing", replace=True)
             for length in LENGTHS:
                 cutting.WHOLE_LEG_HAVENS = length
-                runs = [db.detect(name, method=Method.WINDOW, full=True, jobs=1) for _ in range(args.runs)]
+                runs = [db.detect(name, full=True, jobs=1) for _ in range(args.runs)]
                 times = [
                     statistics.median(column)
                     for column in zip(
@@ -70,7 +69,7 @@ def main() -> None:
                 mark = " <- used" if length == chosen else ""
                 print(
                     f"{label:>14} {pieces:>8,} {run.candidate_pairs:>8,} {run.intersecting_pairs:>8,} "
-                    f"{run.window_pairs:>8,} {times[0]:>9.2f} {times[1]:>7.2f} {times[2]:>7.2f} {times[3]:>7.2f}{mark}",
+                    f"{run.solved_pairs:>8,} {times[0]:>9.2f} {times[1]:>7.2f} {times[2]:>7.2f} {times[3]:>7.2f}{mark}",
                     flush=True,
                 )
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from conflictdb import inputs
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.methods import METHODS, Method
+from conflictdb.methods import METHODS, REMOVED, Method
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.speeds import MAX_SPEED_KN, check_speed
 
@@ -100,8 +100,10 @@ class Scene:
             try:
                 object.__setattr__(self, name, choices(getattr(self, name)))
             except ValueError:
-                known = ", ".join(choice.value for choice in choices)
-                raise InvalidInput(who, name, f"must be one of {known}; got {getattr(self, name)!r}") from None
+                known, value = ", ".join(choice.value for choice in choices), getattr(self, name)
+                removed = REMOVED.get(value) if name == "method" and isinstance(value, str) else None
+                rule = f"must be one of {known}; got {value!r}"
+                raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
         for name in ("tolerance_m", "separation_m", "nearest_m"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:

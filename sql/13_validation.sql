@@ -314,9 +314,12 @@ BEGIN
         PERFORM _refuse('ZC009', v_who, 'centre', format('must be longitude and latitude in degrees, within +-180 and '
                         '+-90; got %s, %s', NEW.centre_lon, NEW.centre_lat), 'scene_centre_on_earth');
     END IF;
-    IF (NEW.method IN ('screen', 'window', 'exact', 'nlp')) IS NOT TRUE THEN
+    IF (NEW.method IN ('screen', 'exact', 'nlp')) IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'method',
-                        format('must be one of screen, window, exact, nlp; got %L', NEW.method), 'scene_method_known');
+                        format('must be one of screen, exact, nlp; got %L%s', NEW.method,
+                               CASE NEW.method WHEN 'window' THEN
+                                   ', which was removed: use exact, which is quicker and decides' ELSE '' END),
+                        'scene_method_known');
     END IF;
     IF (NEW.tolerance_m >= 0 AND NEW.tolerance_m < 'infinity') IS NOT TRUE THEN
         PERFORM _refuse('ZC009', v_who, 'tolerance_m', 'must be a finite number of metres, 0 or more',

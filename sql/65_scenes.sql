@@ -32,8 +32,8 @@ BEGIN ATOMIC
     WHERE a.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _attached_waiting(bigint) IS
-'How many rows of tables that are attached to a scene have changes that are still to be taken over; a change of a whole '
-'table counts as one.';
+'How many rows of tables that are attached to a scene have changes that are still to be taken over; a change of a '
+'whole table counts as one.';
 
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
@@ -57,7 +57,7 @@ COMMENT ON COLUMN scenes.motion IS 'How tracks and edges run between their point
 COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere.';
 COMMENT ON COLUMN scenes.centre_lon IS 'great_circle: longitude of the centre, degrees; null until there is one.';
 COMMENT ON COLUMN scenes.centre_lat IS 'great_circle: latitude of the centre, degrees; null until there is one.';
-COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, window, exact or nlp.';
+COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, exact or nlp.';
 COMMENT ON COLUMN scenes.tolerance_m IS 'Closeness that is too close to call, metres.';
 COMMENT ON COLUMN scenes.separation_m IS 'Minimum distance wanted between polygons, metres.';
 COMMENT ON COLUMN scenes.nearest_m IS

@@ -129,8 +129,7 @@ BEGIN
     v_method := coalesce(v_conflict.method, v_run.method, v_scene.method);
     -- Two areas are decided by their shapes, whatever the method.
     v_is_static := a.kind = 0 AND b.kind = 0;
-    v_last_stage := CASE WHEN v_is_static THEN 4 WHEN v_method = 'screen' THEN 2 WHEN v_method = 'window' THEN 3
-                         ELSE 4 END;
+    v_last_stage := CASE WHEN v_method = 'screen' AND NOT v_is_static THEN 2 ELSE 4 END;
 
     SELECT count(*) AS in_boxes, count(*) FILTER (WHERE m.meets) AS in_hulls,
            (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
@@ -189,12 +188,10 @@ BEGIN
         ELSE
             v_stage := v_last_stage;
             v_by := CASE WHEN v_is_static THEN 'their shapes' ELSE 'their motion' END;
-            v_why := CASE v_last_stage
-                WHEN 3 THEN 'there is no time in which they could meet'
-                ELSE 'they are proven to stay further apart than what counts as a conflict' END;
+            v_why := 'they are proven to stay further apart than what counts as a conflict';
         END IF;
         -- Of other methods, and of pairs that are never there together, nothing is known.
-        IF v_by NOT IN ('time', 'height') AND v_method NOT IN ('screen', 'window') THEN
+        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
     END IF;
@@ -229,8 +226,10 @@ BEGIN
                      WHEN v_is_static THEN 'not asked: neither of them moves'
                      WHEN v_method = 'screen' THEN
                          'not asked: method screen ends before'
+                     WHEN v_method = 'exact' AND v_scene.separation_m > 0 THEN
+                         'left to stage 4: with a separation nothing is decided in closed form'
                      WHEN v_method = 'exact' THEN
-                         'not asked: method exact looks at all the time that pieces share'
+                         'asked of pieces that move evenly, in closed form; the others are left to stage 4'
                      ELSE 'asked; what it said of each pair of pieces is not kept' END),
             jsonb_build_object('stage', 4, 'asks', 'exactly when do they meet?', 'says',
                 CASE WHEN v_left.in_hulls = 0 THEN 'not asked: nothing was left'

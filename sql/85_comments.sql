@@ -13,7 +13,7 @@ COMMENT ON COLUMN scene.centre_lon IS
 'great_circle: longitude of the place that all objects lie within 60 degrees of; null until there is one.';
 COMMENT ON COLUMN scene.centre_lat IS 'great_circle: latitude of that place, degrees; null until there is one.';
 COMMENT ON COLUMN scene.method IS
-'Where a detection stops: screen (who might meet), window (a safe time window), exact (certified times), '
+'Where a detection stops: screen (who might meet), exact (certified times), '
 'nlp (certified times, found by the published program).';
 COMMENT ON COLUMN scene.tolerance_m IS 'Closeness that is too close to call, metres.';
 COMMENT ON COLUMN scene.separation_m IS
@@ -131,12 +131,14 @@ COMMENT ON COLUMN run.scene_id IS 'Scene.';
 COMMENT ON COLUMN run.started_at IS 'When it began.';
 COMMENT ON COLUMN run.finished_at IS 'When it had written its results, or failed.';
 COMMENT ON COLUMN run.method IS 'Method (see scene.method).';
-COMMENT ON COLUMN run.settings IS 'All settings it worked with, and effort it spent.';
+COMMENT ON COLUMN run.settings IS
+'All settings it worked with, and counts of its work: projected_pairs is the pairs of pieces that stage 3 worked on.';
 COMMENT ON COLUMN run.objects IS 'Areas and tracks of the scene.';
 COMMENT ON COLUMN run.candidate_pairs IS 'Pairs of pieces after stage 1; null if the run failed.';
 COMMENT ON COLUMN run.intersecting_pairs IS 'Pairs of pieces after stage 2; null if the run failed.';
-COMMENT ON COLUMN run.window_pairs IS 'Pairs of pieces after stage 3; null if the run failed.';
-COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 worked on; null if the run failed.';
+COMMENT ON COLUMN run.window_pairs IS
+'Pairs of pieces that stage 3 leaves, which shows the others apart, and pairs of areas; null if the run failed.';
+COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 decided; null if the run failed.';
 COMMENT ON COLUMN run.conflicts IS 'Conflicts of the scene after the run; null if it failed.';
 COMMENT ON COLUMN run.unresolved IS 'Of these, how many are unresolved; null if the run failed.';
 COMMENT ON COLUMN run.opened IS 'Conflicts that were not there before; null if the run failed.';
@@ -147,7 +149,8 @@ COMMENT ON COLUMN run.closed IS 'Conflicts that are no more; null if the run fai
 COMMENT ON COLUMN run.pieces_s IS 'Seconds spent on pieces; null if the run failed.';
 COMMENT ON COLUMN run.stage1_s IS 'Seconds spent in stage 1, broad phase; null if the run failed.';
 COMMENT ON COLUMN run.stage2_s IS 'Seconds spent in stage 2, intersection; null if the run failed.';
-COMMENT ON COLUMN run.stage3_s IS 'Seconds spent in stage 3, projection; null if the run failed.';
+COMMENT ON COLUMN run.stage3_s IS
+'Seconds spent in stage 3: in closed form (exact), or projecting regions (nlp); null if the run failed.';
 COMMENT ON COLUMN run.stage4_s IS 'Seconds spent in stage 4, solver; null if the run failed.';
 COMMENT ON COLUMN run.write_s IS 'Seconds spent writing results; null if the run failed.';
 COMMENT ON COLUMN run.error IS 'Why it failed; null if it did not.';

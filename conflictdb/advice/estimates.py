@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.earth.geodesy import Floats
-from conflictdb.methods import METHODS, Method
+from conflictdb.methods import Method
 from conflictdb.model import EarthModel
 from conflictdb.results import Verdict
 
@@ -310,20 +310,12 @@ def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthMo
     """Return in one or two sentences what the numbers say to somebody whose scene has these settings."""
     at = {estimate.setting: estimate for estimate in estimates}
     exact = at[Setting(Method.EXACT, earth, tolerance_m)]
-    saved = {
-        other: exact.cost.total_s - at[Setting(other, earth, tolerance_m)].cost.total_s
-        for other in reversed(Method)
-        if METHODS[other].solver is None
-    }
-    least = max(WORTH_S, WORTH_SHARE * exact.cost.total_s)
-    cheaper = max(saved, key=lambda other: saved[other])
-    rough = " and ".join(
-        f"{other} would {_saving(saved[other], least)} and {_falsehood(at[Setting(other, earth, tolerance_m)])}"
-        for other in saved
-        if other == cheaper or saved[other] >= least
-    )
-    if exact.cost.total_s > PATIENCE_S and saved[cheaper] > 0.5 * exact.cost.total_s:
-        advice = f"look with {cheaper} whether there is trouble, and use exact for what goes into an order"
+    screen = at[Setting(Method.SCREEN, earth, tolerance_m)]
+    saved_s = exact.cost.total_s - screen.cost.total_s
+    least_s = max(WORTH_S, WORTH_SHARE * exact.cost.total_s)
+    rough = f"screen would {_saving(saved_s, least_s)} and {_falsehood(screen)}"
+    if exact.cost.total_s > PATIENCE_S and saved_s > 0.5 * exact.cost.total_s:
+        advice = "look with screen whether there is trouble, and use exact for what goes into an order"
     else:
         advice = "stay with exact" if method == Method.EXACT else "use exact"
     return (

@@ -6,6 +6,7 @@ from datetime import datetime
 from sys import float_info
 from typing import Final
 
+from conflictdb.methods import REMOVED
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
@@ -19,6 +20,13 @@ def name(text: str) -> str:
         text.encode()
     except UnicodeEncodeError:
         raise argparse.ArgumentTypeError(f"must be UTF-8; got {text!a}") from None
+    return text
+
+
+def method(text: str) -> str:
+    """Return the name of a method; those that are not known are refused by the choices."""
+    if text in REMOVED:
+        raise argparse.ArgumentTypeError(f"{text!r} {REMOVED[text]}")
     return text
 
 

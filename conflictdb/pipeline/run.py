@@ -113,7 +113,7 @@ def run_stages(
     ]
     funnel.window_pairs = sum(map(len, parts))
     moving = PairRows(np.flatnonzero(~static & ~covered))
-    if method.last_stage < 3:
+    if method.solver is None:
         parts.append(_unresolved(pieces, pairs, moving))
     elif moving.size:
         windows_began = time.perf_counter()
@@ -122,16 +122,10 @@ def run_stages(
         possible = np.flatnonzero(first <= last)
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
         funnel.window_pairs += len(moving)
-        if method.last_stage < 4:
-            verdict, touches = np.full(len(moving), Verdict.UNRESOLVED.code, np.int8), np.ones(len(moving), np.bool_)
-            parts.append(Contacts(moving, first, last, last - first, verdict, touches))
-        else:
-            funnel.solved_pairs = len(moving)
-            tell = _counting(len(moving), progress)
-            solved, funnel.effort = contacts(
-                scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs
-            )
-            parts.append(solved.of_pairs(moving))
+        funnel.solved_pairs = len(moving)
+        tell = _counting(len(moving), progress)
+        solved, funnel.effort = contacts(scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs)
+        parts.append(solved.of_pairs(moving))
     found = Contacts.concatenate(parts)
     funnel.met_pairs = len(np.unique(found.pair))
     conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs)

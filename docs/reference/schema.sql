@@ -590,7 +590,7 @@ CONSTRAINT scene_circles_on_sphere ON scene: CHECK (((motion = 'rhumb'::text) OR
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
 CONSTRAINT scene_history_kept_positive ON scene: CHECK ((history_kept >= '00:00:00'::interval));
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
-CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'window'::text, 'exact'::text, 'nlp'::text])));
+CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
 CONSTRAINT scene_name_valid ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));

@@ -1,4 +1,4 @@
-"""Mark every object: answers of earlier releases may differ."""
+"""Mark every object, and remove the method `window`: its scenes become `exact`."""
 
 from alembic import op
 
@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a445f52263a137468f011df915ad33269dcd39b5bcf4b857ad9a0be5ecb526d2"
+routines_sha256 = "dce4439535272c0635561bd47cd4279204a7a968e2a9d8a609a3b002ca3b5394"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -21,9 +21,40 @@ REPLACED_ROUTINES = (
 )
 
 
+# Functions of an earlier release may name columns that a revision dropped. sql/ makes the triggers again.
+DROP_TRIGGERS = """
+DO $$
+DECLARE
+    v_trigger record;
+BEGIN
+    FOR v_trigger IN
+        SELECT t.tgname, t.tgrelid::regclass AS on_table FROM pg_trigger t JOIN pg_proc p ON p.oid = t.tgfoid
+        WHERE t.tgrelid IN ('conflictdb.scene'::regclass, 'conflictdb.conflict'::regclass, 'conflictdb.run'::regclass)
+          AND NOT t.tgisinternal AND p.pronamespace = 'conflictdb'::regnamespace
+    LOOP
+        EXECUTE format('DROP TRIGGER %I ON %s', v_trigger.tgname, v_trigger.on_table);
+    END LOOP;
+END
+$$
+"""
+
+# Of what `window` found the promises of `screen` hold: no conflict is missed, and pairs that move are unresolved.
+REPLACE_METHOD = (
+    "UPDATE conflictdb.scene SET method = 'exact' WHERE method = 'window'",
+    "UPDATE conflictdb.run SET method = 'screen' WHERE method = 'window'",
+    "UPDATE conflictdb.conflict SET method = 'screen' WHERE method = 'window'",
+)
+
+
 def upgrade() -> None:
     for routine in REPLACED_ROUTINES:
         op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
+    for statement in (DROP_TRIGGERS, *REPLACE_METHOD):
+        op.execute(statement)
+    op.drop_constraint("scene_method_known", "scene", schema="conflictdb")
+    op.create_check_constraint(
+        "scene_method_known", "scene", "method IN ('screen', 'exact', 'nlp')", schema="conflictdb"
+    )
 
 
 def downgrade() -> None:

@@ -39,7 +39,7 @@ from conflictdb.results import Conflict, Verdict
 PER_SCENE: Final = 24
 TOLERANCES_M: Final = (0.0, 1e-9, 1.0, 1.0, 1.0, 1000.0)
 SEPARATIONS_M: Final = (0.0, 0.0, 0.0, 1.0, 5000.0)
-METHODS: Final = (*[Method.EXACT] * 7, Method.NLP, Method.WINDOW, Method.SCREEN)
+METHODS: Final = (*[Method.EXACT] * 7, Method.NLP, Method.SCREEN)
 CENTRES: Final = ((0.0, 0.0), (5.0, 25.0), (-179.0, -20.0), (0.0, 90.0), (10.0, 60.0))
 WITNESS, AREA, TRACK = "witness", "canary area", "canary track"
 WITNESS_DEG: Final = 59.9  # from the centre of a scene of great circles

@@ -29,7 +29,7 @@ from conflictdb.results import Verdict
 
 # What is done to scenes here is written for rhumb lines.
 RHUMB: Final = [workload for workload in WORKLOADS if workload.motion is Motion.RHUMB]
-CERTIFIED: Final = [method for method in Method if method not in (Method.SCREEN, Method.WINDOW)]
+CERTIFIED: Final = [method for method in Method if method is not Method.SCREEN]
 OBJECTS: Final = 3  # areas, and as many tracks
 ROUNDING_US: Final = 3.0  # each answer is rounded outward to the microsecond, and leaves this much over
 # Coordinates are rounded to 3 nm, a distance on the earth to a millimetre in 100 km: of that a slow pair makes this.

@@ -32,7 +32,7 @@ def found(scene: Scene, areas: list[Area], tracks: list[Track], jobs: int = 1) -
     """Return the conflicts of a scene with their regions; objects have their places in the lists as numbers."""
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=scene.method == Method.WINDOW)
+    pairs = intersections(pieces, *candidates(pieces), regions=scene.method == Method.NLP)
     footprints = np.array([area.footprint for area in areas], dtype=object)
     return run_stages(scene, plane, pieces, pairs, lambda ids: footprints[ids], jobs=jobs)[0]
 
@@ -53,7 +53,7 @@ def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon
 
 
 @pytest.mark.parametrize("earth", EarthModel)
-@pytest.mark.parametrize("method", [Method.EXACT, Method.WINDOW, Method.SCREEN])
+@pytest.mark.parametrize("method", list(Method))
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
 def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
     """At instants of the periods: what the polygons have in common; regions are valid and within +-180 degrees."""

@@ -63,9 +63,9 @@ def test_a_polar_plan_from_file_to_file(dsn: str, tmp_path: Path) -> None:
         assert db.load_files([path])[0].counts.unchanged == 4
         again = db.detect("polar")
         assert (again.opened, again.changed, again.closed) == (0, 0, 0)
-        window = db.detect("polar", method="window")
+        screen = db.detect("polar", method="screen")
         nlp = db.detect("polar", method="nlp")
-        assert window.conflicts >= nlp.conflicts == 3
+        assert screen.conflicts >= nlp.conflicts == 3
 
 
 def test_centre_stays_until_a_file_gives_another(dsn: str, tmp_path: Path) -> None:

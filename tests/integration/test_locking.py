@@ -27,7 +27,7 @@ Conn = psycopg.Connection[Any]
 
 WAIT_S = 30.0
 # The method that costs least: what matters here is which objects and settings an answer belongs to.
-SCENE = Scene("s", method=Method.WINDOW)
+SCENE = Scene("s", method=Method.SCREEN)
 # Tracks pass through the area, and C beside it, 2 km further north: it is in conflict with A by a separation only.
 AREA = Area("A", shapely.MultiPolygon([shapely.box(4.0, 56.98, 4.1, 57.02)]))
 OUTLINE = rectangle_outline_m(100.0, 100.0, 100.0, 100.0)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,16 @@ import sqlalchemy
 from catalog import describe, details, privileges
 from commands import runner
 from databases import TestServer
+from made_scenes import sea
 from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
 
 from conflictdb import connect
-from conflictdb.db import schema
+from conflictdb.db import schema, store
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
+from conflictdb.methods import Method
+from conflictdb.model import Scene
+from conflictdb.results import Verdict
 
 ROOT = Path(schema.__file__).resolve().parents[2]
 SNAPSHOT = ROOT / "docs" / "reference" / "schema.sql"
@@ -167,6 +172,49 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
         db.detect("s")
         assert [(one.a_key, one.b_key) for one in db.conflicts("s")] == [("A1", "A2")]
         assert db.connection.execute(state).fetchall() == [(True, 2, 0)]
+
+
+# A scene of the release before 0029, detected by a method that is gone.
+OF_WINDOW = """
+ALTER TABLE conflictdb.scene DISABLE TRIGGER USER;
+ALTER TABLE conflictdb.scene DROP CONSTRAINT scene_method_known;
+ALTER TABLE conflictdb.scene
+    ADD CONSTRAINT scene_method_known CHECK (method IN ('screen', 'window', 'exact', 'nlp'));
+UPDATE conflictdb.scene SET method = 'window';
+UPDATE conflictdb.run SET method = 'window';
+UPDATE conflictdb.conflict SET method = 'window';
+ALTER TABLE conflictdb.scene ENABLE TRIGGER USER;
+DELETE FROM conflictdb.change;
+UPDATE conflictdb.alembic_version SET version_num = '0028';
+"""
+
+
+def test_scenes_of_the_method_window_become_exact(dsn: str) -> None:
+    """Triggers of the earlier release do not run; what was found promises what `screen` does."""
+    ((areas, tracks),) = sea(40, 1)
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("s", method=Method.SCREEN), areas, tracks, merge=False)
+        db.detect("s")
+        screened = store.conflicts(db.connection, "s")
+    assert any(one.verdict is Verdict.UNRESOLVED for one in screened)
+    with psycopg.connect(dsn) as conn:
+        before = describe(conn)
+    with psycopg.connect(dsn) as conn:
+        conn.execute(OF_WINDOW.encode())
+    assert schema.upgrade(dsn) == schema.head()
+    with psycopg.connect(dsn) as conn:
+        assert describe(conn) == before
+        assert conn.execute("SELECT method, pending = objects FROM conflictdb.scenes").fetchall() == [("exact", True)]
+        assert conn.execute("SELECT DISTINCT method FROM conflictdb.run").fetchall() == [("screen",)]
+        with pytest.raises(psycopg.Error, match="got 'window', which was removed: use exact"):
+            conn.execute("UPDATE conflictdb.scene SET method = 'window'")
+    with connect(dsn) as db:
+        still = store.conflicts(db.connection, "s")
+        assert [replace(one, is_current=True, scene_is_current=True) for one in still] == screened
+        db.detect("s")
+        assert db.conflicts("s")
+        assert {one.method for one in db.conflicts("s")} == {Method.EXACT}
+        assert all(one.verdict is not Verdict.UNRESOLVED for one in db.conflicts("s"))
 
 
 @pytest.mark.parametrize("changes", [True, False])

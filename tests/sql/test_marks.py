@@ -71,7 +71,7 @@ def test_removed_object_leaves_a_mark(scene: Conn) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "value"), [("tolerance_m", "2"), ("separation_m", "5"), ("earth", "'sphere'"), ("method", "'window'")]
+    ("setting", "value"), [("tolerance_m", "2"), ("separation_m", "5"), ("earth", "'sphere'"), ("method", "'screen'")]
 )
 def test_other_settings_mark_every_object(scene: Conn, setting: str, value: str) -> None:
     forget(scene)

@@ -24,7 +24,7 @@ ODD = shapely.MultiPolygon(
     ]
 )
 T0_US = 1_772_323_200_000_000
-SCENE = Scene("s", earth=EarthModel.SPHERE, method=Method.WINDOW, tolerance_m=0.1, separation_m=1852.0)
+SCENE = Scene("s", earth=EarthModel.SPHERE, method=Method.SCREEN, tolerance_m=0.1, separation_m=1852.0)
 
 AREAS = [
     Area("plain", SQUARE),

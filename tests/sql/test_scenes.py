@@ -47,7 +47,7 @@ def test_a_scene_is_current_when_all_that_it_holds_was_detected(conn: Conn) -> N
         "SELECT conflictdb.remove_object('s', 'C')",
         "UPDATE conflictdb.area SET floor_m = 5 WHERE key = 'A'",
         "SELECT conflictdb.create_scene('s', p_separation_m => 10)",
-        "SELECT conflictdb.create_scene('s', p_method => 'window')",
+        "SELECT conflictdb.create_scene('s', p_method => 'screen')",
         "UPDATE conflictdb.scene SET tolerance_m = 3",
         "SELECT conflictdb.request_detection('s', true)",
     ):

@@ -19,7 +19,7 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import writing
-from conflictdb.methods import Method
+from conflictdb.methods import REMOVED, Method
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.regions import Meetings
@@ -416,6 +416,10 @@ def test_the_database_knows_the_methods_and_verdicts_that_python_knows(conn: Con
         conn.execute("SELECT conflictdb.create_scene('m', p_method => %s)", [method])
     with pytest.raises(psycopg.Error, match=f"must be one of {', '.join(Method)}; got 'guess'"):
         conn.execute("SELECT conflictdb.create_scene('m', p_method => 'guess')")
+    conn.rollback()
+    for method, why in REMOVED.items():
+        with pytest.raises(psycopg.Error, match=f"got '{method}', which {why}"):
+            conn.execute("SELECT conflictdb.create_scene('m', p_method => %s)", [method])
 
 
 def test_failed_detection_is_recorded_and_nothing_else_changes(conn: Conn, scene_id: int) -> None:

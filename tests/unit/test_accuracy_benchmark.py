@@ -67,7 +67,7 @@ def test_row_counts_what_is_missed_false_and_only_near() -> None:
 def test_batch_of_scenes_gives_the_answers_of_each(earth: EarthModel) -> None:
     """What is timed in one batch is what `solve` says of the scenes one by one."""
     scenes = Scenes.of(LOW_LATITUDE, earth, scenes=3, objects=5)
-    batch = replace(scenes.scene, method=Method.WINDOW, tolerance_m=10.0)
+    batch = replace(scenes.scene, method=Method.SCREEN, tolerance_m=10.0)
     answer = by_name(run_stages(batch, plane_of(batch), *scenes.batch(10.0), scenes.footprints)[0])
     expected = {}
     for k, (areas, tracks) in enumerate(scenes.thrown):

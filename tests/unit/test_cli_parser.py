@@ -67,6 +67,11 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
         ("status --dsn dbname=x", "status: unrecognized arguments: --dsn dbname=x; --dsn goes before the command (see"),
         ("export --scene s out.json another.json", "export: unrecognized arguments: another.json (see"),
         ("conflicts --scene s --xyzzy", "conflicts: unrecognized arguments: --xyzzy (see conflictdb conflicts --help)"),
+        (
+            "detect --scene s --method window",
+            "detect: argument --method: 'window' was removed: use exact, which is quicker",
+        ),
+        ("spark detect --output o --method window", "spark detect: argument --method: 'window' was removed: use exact"),
         ("--dns x status", "conflictdb: argument COMMAND: invalid choice: 'x'"),
     ],
 )

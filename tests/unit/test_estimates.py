@@ -269,11 +269,10 @@ def estimate(
     return Estimate(setting, 10, none, none, none, none, cost, wrong, *shares)
 
 
-def said(exact_s: float, window_s: float, screen_s: float, own: Method = Method.EXACT) -> str:
+def said(exact_s: float, screen_s: float, own: Method = Method.EXACT) -> str:
     return recommendation(
         [
             estimate(Method.EXACT, 1.0, exact_s, 100, 0),
-            estimate(Method.WINDOW, 1.0, window_s, 100, 12),
             estimate(Method.SCREEN, 1.0, screen_s, 200, 112),
         ],
         own,
@@ -283,39 +282,36 @@ def said(exact_s: float, window_s: float, screen_s: float, own: Method = Method.
 
 
 def test_a_cheap_exact_is_recommended() -> None:
-    text = said(1.2, 1.0, 0.9)
+    text = said(1.2, 0.9)
     assert text == (
         "exact costs 1.2 s for this scene; screen would save only 300 ms and report pairs of which 56 % never meet: "
         "stay with exact."
     )
-    assert said(1.2, 1.0, 0.9, Method.SCREEN).endswith(": use exact.")
+    assert said(1.2, 0.9, Method.SCREEN).endswith(": use exact.")
 
 
 def test_what_saves_much_is_named() -> None:
-    text = said(20.0, 10.0, 5.0)
-    assert "window would save 10 s and report pairs of which 12 % never meet" in text
+    text = said(20.0, 5.0)
     assert "screen would save 15 s and report pairs of which 56 % never meet" in text
     assert text.endswith("stay with exact.")
 
 
 def test_a_tenth_of_the_cost_is_worth_saving() -> None:
     """Of 20 s these are 2; and half a second of what takes less than 5."""
-    assert "window would save 2.1 s and" in said(20.0, 17.9, 19.9)
-    assert "window would save only 1.9 s and" in said(20.0, 18.1, 19.9)
-    assert "window would save 600 ms and" in said(2.0, 1.4, 1.9)
-    assert "window would save only 400 ms and" in said(2.0, 1.6, 1.9)
+    assert "screen would save 2.1 s and" in said(20.0, 17.9)
+    assert "screen would save only 1.9 s and" in said(20.0, 18.1)
+    assert "screen would save 600 ms and" in said(2.0, 1.4)
+    assert "screen would save only 400 ms and" in said(2.0, 1.6)
 
 
 def test_who_would_have_to_wait_looks_first() -> None:
-    assert said(7000.0, 600.0, 300.0).endswith(
+    assert said(7000.0, 300.0).endswith(
         "look with screen whether there is trouble, and use exact for what goes into an order."
     )
 
 
 def test_what_is_dearer_is_not_said_to_save() -> None:
-    assert "window" not in said(7000.0, 14000.0, 6000.0)
-    assert "window" not in said(20.0, 40.0, 19.9)
-    assert "window would cost 1.0 s more and report pairs" in said(1.0, 2.0, 3.0)
+    assert "screen would cost 2.0 s more and report pairs" in said(1.0, 3.0)
 
 
 def test_a_tolerance_that_reports_what_does_not_meet_is_remarked() -> None:
@@ -325,7 +321,6 @@ def test_a_tolerance_that_reports_what_does_not_meet_is_remarked() -> None:
             estimate(Method.EXACT, 1000.0, 9.0, 100, 8),
             estimate(Method.EXACT, 10.0, 2.0, 92, 0),
             estimate(Method.EXACT, 0.0, 2.0, 92, 0),
-            estimate(Method.WINDOW, 1000.0, 8.9, 110, 18),
             estimate(Method.SCREEN, 1000.0, 8.9, 110, 18),
         ],
         Method.EXACT,
@@ -353,7 +348,6 @@ def test_nothing_on_a_sample_is_not_told_as_nothing() -> None:
         [
             estimate(Method.EXACT, 1.0, 9.0, 100, 8, 0.0),
             estimate(Method.EXACT, 0.5, 9.0, 100, 0, 0.0),
-            estimate(Method.WINDOW, 1.0, 9.0, 100, 0, 0.0),
             estimate(Method.SCREEN, 1.0, 8.9, 110, 18, 0.0),
         ],
         Method.EXACT,
@@ -369,8 +363,7 @@ def test_nothing_on_a_sample_is_not_told_as_nothing() -> None:
         recommendation(
             [
                 estimate(Method.EXACT, 1.0, 9.0, 100, 0, fraction),
-                estimate(Method.WINDOW, 1.0, 1.0, 100, 0, fraction),
-                estimate(Method.SCREEN, 1.0, 9.0, 110, 18, fraction),
+                estimate(Method.SCREEN, 1.0, 1.0, 100, 0, fraction),
             ],
             Method.EXACT,
             EarthModel.WGS84,
@@ -378,5 +371,5 @@ def test_nothing_on_a_sample_is_not_told_as_nothing() -> None:
         )
         for fraction in (1.0, 0.0)
     )
-    assert "window would save 8.0 s and report no pair that never meets, but periods up to 10 min too long" in certain
+    assert "screen would save 8.0 s and report no pair that never meets, but periods up to 10 min too long" in certain
     assert "report no pair that never meets (at most 3.6 % of all), but periods" in sampled

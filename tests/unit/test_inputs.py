@@ -151,7 +151,7 @@ REFUSED: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: solve([], ["A"]), "solve", "areas[0]", "got str"),  # type: ignore[list-item]
     (lambda: solve([], [Area("A\ud800", SQUARE)]), "object 'A\\ud800'", "key", "half of a surrogate pair"),
     (lambda: solve([], [], "exact"), "solve", "scene", "must be a Scene"),  # type: ignore[arg-type]
-    (lambda: Scene("s", method="exakt"), "scene 's'", "method", "screen, window, exact, nlp"),  # type: ignore[arg-type]
+    (lambda: Scene("s", method="exakt"), "scene 's'", "method", "screen, exact, nlp"),  # type: ignore[arg-type]
     (lambda: Scene("s", earth="globe"), "scene 's'", "earth", "wgs84, sphere"),  # type: ignore[arg-type]
     (lambda: Scene("s", motion="straight"), "scene 's'", "motion", "rhumb, great_circle"),  # type: ignore[arg-type]
 ]

@@ -266,6 +266,7 @@ def test_an_area_and_a_track_must_not_share_an_id(tmp_path: Path) -> None:
         ({"name": "s", "motion": ["rhumb"]}, "scene 's'", "motion", "must be one of"),
         ({"name": "s", "earth": "flat"}, "scene 's'", "earth", "must be one of"),
         ({"name": "s", "method": "guess"}, "scene 's'", "method", "must be one of"),
+        ({"name": "s", "method": "window"}, "scene 's'", "method", "got 'window', which was removed: use exact"),
         ({"name": "s", "tolerance_m": -1}, "scene 's'", "tolerance_m", "0 or more"),
         ({"name": "s", "tolerance_m": "1"}, "scene 's'", "tolerance_m", "number"),
         ({"name": "s", "tolerance_m": True}, "scene 's'", "tolerance_m", "number"),

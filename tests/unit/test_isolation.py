@@ -63,7 +63,7 @@ SCENES = [
     Scene("s"),
     Scene("s", separation_m=100.0, nearest_m=1e6),
     Scene("s", motion=Motion.GREAT_CIRCLE),
-    Scene("s", method=Method.WINDOW),
+    Scene("s", method=Method.NLP),
     Scene("s", method=Method.SCREEN),
 ]
 

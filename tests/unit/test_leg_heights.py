@@ -27,7 +27,7 @@ def climbing(**changes: Any) -> Track:
     return Track("T", WAY, TIMES_US, OUTLINE, **members)
 
 
-@pytest.mark.parametrize("method", [Method.SCREEN, Method.WINDOW, Method.EXACT, Method.NLP])
+@pytest.mark.parametrize("method", list(Method))
 @pytest.mark.parametrize(
     ("band", "legs"),
     [

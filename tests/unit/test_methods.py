@@ -27,9 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_every_method_has_its_row() -> None:
     assert set(METHODS) == set(Method)
     for spec in METHODS.values():
-        assert 2 <= spec.last_stage <= 4
-        assert (spec.solver is None) == (spec.last_stage < 4)
-        assert spec.last_stage > 2 or not spec.needs_regions
+        assert spec.solver is not None or not spec.needs_regions
 
 
 @pytest.mark.parametrize("method", Method)
@@ -37,29 +35,36 @@ def test_what_a_method_says_promises_and_costs_is_told_alike_everywhere(method: 
     """In the table of docs/explanation/accuracy.md, in the enum, and in the comment of the catalog."""
     spec = METHODS[method]
     default = " (default)" if method is Scene("s").method else ""
-    row = f"| `{method}`{default} | stage {spec.last_stage} | {spec.says} | {spec.promises} | {spec.costs} |"
+    last = 2 if spec.solver is None else 4
+    row = f"| `{method}`{default} | stage {last} | {spec.says} | {spec.promises} | {spec.costs} |"
     assert row in (ROOT / "docs" / "explanation" / "accuracy.md").read_text().splitlines()
     assert f'{method.name} = "{method}"  # {spec.says}\n' in inspect.getsource(Method)
     comments = (ROOT / "sql" / "85_comments.sql").read_text().replace("'\n'", "")
     assert f"{method} ({spec.says})" in comments
 
 
+def test_a_removed_method_is_refused_with_the_one_to_use() -> None:
+    with pytest.raises(
+        InvalidInput, match="must be one of screen, exact, nlp; got 'window', which was removed: use exact"
+    ):
+        Scene("s", method="window")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("method", ["guess", "EXACT", "", None, 3])
 def test_an_unknown_method_is_refused(method: object) -> None:
-    with pytest.raises(InvalidInput, match="must be one of screen, window, exact, nlp"):
+    with pytest.raises(InvalidInput, match="must be one of screen, exact, nlp"):
         Scene("s", method=method)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("method", [Method.SCREEN, Method.WINDOW])
-def test_a_method_that_stops_before_stage_4_is_not_solved_by_another(method: Method) -> None:
-    scene = Scene("s", earth=EarthModel.SPHERE, method=method)
+def test_a_method_that_stops_before_stage_4_is_not_solved_by_another() -> None:
+    scene = Scene("s", earth=EarthModel.SPHERE, method=Method.SCREEN)
     still = area_pieces(scene, plane_of(scene), AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
     moving = track_pieces(scene, plane_of(scene), TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
     prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
-    with pytest.raises(ValueError, match=f"method {method} stops before stage 4"):
+    with pytest.raises(ValueError, match="method screen stops before stage 4"):
         contacts(scene, plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
     contacts(replace(scene, method=Method.EXACT), plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
 

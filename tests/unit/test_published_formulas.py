@@ -11,7 +11,7 @@ from published import (
     MENDED,
     PRINTED,
     ROUNDING_S,
-    WINDOW,
+    STAGE_3,
     errors_of,
     one_pair_each,
     published_windows,
@@ -49,14 +49,14 @@ def test_published_windows_are_clamped_to_the_leg() -> None:
         assert (first[0], last[0]) == (0.0, 3600.0)
 
 
-def test_published_formulas_are_worse_than_mended_ones_and_window_never_fails() -> None:
-    """On few pairs of the worst row: printed starts and ends hours off, mended minutes, `window` not at all."""
+def test_published_formulas_are_worse_than_mended_ones_and_stage_3_never_fails() -> None:
+    """On few pairs of the worst row: printed starts and ends hours off, mended minutes, stage 3 not at all."""
     found = errors_of(CASES[-1], count=15, checked=3)
     printed, mended = found.early[PRINTED].max(), max(found.early[MENDED].max(), found.late[MENDED].max())
     assert printed > 120.0
     assert found.late[PRINTED].max() > 60.0
     assert 1.0 < mended < printed / 2.0
-    assert max(found.early[WINDOW].max(), found.late[WINDOW].max()) <= ROUNDING_S / 60.0
+    assert max(found.early[STAGE_3].max(), found.late[STAGE_3].max()) <= ROUNDING_S / 60.0
     assert found.checked == 3
 
 

@@ -16,7 +16,7 @@ from conflictdb.cli.parser import (
     add_wait,
     command,
 )
-from conflictdb.cli.values import count, duration_s, height, instant, instants, metres, name, whole
+from conflictdb.cli.values import count, duration_s, height, instant, instants, method, metres, name, whole
 
 
 def add(commands: Any) -> None:
@@ -38,7 +38,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
     )
-    parser.add_argument("--method", choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
+    parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument(
         "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"

@@ -3,7 +3,7 @@
 from typing import Any
 
 from conflictdb.cli.parser import METHOD_NAMES, METHODS_SAID, Parser, add_lock_timeout, add_memory, command
-from conflictdb.cli.values import count, metres, name, option, place, speed_kn
+from conflictdb.cli.values import count, method, metres, name, option, place, speed_kn
 
 
 def add(commands: Any) -> None:
@@ -48,7 +48,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--centre", type=place, metavar="LON,LAT", help="great circles: the middle (default: that of the objects)"
     )
-    parser.add_argument("--method", choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
+    parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
     parser.add_argument("--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres")
     parser.add_argument("--nearest-m", type=metres, metavar="D", help="also report pairs that come within D metres")
