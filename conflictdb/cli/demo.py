@@ -55,7 +55,7 @@ def funnel_table(run: Run) -> str:
     rows = [
         ["1 broad phase", "boxes meet in space, time and height", run.candidate_pairs, _ms(run.stage1_s)],
         ["2 intersection", "swept hulls meet", run.intersecting_pairs, _ms(run.stage2_s)],
-        ["3 projection", "there is a time when they could meet", run.window_pairs, _ms(run.stage3_s)],
+        ["3 projection", "they are not yet shown apart", run.window_pairs, _ms(run.stage3_s)],
         ["4 solver", met, run.met_pairs, _ms(run.stage4_s)],
     ]
     return table(["STAGE", "KEEPS PAIRS OF PIECES WHERE", "PAIRS", "TIME"], rows, right=["PAIRS", "TIME"])

@@ -54,10 +54,11 @@ class Run:
 
     run_id : its row in the table `run`
     candidate_pairs, intersecting_pairs, projected_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after
-        stage 1, after stage 2, that stage 3 was run on, after stage 3, given to stage 4, and reported
+        stage 1, after stage 2, that stage 3 worked on, after stage 3, that stage 4 decided, and reported
     conflicts, unresolved : of the scene now, also those this run had no reason to look at
     opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
-    pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds
+    pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds; of stage 3 with method exact, those of the
+        pairs that were decided in closed form
     """
 
     run_id: int

@@ -29,8 +29,8 @@ _FORMATS: Final = (".html", ".pdf")
 _STAGES: Final = (
     ("candidate_pairs", "Pairs of pieces whose boxes meet (stage 1)", "stage1_s"),
     ("intersecting_pairs", "… whose hulls meet (stage 2)", "stage2_s"),
-    ("window_pairs", "… with a time when they could meet (stage 3)", "stage3_s"),
-    ("solved_pairs", "… that were solved (stage 4)", "stage4_s"),
+    ("window_pairs", "… not shown apart in closed form or by projection (stage 3)", "stage3_s"),
+    ("solved_pairs", "… that stage 3 did not decide (stage 4)", "stage4_s"),
 )
 # Nothing is fetched, and nothing runs.
 _POLICY: Final = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"

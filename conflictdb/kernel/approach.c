@@ -402,7 +402,7 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
     int64_t largest;
     if (!scene || !pairs || !groups || !work) return KERNEL_NULL;
     if (groups->count > 0 && (!pair || !at_s || !distance_m || !error_m || !a_deg || !b_deg)) return KERNEL_NULL;
-    *work = (KernelWork){0, 0, 0, 0};
+    *work = (KernelWork){0};
     Search search = {.scene = scene, .pairs = pairs, .pair = {.work = work}, .met = -1};
     KernelStatus status = border_begin(scene, pairs, &search.pair, &memory);
     if (status != KERNEL_OK) return status;

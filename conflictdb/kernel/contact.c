@@ -333,7 +333,7 @@ static Contact closeness(Encounter *pair, double middle, Below near, double away
 
 /* Rigid polygons in even motion but for a departure, plane metres. */
 static Contact closed_form(Encounter *pair, double low, double high, double departure) {
-    pair->work->closed_forms++;
+    encounter_set_closed_form(pair, true);
     double middle = 0.5 * (low + high);
     Extent extent = extent_none();
     encounter_place(pair, middle);
@@ -370,6 +370,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
     double departure = 0.5 * bounds.spread * (high - low), start = low, end = high;
     /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
+    encounter_set_closed_form(pair, false);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
         mover_focus(&pair->a, start, end), mover_focus(&pair->b, start, end);
         Reached scales = reached_during(pair, start, end);

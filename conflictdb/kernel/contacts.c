@@ -48,13 +48,14 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
     if (!question || !contacts || !count || !work) return KERNEL_NULL;
     double *memory;
     Encounter pair = {.separation_m = question->separation_m, .margin_m = question->tolerance_m, .work = work};
-    *contacts = NULL, *count = 0, *work = (KernelWork){0, 0, 0, 0};
+    *contacts = NULL, *count = 0, *work = (KernelWork){0};
     KernelStatus status = border_begin(scene, pairs, &pair, &memory);
     if (status != KERNEL_OK) return status;
     Interval *intervals = malloc(3 * MAX_INTERVALS_PER_PAIR * sizeof *intervals);
     Answers answers = {.is_full = !intervals};
     encounter_ask(&pair, question->separation_m, question->tolerance_m);
     if (intervals) lay_out_intervals(&pair, intervals);
+    double began_s = encounter_clock_s();
     for (int64_t i = 0; i < pairs->count && !answers.is_full; i++) {
         double low = pairs->low_s[i], high = pairs->high_s[i], beyond = question->beyond_s ? question->beyond_s[i] : INFINITY;
         Guess guess = {question->guess, question->guess_of, i};
@@ -68,6 +69,8 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
         answers.count = before;
         answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
     }
+    encounter_set_closed_form(&pair, false);
+    work->contacts_s = encounter_clock_s() - began_s;
     free(memory);
     free(intervals);
     if (answers.is_full) {

@@ -1,6 +1,23 @@
+#define _POSIX_C_SOURCE 200809L /* clock_gettime */
 #include "encounter.h"
 
+#include <time.h>
+
 #include "runs.h"
+
+double encounter_clock_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+void encounter_set_closed_form(Encounter *pair, bool in_closed_form) {
+    pair->in_closed_form = in_closed_form;
+    if (in_closed_form == (pair->closed_form_since_s > 0.0)) return;
+    double now = encounter_clock_s();
+    if (!in_closed_form) pair->work->closed_form_s += now - pair->closed_form_since_s;
+    pair->closed_form_since_s = in_closed_form ? now : 0.0;
+}
 
 void encounter_ask(Encounter *pair, double separation_m, double margin_m) {
     pair->separation_m = separation_m, pair->margin_m = most(margin_m, KERNEL_TOUCH_M);

@@ -27,7 +27,8 @@ typedef struct {
  * margin_m: closeness that is too close to call, at least KERNEL_TOUCH_M. deep_m: by how much a pair must be nearer
  * than wanted to be so beyond the margin and beyond doubt. undecided, deeper, spare_time: room for the search. looks_left:
  * intervals that the search may still look at before it halves none any more. parts_left: as for plane_distance_m; below 0
- * nothing that was found of the pair counts. */
+ * nothing that was found of the pair counts. in_closed_form: whether the closed form decides the pair; closed_form_since_s:
+ * since when it has been at work, 0 where it is not. */
 typedef struct {
     const KernelPlane *plane;
     Mover a, b;
@@ -35,8 +36,16 @@ typedef struct {
     Polygon a0, b0, a1, b1, a_now, b_now, spare;
     Intervals undecided, deeper, spare_time;
     int64_t looks_left, parts_left;
+    bool in_closed_form;
+    double closed_form_since_s;
     KernelWork *work;
 } Encounter;
+
+/* Seconds of a clock that only goes forward. */
+double encounter_clock_s(void);
+
+/* Say whether the closed form is at work on the pair. The clock is read where that changes: not for every pair. */
+void encounter_set_closed_form(Encounter *pair, bool in_closed_form);
 
 /* Set what is asked of pairs: the separation wanted, and the margin. */
 void encounter_ask(Encounter *pair, double separation_m, double margin_m);

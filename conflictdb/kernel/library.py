@@ -17,7 +17,7 @@ from conflictdb.kernel import build
 from conflictdb.waiting import answer_of
 
 # As kernel.h has them.
-ABI: Final = 18
+ABI: Final = 19
 _STATUS: Final = {
     1: "no memory is left",
     2: "an array is missing",

@@ -2,7 +2,7 @@
 
 import ctypes
 import weakref
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import Any, ClassVar
 
@@ -57,12 +57,24 @@ class Plane(ctypes.Structure):
 
 @dataclass(slots=True)
 class Work:
-    """What was done: pairs by closed form, windows, evaluations of two polygons at an instant, and pairs searched."""
+    """What was done (KernelWork); equal where the counts are.
+
+    closed_forms : pairs decided in closed form
+    closed_apart : of these, pairs that are apart
+    windows : certified windows of the other pairs
+    evaluations : of two polygons at an instant
+    searched_pairs : pairs searched by branch and bound
+    closed_form_s, contacts_s : seconds of the pairs decided in closed form, and of all pairs asked for contacts, added
+        up over threads
+    """
 
     closed_forms: int = 0
+    closed_apart: int = 0
     windows: int = 0
     evaluations: int = 0
     searched_pairs: int = 0
+    closed_form_s: float = field(default=0.0, compare=False)
+    contacts_s: float = field(default=0.0, compare=False)
 
 
 class State(IntEnum):
@@ -176,4 +188,6 @@ class HeldPairs(Held):
 class HeldWork(ctypes.Structure):
     """KernelWork."""
 
-    _fields_ = tuple((column.name, ctypes.c_int64) for column in fields(Work))
+    _fields_ = tuple(
+        (column.name, ctypes.c_int64 if isinstance(column.default, int) else ctypes.c_double) for column in fields(Work)
+    )

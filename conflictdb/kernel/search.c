@@ -283,6 +283,13 @@ static bool add_certain(Encounter *pair, double low, double high, double beyond,
 }
 
 void find_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
-    if (guess->ask || !add_certain(pair, low, high, beyond, answers))
+    int64_t before = answers->count;
+    bool is_certain = !guess->ask && add_certain(pair, low, high, beyond, answers);
+    if (!is_certain) {
+        encounter_set_closed_form(pair, false);
         search_contacts(pair, low, high, beyond, guess, answers);
+    } else if (pair->in_closed_form) {
+        pair->work->closed_forms++;
+        pair->work->closed_apart += answers->count == before;
+    }
 }

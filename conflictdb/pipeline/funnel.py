@@ -16,9 +16,9 @@ class Funnel:
 
     candidate_pairs : whose boxes meet (stage 1)
     intersecting_pairs : whose hulls meet (stage 2)
-    projected_pairs : that stage 3 was run on
-    window_pairs : with a time when they could meet, areas included
-    solved_pairs : given to stage 4
+    projected_pairs : handled by stage 3: decided in closed form (`exact`), or narrowed to a window (`nlp`)
+    window_pairs : left by stage 3, which shows the others apart; pairs of areas included
+    solved_pairs : given to stage 4: not decided in closed form
     met_pairs : reported
     """
 

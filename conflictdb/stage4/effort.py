@@ -28,5 +28,6 @@ class Effort:
                 setattr(mine, name, getattr(mine, name) + count)
 
     def counts(self) -> dict[str, int]:
-        """Return every count by name."""
-        return {**asdict(self.exact), **asdict(self.programs)}
+        """Return every count by name; no seconds."""
+        counted = {**asdict(self.exact), **asdict(self.programs)}
+        return {name: count for name, count in counted.items() if isinstance(count, int)}

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scenes
+import shapely
 from numpy.typing import NDArray
 from workloads import LOW_LATITUDE, throw
 
@@ -14,7 +16,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.kernel.library import SHARE
 from conflictdb.methods import Method
-from conflictdb.model import Scene
+from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import Funnel, PairSource, run_scene
@@ -85,7 +87,33 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
     assert rows(parts) == rows(whole)
     assert counts(summed) == counts(funnel)
     assert told == sorted(told)
-    assert not told or told[-1] == (funnel.solved_pairs, funnel.solved_pairs)
+    decided = funnel.solved_pairs + funnel.effort.exact.closed_forms
+    assert not told or told[-1] == (decided, decided)
+
+
+@pytest.mark.parametrize("method", Method)
+@pytest.mark.parametrize("separation_m", [0.0, 10.0])
+def test_stage_3_is_reported_for_the_pairs_that_it_decides(method: Method, separation_m: float) -> None:
+    """Along the equator havens keep their shape: T and V do; not that of northbound U."""
+    scene = Scene("s", earth=EarthModel.SPHERE, method=method, separation_m=separation_m)
+    areas = [scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]
+    tracks = [scenes.track("T", [(0, 0), (1, 0)], [0, 3600]), scenes.track("U", [(0.5, -0.5), (0.5, 0.5)], [0, 3600])]
+    # Ahead of T all the time, where T comes later.
+    tracks.append(scenes.track("V", [(0.1, 0), (1.1, 0)], [0, 3600]))
+    batch = AreaBatch.of(areas)
+    pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
+    _, funnel = run(scene, pieces)
+    exact, moving = funnel.effort.exact, funnel.intersecting_pairs
+    if method is Method.EXACT and separation_m == 0.0:
+        assert 0 < exact.closed_apart < exact.closed_forms < moving
+        assert funnel.projected_pairs == exact.closed_forms
+        assert (funnel.window_pairs, funnel.solved_pairs) == (moving - exact.closed_apart, moving - exact.closed_forms)
+        assert 0.0 < funnel.stage3_s < funnel.stage3_s + funnel.stage4_s
+    else:
+        assert exact.closed_forms == exact.closed_apart == 0
+        assert funnel.projected_pairs == (moving if method is Method.NLP else 0)
+        assert (funnel.stage3_s > 0.0) == (method is Method.NLP)
+        assert funnel.solved_pairs == (0 if method is Method.SCREEN else funnel.window_pairs)
 
 
 def test_who_solves_the_pairs_does_not_matter() -> None:
