@@ -5,7 +5,6 @@ and an empty cell, without one.
 """
 
 import csv
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,11 +12,13 @@ from functools import lru_cache
 from io import StringIO
 from json.encoder import encode_basestring
 from math import isfinite
-from typing import Final
+from operator import attrgetter
+from typing import Any, Final
 
+from conflictdb import record
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped, harmless
-from conflictdb.results import Approach, Conflict, Period, Position, SceneState, Verdict
+from conflictdb.results import Approach, Conflict, Period, Position, SceneState
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"
@@ -25,29 +26,9 @@ _LINE_END: Final = "\r\n"
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")  # noqa: RUF001
 
 
-COLUMNS: Final = (
-    *("scene", "a_key", "a_kind", "b_key", "b_kind", "periods", "first_contact", "last_contact", "verdict", "region"),
-    *("first_contact_point", "method", "time_error_s", "is_current", "run_id", "found_at"),
-    *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
-    *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
-    *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
-)
-APPROACH_COLUMNS: Final = (
-    *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
-    *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current", "method", "time_error_s"),
-)
-# What a cell of CSV shows without the quotes of JSON.
-_TEXTS: Final = (
-    *("a_kind", "b_kind", "first_contact", "last_contact", "verdict", "method", "found_at", "closest_at"),
-    *("opened_at", "changed_at", "acknowledged_at", "acknowledged_until"),
-)
-_REGION: Final = COLUMNS.index("region")
-_PERIODS: Final = COLUMNS.index("periods")
-_BY: Final = COLUMNS.index("acknowledged_by")
-_WHY: Final = COLUMNS.index("acknowledged_for")
+COLUMNS: Final = tuple(column.name for column in record.COLUMNS)
+APPROACH_COLUMNS: Final = tuple(column.name for column in record.APPROACH_COLUMNS)
 _NULL: Final = "null"
-_UNACKNOWLEDGED: Final = (_NULL,) * 4
-_TRUTH: Final = {None: _NULL, False: "false", True: "true"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +55,10 @@ def columns_of(kind: type[Conflict] | type[Approach]) -> tuple[str, ...]:
 
 def as_json(conflicts: Iterable[Conflict | Approach], more: Sequence[MoreColumn] = ()) -> Iterator[str]:
     """Yield the lines of one JSON array, one object per pair; unbounded ends of periods are null."""
-    conflict_line, approach_line = _object([*COLUMNS, *(column.name for column in more)]), _object(APPROACH_COLUMNS)
     yield "["
     separator = "\n  "
     for one in conflicts:
-        line = approach_line % _approach_texts(one) if isinstance(one, Approach) else conflict_line % _texts(one, more)
-        yield separator + harmless(line)
+        yield separator + harmless(_form(one).json(one, more))
         separator = ",\n  "
     yield "]\n" if separator == "\n  " else "\n]\n"
 
@@ -94,8 +73,6 @@ def as_csv(
     """
     buffer = StringIO()
     writer = csv.writer(buffer, lineterminator=_LINE_END)
-    quoted = [columns.index(name) for name in _TEXTS if name in columns]
-    scene, a_key, b_key = (columns.index(name) for name in ("scene", "a_key", "b_key"))
 
     def written(row: Sequence[str]) -> str:
         buffer.seek(0)
@@ -105,19 +82,7 @@ def as_csv(
 
     yield written([*columns, *(column.name for column in more)])
     for one in conflicts:
-        row = list(_approach_texts(one) if isinstance(one, Approach) else _texts(one, more))
-        for k in quoted:
-            if row[k] != _NULL:
-                row[k] = row[k][1:-1]
-        for k in range(len(columns), len(row)):
-            row[k] = cell(json.loads(row[k])) if row[k].startswith('"') else row[k]
-        if isinstance(one, Conflict):
-            row[_PERIODS] = interval_text(one.periods)
-        row = ["" if text == _NULL else text for text in row]
-        if isinstance(one, Conflict) and one.acknowledged_by is not None:
-            row[_BY], row[_WHY] = cell(one.acknowledged_by), cell(one.acknowledged_for or "")
-        row[scene], row[a_key], row[b_key] = cell(one.scene), cell(one.a_key), cell(one.b_key)
-        yield written(row)
+        yield written(_form(one).cells(one, more))
 
 
 def cell(text: str) -> str:
@@ -151,19 +116,16 @@ def as_geojson(
     ]
     told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
     yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
-    conflict_line = _object([*(name for name in COLUMNS if name != "region"), *(column.name for column in more)])
-    approach_line = _object(APPROACH_COLUMNS)
     separator = "\n"
     for one in conflicts:
         if isinstance(one, Approach):
             geometry = _between(one.a_deg, one.b_deg)
-            properties = approach_line % _approach_texts(one)
+            properties = _APPROACH.json(one)
         else:
-            texts = _texts(one, more)
-            geometry = texts[_REGION] if one.region is not None else _point(one.first_contact_deg)
+            geometry = one.region or _point(one.first_contact_deg)
             if geometry == _NULL and one.closest_a_deg and one.closest_b_deg:
                 geometry = _between(one.closest_a_deg, one.closest_b_deg)
-            properties = conflict_line % (texts[:_REGION] + texts[_REGION + 1 :])
+            properties = _PROPERTIES.json(one, more)
         yield separator + harmless(f'    {{"type": "Feature", "geometry": {geometry}, "properties": {properties}}}')
         separator = ",\n"
     yield " ] }\n"
@@ -174,86 +136,25 @@ def interval_text(periods: Sequence[Period]) -> str:
     return " ".join("/".join(format_moment(end) or ".." for end in period) for period in periods)
 
 
-def _object(columns: Sequence[str]) -> str:
-    """Return a JSON object with a place for the text of each column."""
-    return "{" + ", ".join(f'"{name}": %s' for name in columns) + "}"
-
-
-def _texts(one: Conflict, more: Sequence[MoreColumn] = ()) -> tuple[str, ...]:
-    """Return the columns of a conflict as JSON. By hand: a list of tens of thousands takes half as long."""
-    periods = [(_moment(start), _moment(end)) for start, end in one.periods]
-    found_at = _moment(one.found_at)
-    return (
-        encode_basestring(one.scene),
-        encode_basestring(one.a_key),
-        encode_basestring(one.a_kind),
-        encode_basestring(one.b_key),
-        encode_basestring(one.b_kind),
-        f"[{', '.join([f'[{start}, {end}]' for start, end in periods])}]",
-        periods[0][0] if periods else _NULL,
-        periods[-1][1] if periods else _NULL,
-        encode_basestring(one.verdict),
-        _NULL if one.region is None else one.region,  # JSON already
-        _point(one.first_contact_deg),
-        encode_basestring(one.method),
-        _number(one.time_error_s),
-        _TRUTH[one.is_current],
-        _NULL if one.run_id is None else str(one.run_id),
-        found_at,
-        _moment(one.closest_at),
-        _number(one.closest_m),
-        _number(one.closest_error_m),
-        _point(one.closest_a_deg),
-        _point(one.closest_b_deg),
-        _TRUTH[one.scene_is_current],
-        _NULL if one.conflict_id is None else str(one.conflict_id),
-        _NULL if one.verdict is Verdict.NEAR else found_at,
-        _moment(one.changed_at),
-        *(_UNACKNOWLEDGED if one.acknowledged_by is None else _acknowledged(one)),
-        *[dumped(column.value(one)) for column in more],
-    )
-
-
-def _acknowledged(one: Conflict) -> tuple[str, ...]:
-    return (
-        encode_basestring(one.acknowledged_by or ""),
-        _moment(one.acknowledged_at),
-        encode_basestring(one.acknowledged_for or ""),
-        _moment(one.acknowledged_until),
-    )
-
-
-def _approach_texts(one: Approach) -> tuple[str, ...]:
-    """Return the columns of a closest approach as JSON."""
-    return (
-        encode_basestring(one.scene),
-        encode_basestring(one.a_key),
-        encode_basestring(one.a_kind),
-        encode_basestring(one.b_key),
-        encode_basestring(one.b_kind),
-        _moment(one.closest_at),
-        _number(one.closest_m),
-        _number(one.closest_error_m),
-        _point(one.a_deg),
-        _point(one.b_deg),
-        encode_basestring(one.verdict),
-        _TRUTH[one.is_current],
-        _NULL if one.run_id is None else str(one.run_id),
-        _moment(one.found_at),
-        _TRUTH[one.scene_is_current],
-        encode_basestring(one.method),
-        _number(one.time_error_s),
-    )
-
-
 @lru_cache(maxsize=64)  # half of the moments of a list are those of the run, or the row's own again
-def _moment(moment: datetime | None) -> str:
-    return _NULL if moment is None else f'"{format_moment(moment)}"'
+def _moment(moment: datetime) -> str:
+    return format_moment(moment) or ""
 
 
-def _number(value: float | None) -> str:
-    if value is None:
-        return _NULL
+def _quoted(moment: datetime) -> str:
+    return f'"{_moment(moment)}"'
+
+
+def _periods(periods: Sequence[Period]) -> str:
+    ends = [[_NULL if end is None else _quoted(end) for end in period] for period in periods]
+    return f"[{', '.join([f'[{start}, {end}]' for start, end in ends])}]"
+
+
+def _truth(value: bool) -> str:
+    return "true" if value else "false"
+
+
+def _number(value: float) -> str:
     if not isfinite(value):
         raise ValueError(f"JSON has no number {value}")
     return repr(float(value))  # numpy's numbers say their type
@@ -274,3 +175,57 @@ def _between(a_deg: Position, b_deg: Position) -> str:
         return _point(a_deg)
     kind = "LineString" if abs(a_deg[0] - b_deg[0]) <= 180.0 else "MultiPoint"
     return f'{{"type": "{kind}", "coordinates": [{_coordinates(a_deg)}, {_coordinates(b_deg)}]}}'
+
+
+# What a value, never None, looks like in JSON, and in CSV where that differs.
+_JSON: Final[dict[record.Type, Callable[[Any], str]]] = {
+    record.Type.TEXT: encode_basestring,
+    record.Type.NAME: encode_basestring,
+    record.Type.INSTANT: _quoted,
+    record.Type.PERIODS: _periods,
+    record.Type.NUMBER: _number,
+    record.Type.WHOLE: str,
+    record.Type.TRUTH: _truth,
+    record.Type.POINT: _point,
+    record.Type.REGION: str,  # JSON already
+}
+_CSV: Final[dict[record.Type, Callable[[Any], str]]] = _JSON | {
+    record.Type.TEXT: cell,
+    record.Type.NAME: str,
+    record.Type.INSTANT: _moment,
+    record.Type.PERIODS: interval_text,
+}
+
+
+class _Form:
+    """Rows of a kind, as JSON and as cells of CSV."""
+
+    def __init__(self, columns: Sequence[record.Column]) -> None:
+        self._members = [f'"{column.name}": ' for column in columns]
+        self._values = attrgetter(*(column.field for column in columns))
+        self._json = [_JSON[column.type] for column in columns]
+        self._csv = [_CSV[column.type] for column in columns]
+
+    def json(self, one: Any, more: Sequence[MoreColumn] = ()) -> str:
+        """Return a row as a JSON object."""
+        rows = zip(self._members, self._json, self._values(one), strict=True)
+        members = [member + (_NULL if value is None else text(value)) for member, text, value in rows]
+        members += [f'"{column.name}": {dumped(column.value(one))}' for column in more]
+        return f"{{{', '.join(members)}}}"
+
+    def cells(self, one: Any, more: Sequence[MoreColumn] = ()) -> list[str]:
+        """Return a row as cells, unquoted; what is not known is empty."""
+        row = ["" if value is None else text(value) for text, value in zip(self._csv, self._values(one), strict=True)]
+        for column in more:
+            value = column.value(one)
+            row.append(cell(value) if isinstance(value, str) else dumped(value))
+        return row
+
+
+_CONFLICT: Final = _Form(record.COLUMNS)
+_APPROACH: Final = _Form(record.APPROACH_COLUMNS)
+_PROPERTIES: Final = _Form([column for column in record.COLUMNS if column.type is not record.Type.REGION])
+
+
+def _form(one: Conflict | Approach) -> _Form:
+    return _APPROACH if isinstance(one, Approach) else _CONFLICT

@@ -1,0 +1,176 @@
+"""The columns of a conflict: one table, which every output reads.
+
+The views `conflicts` and `approaches`, CSV, JSON, GeoJSON, data frames, Arrow and GeoParquet have these columns, by
+these names. To add a column: add a row here, a field to `Conflict` (results.py), and where it is computed a field to
+`Conflicts` (arrays/answers.py) and a column to the database.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import Final
+
+
+class Type(Enum):
+    """Type of a column; what a cell looks like follows from it in each output."""
+
+    TEXT = auto()  # text of a user: keys, names, reasons
+    NAME = auto()  # a word of ours, such as a verdict
+    INSTANT = auto()  # to the microsecond, UTC
+    PERIODS = auto()  # (start, end) inclusive, in order; unbounded is None
+    NUMBER = auto()  # binary64
+    WHOLE = auto()  # 64 bits
+    TRUTH = auto()
+    POINT = auto()  # longitude and latitude
+    REGION = auto()  # a geometry
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a conflict.
+
+    meaning : one sentence, for reference pages
+    unit : s, m or deg; empty: none
+    required : whether every conflict has a value, also without a database
+    field : the attribute of a `Conflict`; empty: the name
+    array : the field of the arrays `Conflicts` that it is computed from: its type says how, and unknown is NaN, for an
+        instant SINCE_EVER_US; empty: it follows from other columns, from the scene, or a database alone knows it
+    """
+
+    name: str
+    type: Type
+    meaning: str
+    unit: str = ""
+    required: bool = False
+    field: str = ""
+    array: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.field:
+            object.__setattr__(self, "field", self.name)
+
+
+COLUMNS: Final = (
+    Column("scene", Type.TEXT, "Name of the scene."),
+    Column(
+        "a_key",
+        Type.TEXT,
+        "Key of the first object: the area if there is one, else the smaller key in byte order.",
+        required=True,
+    ),
+    Column("a_kind", Type.NAME, "area or track.", required=True),
+    Column("b_key", Type.TEXT, "Key of the second object.", required=True),
+    Column("b_kind", Type.NAME, "area or track.", required=True),
+    Column(
+        "periods",
+        Type.PERIODS,
+        "When they interfere, bounds inclusive, rounded outward to the microsecond; a pair that is only near has none.",
+        required=True,
+    ),
+    Column("first_contact", Type.INSTANT, "Start of the first period; null if that is unbounded."),
+    Column("last_contact", Type.INSTANT, "End of the last period; null if that is unbounded."),
+    Column(
+        "verdict",
+        Type.NAME,
+        "conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor "
+        "decided; near: no conflict.",
+        required=True,
+    ),
+    Column("region", Type.REGION, "Where they interfere; null unless it was asked for.", "deg"),
+    Column(
+        "first_contact_point",
+        Type.POINT,
+        "Where they first touch; null if not computed.",
+        "deg",
+        field="first_contact_deg",
+        array="first_contact_deg",
+    ),
+    Column("method", Type.NAME, "Method of the detection that found it."),
+    Column(
+        "time_error_s",
+        Type.NUMBER,
+        "Bound on the error of every end of every period.",
+        "s",
+        required=True,
+        array="time_error_s",
+    ),
+    Column("is_current", Type.TRUTH, "Whether neither object, nor the scene's settings, changed since."),
+    Column("run_id", Type.WHOLE, "The run that found it so; later runs found the same."),
+    Column("found_at", Type.INSTANT, "When the pair was first found."),
+    Column(
+        "closest_at",
+        Type.INSTANT,
+        "Closest approach: the first instant; null if not computed, and for areas that are always there.",
+        array="closest_us",
+    ),
+    Column(
+        "closest_m",
+        Type.NUMBER,
+        "Closest approach: least distance on the earth, 0 if they touch; null if not computed.",
+        "m",
+        array="closest_m",
+    ),
+    Column(
+        "closest_error_m",
+        Type.NUMBER,
+        "Closest approach: how far from closest_m the least distance may be; null if not computed.",
+        "m",
+        array="closest_error_m",
+    ),
+    Column(
+        "closest_a_point",
+        Type.POINT,
+        "Closest approach: nearest point of the first object; null if not computed.",
+        "deg",
+        field="closest_a_deg",
+        array="closest_a_deg",
+    ),
+    Column(
+        "closest_b_point",
+        Type.POINT,
+        "Closest approach: nearest point of the second object; null if not computed.",
+        "deg",
+        field="closest_b_deg",
+        array="closest_b_deg",
+    ),
+    Column(
+        "scene_is_current",
+        Type.TRUTH,
+        "Whether the conflicts of the scene are complete: nothing of it waits for detection.",
+    ),
+    Column("conflict_id", Type.WHOLE, "Number of the conflict, the same from opening to closing."),
+    Column("opened_at", Type.INSTANT, "When it opened: found_at; null of a pair that is only near."),
+    Column("changed_at", Type.INSTANT, "When its periods, verdict or a key last changed; null if they never did."),
+    Column("acknowledged_by", Type.TEXT, "Who acknowledged it as it is now; null where nobody did."),
+    Column("acknowledged_at", Type.INSTANT, "When that was; null where acknowledged_by is."),
+    Column("acknowledged_for", Type.TEXT, "Why; null where acknowledged_by is."),
+    Column(
+        "acknowledged_until",
+        Type.INSTANT,
+        "Until when that holds; null: as long as the conflict lasts, and where acknowledged_by is.",
+    ),
+)
+# The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
+STATES: Final = tuple(
+    Column(f"{side}_{name}", Type.WHOLE, meaning, array=f"{side}_{name}")
+    for side, which in (("a", "first"), ("b", "second"))
+    for name, meaning in (
+        ("id", f"Number of the {which} object; null where the conflict is of no database."),
+        ("version", f"State of the {which} object; null where its number is."),
+    )
+)
+
+
+_BY_NAME: Final = {column.name: column for column in COLUMNS} | {
+    f"{side}_point": replace(column, name=f"{side}_point", field=f"{side}_deg")
+    for side in "ab"
+    for column in COLUMNS
+    if column.name == f"closest_{side}_point"
+}
+# An approach has these, in the order of its view: no periods, and what follows from periods.
+APPROACH_COLUMNS: Final = tuple(
+    _BY_NAME[name]
+    for name in (
+        *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
+        *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current", "method", "time_error_s"),
+    )
+)
