@@ -6,11 +6,13 @@ Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is impor
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from importlib import import_module
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import shapely
 
+from conflictdb import record
 from conflictdb.errors import ConflictDBError
 from conflictdb.inputs import EPOCH, MICROSECOND
 
@@ -34,32 +36,7 @@ def conflict_frame(rows: "Sequence[Conflict]") -> "pd.DataFrame":
     `geometry` is a conflict's region, where that was read, else its first contact, else the line between the nearest
     points.
     """
-    return _frame(
-        rows,
-        _PAIR
-        | {
-            "periods": (_objects, lambda one: one.periods),
-            "first_contact": (_instants, lambda one: one.first_contact),
-            "last_contact": (_instants, lambda one: one.last_contact),
-            "verdict": (_texts, lambda one: one.verdict),
-            "geometry": (_objects, _place),
-            "first_contact_point": (_objects, lambda one: _point(one.first_contact_deg)),
-        }
-        | _FOUND
-        | _CLOSEST
-        | {
-            "closest_a_point": (_objects, lambda one: _point(one.closest_a_deg)),
-            "closest_b_point": (_objects, lambda one: _point(one.closest_b_deg)),
-            "scene_is_current": (_truths, lambda one: one.scene_is_current),
-            "conflict_id": (_whole, lambda one: one.conflict_id),
-            "opened_at": (_instants, lambda one: one.opened_at),
-            "changed_at": (_instants, lambda one: one.changed_at),
-            "acknowledged_by": (_objects, lambda one: one.acknowledged_by),
-            "acknowledged_at": (_instants, lambda one: one.acknowledged_at),
-            "acknowledged_for": (_objects, lambda one: one.acknowledged_for),
-            "acknowledged_until": (_instants, lambda one: one.acknowledged_until),
-        },
-    )
+    return _frame(rows, [_GEOMETRY if one.type is record.Type.REGION else one for one in record.COLUMNS], _place)
 
 
 def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
@@ -67,19 +44,12 @@ def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
 
     `geometry` is the line between the nearest points.
     """
-    return _frame(
-        rows,
-        _PAIR
-        | _CLOSEST
-        | {
-            "geometry": (_objects, lambda one: _between(one.a_deg, one.b_deg)),
-            "a_point": (_objects, lambda one: _point(one.a_deg)),
-            "b_point": (_objects, lambda one: _point(one.b_deg)),
-            "verdict": (_texts, lambda one: one.verdict),
-        }
-        | _FOUND
-        | {"scene_is_current": (_truths, lambda one: one.scene_is_current)},
-    )
+    columns = record.APPROACH_COLUMNS
+    names = [one.name for one in columns]
+    point, rest = names.index("a_point"), names.index("verdict") + 1
+    # Frames have the last columns in the order of conflicts.
+    ordered = [*columns[:point], _GEOMETRY, *columns[point:rest], *sorted(columns[rest:], key=record.COLUMNS.index)]
+    return _frame(rows, ordered, lambda one: _between(one.a_deg, one.b_deg))
 
 
 def with_geometry(frame: "pd.DataFrame") -> "geopandas.GeoDataFrame":
@@ -110,13 +80,22 @@ def _library(name: str) -> Any:
         raise ConflictDBError(f"a data frame needs {name}: pip install 'conflictdb[pandas]'") from None
 
 
-_Column = tuple[Callable[[list[Any]], Any], Callable[[Any], Any]]
-
-
-def _frame(rows: Sequence[Any], columns: dict[str, _Column]) -> "pd.DataFrame":
-    """Return rows as a frame; of each column is given how it is kept, and how its value follows from a row."""
+def _frame(rows: Sequence[Any], columns: Sequence[record.Column], place: Callable[[Any], Any]) -> "pd.DataFrame":
+    """Return rows as a frame; `place` returns the geometry of a row."""
     pandas = _library("pandas")
-    return pandas.DataFrame({name: made([value(one) for one in rows]) for name, (made, value) in columns.items()})
+    return pandas.DataFrame({one.name: _kept(one, rows, place) for one in columns})
+
+
+def _kept(column: record.Column, rows: Sequence[Any], place: Callable[[Any], Any]) -> Any:
+    """Return a column as pandas keeps it."""
+    if column is _GEOMETRY:
+        return _objects([place(row) for row in rows])
+    values = list(map(attrgetter(column.field), rows))
+    if column.type is record.Type.POINT:
+        return _objects([_point(value) for value in values])
+    if column.type in (record.Type.TEXT, record.Type.NAME):
+        return _texts(values) if column.required else _objects(values)
+    return _KEPT[column.type](values)
 
 
 def _texts(values: list[str]) -> Any:
@@ -185,22 +164,11 @@ def _between(a_deg: "Position", b_deg: "Position") -> Any:
     return kind([a_deg, b_deg])
 
 
-_PAIR: Final[dict[str, _Column]] = {
-    "scene": (_texts, lambda one: one.scene),
-    "a_key": (_texts, lambda one: one.a_key),
-    "a_kind": (_texts, lambda one: one.a_kind),
-    "b_key": (_texts, lambda one: one.b_key),
-    "b_kind": (_texts, lambda one: one.b_kind),
-}
-_FOUND: Final[dict[str, _Column]] = {
-    "method": (_texts, lambda one: one.method),
-    "time_error_s": (_numbers, lambda one: one.time_error_s),
-    "is_current": (_truths, lambda one: one.is_current),
-    "run_id": (_whole, lambda one: one.run_id),
-    "found_at": (_instants, lambda one: one.found_at),
-}
-_CLOSEST: Final[dict[str, _Column]] = {
-    "closest_at": (_instants, lambda one: one.closest_at),
-    "closest_m": (_numbers, lambda one: one.closest_m),
-    "closest_error_m": (_numbers, lambda one: one.closest_error_m),
+_GEOMETRY: Final = record.Column("geometry", record.Type.REGION, "Where it is.")
+_KEPT: Final[dict[record.Type, Callable[[list[Any]], Any]]] = {
+    record.Type.NUMBER: _numbers,
+    record.Type.WHOLE: _whole,
+    record.Type.TRUTH: _truths,
+    record.Type.INSTANT: _instants,
+    record.Type.PERIODS: _objects,
 }

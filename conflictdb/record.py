@@ -50,7 +50,7 @@ class Column:
 
 
 COLUMNS: Final = (
-    Column("scene", Type.TEXT, "Name of the scene."),
+    Column("scene", Type.TEXT, "Name of the scene.", required=True),
     Column(
         "a_key",
         Type.TEXT,
@@ -84,7 +84,7 @@ COLUMNS: Final = (
         field="first_contact_deg",
         array="first_contact_deg",
     ),
-    Column("method", Type.NAME, "Method of the detection that found it."),
+    Column("method", Type.NAME, "Method of the detection that found it.", required=True),
     Column(
         "time_error_s",
         Type.NUMBER,
@@ -160,6 +160,8 @@ STATES: Final = tuple(
 )
 
 
+# Computed from arrays: neither kinds, verdict and periods, which are arrays of their own, nor what follows from others.
+MEASURED: Final = tuple(column for column in COLUMNS if column.array)
 _BY_NAME: Final = {column.name: column for column in COLUMNS} | {
     f"{side}_point": replace(column, name=f"{side}_point", field=f"{side}_deg")
     for side in "ab"

@@ -4,7 +4,7 @@ What only a database knows is null without one. `a_id`, `a_version`, `b_id` and 
 objects, and of their states, that it was found of: they are what is written back to a database.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import Any, Final
 
@@ -15,7 +15,6 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.arrow.answers import of_conflicts
 from conflictdb.arrays.arrow.columns import (
     instants,
     lists,
@@ -24,60 +23,36 @@ from conflictdb.arrays.arrow.columns import (
     of_instants,
     of_lists,
     of_measures,
+    of_numbers,
 )
 from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.record import COLUMNS, MEASURED, STATES, Column, Type
 from conflictdb.results import Conflict, Kind, Position, Verdict
 
 _PERIOD: Final = pa.struct([pa.field("start", INSTANT), pa.field("end", INSTANT)])
-# Numbers and names of columns that hold places, with the fields of `Conflicts` and of `Conflict` that they are of.
-_POINTS: Final = {
-    "first_contact_point": "first_contact_deg",
-    "closest_a_point": "closest_a_deg",
-    "closest_b_point": "closest_b_deg",
+_TYPES: Final = {
+    Type.TEXT: pa.string(),
+    Type.NAME: pa.string(),
+    Type.INSTANT: INSTANT,
+    Type.PERIODS: pa.list_(_PERIOD),
+    Type.NUMBER: pa.float64(),
+    Type.WHOLE: pa.int64(),
+    Type.TRUTH: pa.bool_(),
+    Type.POINT: pa.binary(),
+    Type.REGION: pa.binary(),
 }
-GEOMETRIES: Final = ("region", *_POINTS)
+# Whoever reads conflicts back knows these of the scene.
+_MAY_LACK: Final = ("scene", "method")
+_COLUMNS: Final = (*COLUMNS, *STATES)
+GEOMETRIES: Final = tuple(one.name for one in _COLUMNS if one.type in (Type.REGION, Type.POINT))
 FOUND: Final = Form.of(
     "found",
     1,
-    [
-        pa.field("scene", pa.string()),
-        pa.field("a_key", pa.string(), nullable=False),
-        pa.field("a_kind", pa.string(), nullable=False),
-        pa.field("b_key", pa.string(), nullable=False),
-        pa.field("b_kind", pa.string(), nullable=False),
-        pa.field("periods", pa.list_(_PERIOD), nullable=False),
-        pa.field("first_contact", INSTANT),
-        pa.field("last_contact", INSTANT),
-        pa.field("verdict", pa.string(), nullable=False),
-        pa.field("region", pa.binary()),
-        pa.field("first_contact_point", pa.binary()),
-        pa.field("method", pa.string()),
-        pa.field("time_error_s", pa.float64(), nullable=False),
-        pa.field("is_current", pa.bool_()),
-        pa.field("run_id", pa.int64()),
-        pa.field("found_at", INSTANT),
-        pa.field("closest_at", INSTANT),
-        pa.field("closest_m", pa.float64()),
-        pa.field("closest_error_m", pa.float64()),
-        pa.field("closest_a_point", pa.binary()),
-        pa.field("closest_b_point", pa.binary()),
-        pa.field("scene_is_current", pa.bool_()),
-        pa.field("conflict_id", pa.int64()),
-        pa.field("opened_at", INSTANT),
-        pa.field("changed_at", INSTANT),
-        pa.field("acknowledged_by", pa.string()),
-        pa.field("acknowledged_at", INSTANT),
-        pa.field("acknowledged_for", pa.string()),
-        pa.field("acknowledged_until", INSTANT),
-        pa.field("a_id", pa.int64()),
-        pa.field("a_version", pa.int64()),
-        pa.field("b_id", pa.int64()),
-        pa.field("b_version", pa.int64()),
-    ],
+    [pa.field(one.name, _TYPES[one.type], nullable=not one.required or one.name in _MAY_LACK) for one in _COLUMNS],
 )
 # What conflicts were computed from: settings of the scene (JSON) and how many pairs were found, the same in all rows,
 # and each object as of a state, with a digest of what was read of it (`conflictdb.pieces.contents`).
@@ -110,25 +85,19 @@ def of_found(
 
     region : where each is
     """
-    raw = of_conflicts(conflicts, region)
     n = len(conflicts)
-    known: dict[str, Array] = {name: raw.column(name) for name in ("a_id", "a_version", "b_id", "b_version")}
-    known |= {
+    known: dict[str, Array] = {
         "scene": pa.array([scene.name] * n, pa.string()),
         "a_key": pa.array(a_key, pa.string()),
-        "a_kind": _KINDS.take(raw.column("a_kind")),
+        "a_kind": _KINDS.take(of_numbers(conflicts.a_kind)),
         "b_key": pa.array(b_key, pa.string()),
-        "b_kind": _KINDS.take(raw.column("b_kind")),
+        "b_kind": _KINDS.take(of_numbers(conflicts.b_kind)),
         "periods": _of_periods(conflicts.period_us, conflicts.period_offset),
-        "verdict": _VERDICTS.take(raw.column("verdict")),
+        "verdict": _VERDICTS.take(of_numbers(conflicts.verdict)),
         "region": pa.array(shapely.to_wkb(region.geometries(), byte_order=1, include_srid=False), pa.binary()),
         "method": pa.array([scene.method.value] * n, pa.string()),
-        "time_error_s": raw.column("time_error_s"),
-        "closest_at": of_instants(conflicts.closest_us, SINCE_EVER_US),
-        "closest_m": of_measures(conflicts.closest_m, np.nan),
-        "closest_error_m": of_measures(conflicts.closest_error_m, np.nan),
     }
-    known |= {name: _of_points(getattr(conflicts, field)) for name, field in _POINTS.items()}
+    known |= {one.name: _OF_ARRAY[one.type](getattr(conflicts, one.array)) for one in (*MEASURED, *STATES)}
     first, last = conflicts.period_offset[:-1], conflicts.period_offset[1:] - 1
     some = last >= first
     for name, side, rows, unbounded_us in (
@@ -147,7 +116,7 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
     Raises InvalidInput for what does not fit, and where numbers or versions are not known.
     """
     columns = FOUND.columns(given)
-    for name in ("a_id", "a_version", "b_id", "b_version"):
+    for name in (one.name for one in STATES):
         if columns[name].null_count:
             rule = (
                 "must be known: it says which state of which object this was found of; an object that was added to an "
@@ -159,18 +128,14 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
         raise InvalidInput(_WHO, "periods", "must not hold nulls")
     start, end = starts_and_ends.flatten()
     period_us = np.column_stack([instants(start, SINCE_EVER_US), instants(end, FOR_EVER_US)])
-    fields: dict[str, Any] = {
-        name: numbers(columns[name]) for name in ("a_id", "a_version", "b_id", "b_version", "time_error_s")
-    }
-    fields |= {f"{side}_kind": _codes(columns, f"{side}_kind", _KINDS) for side in "ab"}
-    fields |= {field: _places(columns[name], name) for name, field in _POINTS.items()}
-    fields |= {name: measures(columns[name], np.nan) for name in ("closest_m", "closest_error_m")}
+    measured: dict[str, Any] = {one.array: _array(one, columns[one.name]) for one in (*MEASURED, *STATES)}
     found = Conflicts(
+        a_kind=_codes(columns, "a_kind", _KINDS),
+        b_kind=_codes(columns, "b_kind", _KINDS),
         verdict=_codes(columns, "verdict", _VERDICTS),
         period_us=period_us,
         period_offset=offset,
-        closest_us=instants(columns["closest_at"], SINCE_EVER_US),
-        **fields,
+        **measured,
     )
     shapes = shapely.set_srid(_geometries(columns["region"], "region"), 4326)
     return found, Polygons.of(shapes)
@@ -179,20 +144,18 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
 def of_rows(rows: Sequence[Conflict]) -> "pa.RecordBatch":
     """Return conflicts, as a database or `solve` gives them, as a batch of the form FOUND."""
     columns: dict[str, Array] = {}
-    for field in FOUND.schema:
-        values: list[Any]
-        if field.name == "periods":
-            values = [[{"start": _us(start), "end": _us(end)} for start, end in one.periods] for one in rows]
-        elif field.name == "region":
-            shapes = shapely.from_geojson(np.array([one.region for one in rows], dtype=object))
+    for one in _COLUMNS:
+        values: list[Any] = [getattr(row, one.field) for row in rows]
+        if one.type is Type.PERIODS:
+            values = [[{"start": _us(start), "end": _us(end)} for start, end in periods] for periods in values]
+        elif one.type is Type.REGION:
+            shapes = shapely.from_geojson(np.array(values, dtype=object))
             values = list(shapely.to_wkb(shapes, byte_order=1, include_srid=False))
-        elif field.name in _POINTS:
-            values = [_point(getattr(one, _POINTS[field.name])) for one in rows]
-        else:
-            values = [getattr(one, field.name, None) for one in rows]
-            if field.type == INSTANT:
-                values = [_us(value) for value in values]
-        columns[field.name] = pa.array(values, field.type)
+        elif one.type is Type.POINT:
+            values = [_point(value) for value in values]
+        elif one.type is Type.INSTANT:
+            values = [_us(value) for value in values]
+        columns[one.name] = pa.array(values, _TYPES[one.type])
     return FOUND.batch(columns)
 
 
@@ -217,6 +180,15 @@ def _of_points(places_deg: NDArray[np.float64]) -> Array:
     is_known = ~np.isnan(places_deg[:, 0])
     held = pa.Array.from_buffers(pa.binary(_POINT.itemsize), len(points), [None, pa.py_buffer(points.tobytes())])
     return pc.if_else(pa.array(is_known), held.cast(pa.binary()), pa.scalar(None, pa.binary()))
+
+
+def _array(column: Column, stored: Array) -> NDArray[Any]:
+    """Return a column as the array that `Conflicts` has of it."""
+    if column.type is Type.POINT:
+        return _places(stored, column.name)
+    if column.type is Type.INSTANT:
+        return instants(stored, SINCE_EVER_US)
+    return measures(stored, np.nan) if column.type is Type.NUMBER else numbers(stored)
 
 
 def _places(column: Array, name: str) -> NDArray[np.float64]:
@@ -248,3 +220,12 @@ def _codes(columns: dict[str, Array], name: str, names: Array) -> NDArray[np.int
         strange = columns[name].filter(codes.is_null())[0].as_py()
         raise InvalidInput(_WHO, name, f"must be one of {', '.join(names.to_pylist())}; got {strange!r:.60}")
     return numbers(codes).astype(np.int8)
+
+
+# Columns from the arrays of `Conflicts`.
+_OF_ARRAY: Final[dict[Type, Callable[[NDArray[Any]], Array]]] = {
+    Type.NUMBER: lambda values: of_measures(values, np.nan),
+    Type.INSTANT: lambda values_us: of_instants(values_us, SINCE_EVER_US),
+    Type.WHOLE: of_numbers,
+    Type.POINT: _of_points,
+}
