@@ -30,6 +30,7 @@ from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digest
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
+from conflictdb.record import MEASURED, STATES, Type
 from conflictdb.results import Verdict
 from conflictdb.waiting import answer_of, begun_aside
 
@@ -37,6 +38,7 @@ from conflictdb.waiting import answer_of, begun_aside
 _ROWS_AT_ONCE: Final = 5_000
 # From so many new rows on COPY, which takes four statements, is worth it.
 _MANY_NEW: Final = 300
+_SENT_AS: Final = {Type.POINT: "bytea", Type.NUMBER: "double precision", Type.INSTANT: "timestamptz"}
 # What _write_run takes of a row, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
@@ -50,14 +52,7 @@ _TYPES: Final = {
     "verdict": "text",
     "periods": "tstzmultirange",
     "region": "bytea",
-    "first_contact_point": "bytea",
-    "time_error_s": "double precision",
-    "closest_at": "timestamptz",
-    "closest_m": "double precision",
-    "closest_error_m": "double precision",
-    "closest_a_point": "bytea",
-    "closest_b_point": "bytea",
-}
+} | {one.name: _SENT_AS[one.type] for one in MEASURED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,11 +272,12 @@ def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
     columns: list[copy_binary.Column] = [
         copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, found.verdict)
     ]
-    for numbers in (found.a_id, found.a_version, found.b_id, found.b_version, found.closest_us):
+    # By type: the order of columns is part of the digests that databases hold.
+    of_type = {kind: [getattr(found, one.array) for one in MEASURED if one.type is kind] for kind in Type}
+    for numbers in (*(getattr(found, one.array) for one in STATES), *of_type[Type.INSTANT]):
         columns.append(copy_binary.fixed(numbers, "i8"))
-    for measures in (found.time_error_s, found.closest_m, found.closest_error_m):
-        columns.append(_digested(measures[:, None]))
-    columns += [_digested(places) for places in (found.first_contact_deg, found.closest_a_deg, found.closest_b_deg)]
+    columns += [_digested(measures[:, None]) for measures in of_type[Type.NUMBER]]
+    columns += [_digested(places) for places in of_type[Type.POINT]]
     # Alone of no fixed width: so no two rows are the same bytes.
     columns.append(
         copy_binary.Ragged(copy_binary.fixed(found.period_us.ravel(), "i8").ravel(), 16 * found.period_offset)
