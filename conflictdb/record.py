@@ -163,10 +163,9 @@ STATES: Final = tuple(
 # Computed from arrays: neither kinds, verdict and periods, which are arrays of their own, nor what follows from others.
 MEASURED: Final = tuple(column for column in COLUMNS if column.array)
 _BY_NAME: Final = {column.name: column for column in COLUMNS} | {
-    f"{side}_point": replace(column, name=f"{side}_point", field=f"{side}_deg")
-    for side in "ab"
+    column.name.removeprefix("closest_"): replace(column, name=column.name.removeprefix("closest_"))
     for column in COLUMNS
-    if column.name == f"closest_{side}_point"
+    if column.name in ("closest_a_point", "closest_b_point")
 }
 # An approach has these, in the order of its view: no periods, and what follows from periods.
 APPROACH_COLUMNS: Final = tuple(

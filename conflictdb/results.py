@@ -5,7 +5,7 @@ to the microsecond; where a period has no bound, it is None. Positions are (long
 """
 
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias, TypeVar, cast
@@ -66,7 +66,37 @@ _KIND_CODES: Final = {Kind.AREA: 0, Kind.TRACK: 1}  # areas come first in a pair
 _KINDS: Final = {code: kind for kind, code in _KIND_CODES.items()}
 
 
-class Drawable:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairRecord:
+    """What conflicts and closest approaches have in common: the columns `record.APPROACH_COLUMNS`, and `STATES`."""
+
+    scene: str
+    a_key: str
+    a_kind: Kind
+    b_key: str
+    b_kind: Kind
+    verdict: Verdict
+    time_error_s: float
+    method: Method
+    closest_at: datetime | None = None
+    closest_m: float | None = None
+    closest_error_m: float | None = None
+    closest_a_deg: Position | None = None
+    closest_b_deg: Position | None = None
+    is_current: bool | None = None
+    scene_is_current: bool | None = None
+    run_id: int | None = None
+    found_at: datetime | None = None
+    a_id: int | None = field(default=None, repr=False, compare=False)
+    a_version: int | None = field(default=None, repr=False, compare=False)
+    b_id: int | None = field(default=None, repr=False, compare=False)
+    b_version: int | None = field(default=None, repr=False, compare=False)
+
+
+_SHARED: Final = tuple(one.name for one in fields(PairRecord))
+
+
+class Drawable(PairRecord):
     """What can be drawn, as long as it is known where it was found: copies made elsewhere have no origin."""
 
     __slots__ = ("_origin",)
@@ -90,7 +120,7 @@ class Drawable:
         return origin.plot_conflict(cast(Conflict, self))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict(Drawable):
     """Two objects that interfere, or might: what `solve` returns, and a row of the view `conflicts`.
 
@@ -121,36 +151,15 @@ class Conflict(Drawable):
         unless the region is asked for
     """
 
-    scene: str
-    a_key: str
-    a_kind: Kind
-    b_key: str
-    b_kind: Kind
-    verdict: Verdict
     periods: tuple[Period, ...]
-    time_error_s: float
-    method: Method
     first_contact_deg: Position | None = None
-    closest_at: datetime | None = None
-    closest_m: float | None = None
-    closest_error_m: float | None = None
-    closest_a_deg: Position | None = None
-    closest_b_deg: Position | None = None
     region: str | None = None
-    is_current: bool | None = None
-    scene_is_current: bool | None = None
-    run_id: int | None = None
-    found_at: datetime | None = None
     conflict_id: int | None = None
     changed_at: datetime | None = None
     acknowledged_by: str | None = None
     acknowledged_at: datetime | None = None
     acknowledged_for: str | None = None
     acknowledged_until: datetime | None = None
-    a_id: int | None = field(default=None, repr=False, compare=False)
-    a_version: int | None = field(default=None, repr=False, compare=False)
-    b_id: int | None = field(default=None, repr=False, compare=False)
-    b_version: int | None = field(default=None, repr=False, compare=False)
 
     @property
     def opened_at(self) -> datetime | None:
@@ -177,61 +186,37 @@ class Conflict(Drawable):
         """How close the two come; None where the method does not tell."""
         if self.closest_m is None or self.closest_error_m is None or not self.closest_a_deg or not self.closest_b_deg:
             return None
-        return Approach(
-            scene=self.scene,
-            a_key=self.a_key,
-            a_kind=self.a_kind,
-            b_key=self.b_key,
-            b_kind=self.b_kind,
-            verdict=self.verdict,
-            closest_at=self.closest_at,
-            closest_m=self.closest_m,
-            closest_error_m=self.closest_error_m,
-            a_deg=self.closest_a_deg,
-            b_deg=self.closest_b_deg,
-            method=self.method,
-            time_error_s=self.time_error_s,
-            is_current=self.is_current,
-            scene_is_current=self.scene_is_current,
-            run_id=self.run_id,
-            found_at=self.found_at,
-        )
+        return Approach(**_shared(self))
 
 
-@dataclass(frozen=True, slots=True)
-class Approach:
-    """How close two objects come: `Conflict.approach`, and a row of the view `approaches`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Approach(PairRecord):
+    """How close two objects come: `Conflict.approach`, and a row of the view `approaches`. A conflict without periods.
 
     closest_at : the first instant at which they are closest; None for areas that are always there
     closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be
-    a_deg, b_deg : the nearest points then
+    closest_a_deg, closest_b_deg : the nearest points then; also called `a_deg` and `b_deg`
     verdict : near (no conflict), or that of the conflict
     method, time_error_s : of the detection that found it, and as of the conflict
     is_current, scene_is_current, run_id, found_at : as of a `Conflict`
     a_id, a_version, b_id, b_version : as of a `Conflict`; None unless only those that are near are asked for
     """
 
-    scene: str
-    a_key: str
-    a_kind: Kind
-    b_key: str
-    b_kind: Kind
-    verdict: Verdict
     closest_at: datetime | None
     closest_m: float
     closest_error_m: float
-    a_deg: Position
-    b_deg: Position
-    method: Method
-    time_error_s: float
-    is_current: bool | None = None
-    scene_is_current: bool | None = None
-    run_id: int | None = None
-    found_at: datetime | None = None
-    a_id: int | None = field(default=None, repr=False, compare=False)
-    a_version: int | None = field(default=None, repr=False, compare=False)
-    b_id: int | None = field(default=None, repr=False, compare=False)
-    b_version: int | None = field(default=None, repr=False, compare=False)
+    closest_a_deg: Position
+    closest_b_deg: Position
+
+    @property
+    def a_deg(self) -> Position:
+        """The nearest point of the first object."""
+        return self.closest_a_deg
+
+    @property
+    def b_deg(self) -> Position:
+        """The nearest point of the second object."""
+        return self.closest_b_deg
 
     def as_near(self) -> Conflict:
         """Return a pair that is only near as a row among conflicts: it has no periods.
@@ -241,30 +226,11 @@ class Approach:
         if self.verdict is not Verdict.NEAR:
             who = f"approach of {self.a_key!r} and {self.b_key!r}"
             raise InvalidInput(who, "verdict", f"must be near: else its row is the conflict; got {self.verdict}")
-        return Conflict(
-            scene=self.scene,
-            a_key=self.a_key,
-            a_kind=self.a_kind,
-            b_key=self.b_key,
-            b_kind=self.b_kind,
-            verdict=self.verdict,
-            periods=(),
-            time_error_s=self.time_error_s,
-            method=self.method,
-            closest_at=self.closest_at,
-            closest_m=self.closest_m,
-            closest_error_m=self.closest_error_m,
-            closest_a_deg=self.a_deg,
-            closest_b_deg=self.b_deg,
-            is_current=self.is_current,
-            scene_is_current=self.scene_is_current,
-            run_id=self.run_id,
-            found_at=self.found_at,
-            a_id=self.a_id,
-            a_version=self.a_version,
-            b_id=self.b_id,
-            b_version=self.b_version,
-        )
+        return Conflict(periods=(), **_shared(self))
+
+
+def _shared(pair: PairRecord) -> dict[str, Any]:
+    return {name: getattr(pair, name) for name in _SHARED}
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,13 @@ of date (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 
 import argparse
 import ast
+import dataclasses
 import inspect
 import os
 import re
 import tempfile
 import textwrap
 from collections.abc import Iterable, Iterator
-from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final
@@ -179,9 +179,8 @@ def _described(thing: Any) -> Iterator[str]:
         yield _doc(thing)
         yield _code("\n".join(line.strip() for line in lines if re.match(r"    [A-Z]\w* = ", line)))
         return
-    elif is_dataclass(thing):
-        fields = [_field(one) for one in tree.body if isinstance(one, ast.AnnAssign)]
-        yield _code(_wrapped(thing.__name__, fields, ""))
+    elif dataclasses.is_dataclass(thing):
+        yield _code(_wrapped(thing.__name__, list(_fields(thing)), ""))
     yield _doc(thing)
     for method in tree.body:
         if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
@@ -190,6 +189,19 @@ def _described(thing: Any) -> Iterator[str]:
             result = ast.unparse(method.returns).strip("'") if method.returns else "None"
             yield _code(f"{method.name}: {result}" if is_property else _signature(method))
             yield _doc(getattr(thing, method.name))
+
+
+def _fields(thing: type) -> Iterator[str]:
+    """Yield the fields of a dataclass, those of its bases first."""
+    declared: dict[str, ast.AnnAssign] = {}
+    for base in reversed(thing.__mro__):
+        if "__dataclass_fields__" in vars(base):
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+            assert isinstance(tree, ast.ClassDef)  # noqa: S101
+            declared |= {ast.unparse(one.target): one for one in tree.body if isinstance(one, ast.AnnAssign)}
+    if all(one.kw_only for one in dataclasses.fields(thing)):
+        yield "*"
+    yield from map(_field, declared.values())
 
 
 def _field(one: ast.AnnAssign) -> str:

@@ -35,7 +35,17 @@ TRACKS: Final = [Track(key, np.array([[0.0, 50.5], [2.0, 50.5]]), TIMES_US, SIDE
 
 def row(a: str, b: str, verdict: Verdict, **more: object) -> Conflict:
     kinds = {one.key: Kind.AREA for one in AREAS} | {one.key: Kind.TRACK for one in TRACKS}
-    plain = Conflict("s", a, kinds[a], b, kinds[b], verdict, (), 0.0, SCENE.method)
+    plain = Conflict(
+        scene="s",
+        a_key=a,
+        a_kind=kinds[a],
+        b_key=b,
+        b_kind=kinds[b],
+        verdict=verdict,
+        periods=(),
+        time_error_s=0.0,
+        method=SCENE.method,
+    )
     return replace(plain, **more)  # type: ignore[arg-type]
 
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from datetime import timedelta, tzinfo
 from pathlib import Path
 from typing import Any
@@ -233,7 +234,7 @@ def test_place_of_a_conflict_is_its_region_where_that_was_read() -> None:
     (found,) = solve(one_track(), one_area())
     assert found.first_contact_deg is not None
     region = '{"type": "LineString", "coordinates": [[1, 2], [3, 4]]}'
-    whole = Conflict(**{name: getattr(found, name) for name in found.__slots__} | {"region": region})
+    whole = replace(found, region=region)
     frame = Results([found, whole], Conflict).to_dataframe()
     assert frame["geometry"].tolist() == [shapely.Point(found.first_contact_deg), shapely.LineString([(1, 2), (3, 4)])]
 

@@ -2,13 +2,15 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import MISSING, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 
-from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, write
+from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, record, write
+from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_rows
 
 OUTPUTS = Path(__file__).with_name("record_outputs.txt")
@@ -119,6 +121,22 @@ def outputs(folder: Path) -> Iterator[str]:
     yield "".join(
         f"{key!r}: {text!r}\n" for key, text in pq.read_metadata(folder / "conflicts.parquet").metadata.items()
     )
+
+
+def test_every_column_is_an_attribute() -> None:
+    """Of both kinds of rows, and every field of theirs is of a column."""
+    for kind, columns in ((Conflict, record.COLUMNS), (Approach, record.APPROACH_COLUMNS)):
+        names = {one.field for one in (*columns, *record.STATES)}
+        assert all(hasattr(kind, name) for name in names)
+        assert {one.name for one in fields(kind)} <= names
+        assert {one.field for one in columns if one.required} <= {
+            one.name for one in fields(kind) if one.default is MISSING
+        }
+
+
+def test_every_array_is_a_field_of_conflicts() -> None:
+    arrays = {one.name for one in fields(Conflicts)} - {"a_kind", "b_kind", "verdict", "where"}
+    assert {one.array for one in (*record.MEASURED, *record.STATES)} == arrays - {"period_us", "period_offset"}
 
 
 def test_outputs_are_what_they_were(tmp_path: Path) -> None:
