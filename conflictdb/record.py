@@ -54,7 +54,7 @@ COLUMNS: Final = (
     Column(
         "a_key",
         Type.TEXT,
-        "Key of the first object: the area if there is one, else the smaller key in byte order.",
+        "Key of the first object.",
         required=True,
     ),
     Column("a_kind", Type.NAME, "area or track.", required=True),
@@ -63,23 +63,23 @@ COLUMNS: Final = (
     Column(
         "periods",
         Type.PERIODS,
-        "When they interfere, bounds inclusive, rounded outward to the microsecond; a pair that is only near has none.",
+        "When they interfere: bounds inclusive, rounded outward to the microsecond; no bound where it has none.",
         required=True,
     ),
-    Column("first_contact", Type.INSTANT, "Start of the first period; null if that is unbounded."),
-    Column("last_contact", Type.INSTANT, "End of the last period; null if that is unbounded."),
+    Column("first_contact", Type.INSTANT, "Start of the first period; null if it has none."),
+    Column("last_contact", Type.INSTANT, "End of the last period; null if it has none."),
     Column(
         "verdict",
         Type.NAME,
-        "conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor "
-        "decided; near: no conflict.",
+        "conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither "
+        "proven apart nor decided, periods then say when they might meet.",
         required=True,
     ),
-    Column("region", Type.REGION, "Where they interfere; null unless it was asked for.", "deg"),
+    Column("region", Type.REGION, "Where, longitude and latitude in degrees; cut at the seam.", "deg"),
     Column(
         "first_contact_point",
         Type.POINT,
-        "Where they first touch; null if not computed.",
+        "Where they first touch, longitude and latitude in degrees; null if not computed.",
         "deg",
         field="first_contact_deg",
         array="first_contact_deg",
@@ -88,38 +88,39 @@ COLUMNS: Final = (
     Column(
         "time_error_s",
         Type.NUMBER,
-        "Bound on the error of every end of every period.",
+        "Bound on the error of every end of every period, seconds.",
         "s",
         required=True,
         array="time_error_s",
     ),
     Column("is_current", Type.TRUTH, "Whether neither object, nor the scene's settings, changed since."),
-    Column("run_id", Type.WHOLE, "The run that found it so; later runs found the same."),
-    Column("found_at", Type.INSTANT, "When the pair was first found."),
+    Column("run_id", Type.WHOLE, "The run that found it so; later ones found the same."),
+    Column("found_at", Type.INSTANT, "When the pair was first found to interfere."),
     Column(
         "closest_at",
         Type.INSTANT,
-        "Closest approach: the first instant; null if not computed, and for areas that are always there.",
+        "Closest approach: when, the first time if they are as close more than once; null if not "
+        "computed, or always so.",
         array="closest_us",
     ),
     Column(
         "closest_m",
         Type.NUMBER,
-        "Closest approach: least distance on the earth, 0 if they touch; null if not computed.",
+        "Closest approach: least distance of the polygons, metres on the earth, 0 if they touch; null if not computed.",
         "m",
         array="closest_m",
     ),
     Column(
         "closest_error_m",
         Type.NUMBER,
-        "Closest approach: how far from closest_m the least distance may be; null if not computed.",
+        "Closest approach: how far from closest_m the least distance may be, metres; null if not computed.",
         "m",
         array="closest_error_m",
     ),
     Column(
         "closest_a_point",
         Type.POINT,
-        "Closest approach: nearest point of the first object; null if not computed.",
+        "Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.",
         "deg",
         field="closest_a_deg",
         array="closest_a_deg",
@@ -127,7 +128,8 @@ COLUMNS: Final = (
     Column(
         "closest_b_point",
         Type.POINT,
-        "Closest approach: nearest point of the second object; null if not computed.",
+        "Closest approach: nearest point of the second object, longitude and latitude in degrees; null "
+        "if not computed.",
         "deg",
         field="closest_b_deg",
         array="closest_b_deg",
@@ -135,18 +137,30 @@ COLUMNS: Final = (
     Column(
         "scene_is_current",
         Type.TRUTH,
-        "Whether the conflicts of the scene are complete: nothing of it waits for detection.",
+        "Whether the conflicts of the scene are complete: nothing of it waits for detection (see the view scenes).",
     ),
-    Column("conflict_id", Type.WHOLE, "Number of the conflict, the same from opening to closing."),
-    Column("opened_at", Type.INSTANT, "When it opened: found_at; null of a pair that is only near."),
-    Column("changed_at", Type.INSTANT, "When its periods, verdict or a key last changed; null if they never did."),
-    Column("acknowledged_by", Type.TEXT, "Who acknowledged it as it is now; null where nobody did."),
+    Column(
+        "conflict_id", Type.WHOLE, "Number of the conflict, the same from opening to closing (see conflict_events)."
+    ),
+    Column("opened_at", Type.INSTANT, "When it opened: found_at, as histories call it."),
+    Column(
+        "changed_at",
+        Type.INSTANT,
+        "When its periods (by more than they are uncertain by), its verdict or a key last changed; null "
+        "if they never did.",
+    ),
+    Column(
+        "acknowledged_by",
+        Type.TEXT,
+        "Who acknowledged it as it is now, or more; null where nobody did, where that is over, and "
+        "where it has grown since.",
+    ),
     Column("acknowledged_at", Type.INSTANT, "When that was; null where acknowledged_by is."),
     Column("acknowledged_for", Type.TEXT, "Why; null where acknowledged_by is."),
     Column(
         "acknowledged_until",
         Type.INSTANT,
-        "Until when that holds; null: as long as the conflict lasts, and where acknowledged_by is.",
+        "Until when that holds; null: for as long as the conflict lasts, and where acknowledged_by is.",
     ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
@@ -154,8 +168,8 @@ STATES: Final = tuple(
     Column(f"{side}_{name}", Type.WHOLE, meaning, array=f"{side}_{name}")
     for side, which in (("a", "first"), ("b", "second"))
     for name, meaning in (
-        ("id", f"Number of the {which} object; null where the conflict is of no database."),
-        ("version", f"State of the {which} object; null where its number is."),
+        ("id", f"Number of the {which} object; null where it is not known."),
+        ("version", f"Version of the {which} object that the conflict was found of; null where it is not known."),
     )
 )
 

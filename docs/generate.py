@@ -3,8 +3,9 @@
     ./run python docs/generate.py
 
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
-the comments in the catalog of a fresh schema, in an embedded database that is thrown away. Tests say when a page is out
-of date (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
+the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
+`arrow.md` the columns of a conflict are made from the table `conflictdb.record`. Tests say when a page is out of date
+(tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
 import argparse
@@ -23,6 +24,8 @@ from typing import Any, Final
 import psycopg
 
 import conflictdb
+from conflictdb import record
+from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
@@ -274,6 +277,26 @@ def _doc(thing: Any) -> str:
     return "\n".join(out).strip()
 
 
+# --- columns of conflicts in Arrow
+
+BEGIN: Final = "<!-- From here to the end mark made by docs/generate.py: do not edit. -->"
+END: Final = "<!-- The end mark. -->"
+
+
+def arrow() -> str:
+    """Return the page of Arrow forms, with the columns of a conflict as they are."""
+    before, rest = (REFERENCE / "arrow.md").read_text().split(f"{BEGIN}\n")
+    after = rest.partition(END)[2]
+    types = {one.name: f"{one.type}{'' if one.nullable else ', never null'}" for one in FOUND.schema}
+    types["periods"] = "list of struct of `start`, `end`: timestamp[us, UTC], never null"
+    rows = ((f"`{one.name}`", _arrow(types[one.name]), one.meaning) for one in (*record.COLUMNS, *record.STATES))
+    return f"{before}{BEGIN}\n\n{table(['column', 'type', 'means'], rows)}\n\n{END}{after}"
+
+
+def _arrow(text: str) -> str:
+    return text.replace("double", "float64").replace("tz=UTC", "UTC")
+
+
 # --- SQL
 
 SQL: Final = f"""\
@@ -434,7 +457,7 @@ def main() -> None:
         Path(home).chmod(0o755)  # a server that root starts runs as another user
         os.environ["CONFLICTDB_HOME"] = f"{home}/database"
         with conflictdb.connect() as db, db.connection.transaction():
-            pages = {"cli.md": cli(), "python.md": python(), "sql.md": sql(db.connection)}
+            pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
 
