@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from conflictdb.printable import printable
 
 if TYPE_CHECKING:
-    from conflictdb.results import Approach, Conflict
+    from conflictdb.results import Approach, Conflict, PairRecord
 
 # More rows make a page that nobody reads, and that is slow to show.
 _MOST_ROWS: Final = 50
@@ -27,9 +27,7 @@ def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
             instant_text(one.last_contact),
             str(len(one.periods)),
             bound_text(one.time_error_s),
-            ""
-            if one.closest_m is None or one.closest_error_m is None
-            else f"{one.closest_m:.3f} ± {one.closest_error_m:.1g}",
+            distance_text(one),
         ]
         for one in conflicts[:_MOST_ROWS]
     )
@@ -45,7 +43,7 @@ def approaches_html(approaches: "Sequence[Approach]") -> str:
             one.b_key,
             one.verdict,
             instant_text(one.closest_at),
-            f"{one.closest_m:.3f} ± {one.closest_error_m:.1g}",
+            distance_text(one),
         ]
         for one in approaches[:_MOST_ROWS]
     )
@@ -70,6 +68,13 @@ def text_of(text: str) -> str:
 def instant_text(instant: datetime | None) -> str:
     """Return an instant in UTC to the microsecond, or two dots where a period has no end."""
     return ".." if instant is None else instant.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0").rstrip(".")
+
+
+def distance_text(pair: "PairRecord") -> str:
+    """Return the least distance in metres and its error bound, or nothing where that is not known."""
+    if pair.closest_m is None or pair.closest_error_m is None:
+        return ""
+    return f"{pair.closest_m:.3f} ± {pair.closest_error_m:.1g}"
 
 
 def bound_text(seconds: float) -> str:

@@ -257,8 +257,8 @@ class ConflictEvent:
     a_kind: Kind
     b_key: str
     b_kind: Kind
-    verdict: Verdict
     periods: tuple[Period, ...]
+    verdict: Verdict
     time_error_s: float
     closest_at: datetime | None
     closest_m: float | None

@@ -2,6 +2,9 @@
 
 import argparse
 import json
+from dataclasses import fields
+from datetime import datetime
+from typing import Any
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import data, out, table
@@ -57,23 +60,10 @@ def _table(events: list[ConflictEvent]) -> str:
 
 def _facts(event: ConflictEvent) -> dict[str, object]:
     """Return the columns of the view `conflict_events`."""
-    return {
-        "scene": event.scene,
-        "event": event.event,
-        "kind": event.kind,
-        "at": format_moment(event.at),
-        "run_id": event.run_id,
-        "conflict_id": event.conflict_id,
-        "a_key": event.a_key,
-        "a_kind": event.a_kind,
-        "b_key": event.b_key,
-        "b_kind": event.b_kind,
-        "periods": [[format_moment(start), format_moment(end)] for start, end in event.periods],
-        "verdict": event.verdict,
-        "time_error_s": event.time_error_s,
-        "closest_at": format_moment(event.closest_at),
-        "closest_m": event.closest_m,
-        "closest_error_m": event.closest_error_m,
-        "opened_at": format_moment(event.opened_at),
-        "closed_at": format_moment(event.closed_at),
-    }
+    return {one.name: _fact(getattr(event, one.name)) for one in fields(event)}
+
+
+def _fact(value: Any) -> object:
+    if isinstance(value, tuple):
+        return [[format_moment(start), format_moment(end)] for start, end in value]
+    return format_moment(value) if isinstance(value, datetime) else value

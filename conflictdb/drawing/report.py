@@ -18,7 +18,7 @@ from conflictdb.drawing.section import Section, drawn
 from conflictdb.drawing.style import checked_name, instant, written_whole
 from conflictdb.methods import METHODS
 from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Motion, Scene, Track
-from conflictdb.notebook import bound_text, instant_text, text_of
+from conflictdb.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, SceneState, Verdict
 
@@ -136,7 +136,7 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
             "\n".join(_period(*period) for period in one.periods),
             bound_text(one.time_error_s),
             "" if one.first_contact_deg is None else "{1:.5f}, {0:.5f}".format(*one.first_contact_deg),
-            "" if one.closest_m is None or one.closest_error_m is None else _metres(one.closest_m, one.closest_error_m),
+            distance_text(one),
         ]
         for one in conflicts[:_MOST_CONFLICTS]
     ]
@@ -154,7 +154,7 @@ def _near(checked: Checked) -> list[Section]:
             printable(one.a_key),
             printable(one.b_key),
             instant_text(one.closest_at),
-            _metres(one.closest_m or 0.0, one.closest_error_m or 0.0),
+            distance_text(one),
         ]
         for one in checked.near[:_MOST_CONFLICTS]
     ]
@@ -229,10 +229,6 @@ def _period(start: datetime | None, end: datetime | None) -> str:
     texts = instant_text(start), instant_text(end)
     day, _, time = texts[1].partition(" ")
     return f"{texts[0]} to {time if time and texts[0].startswith(day) else texts[1]}"
-
-
-def _metres(least: float, error: float) -> str:
-    return f"{least:.3f} ± {error:.1g}"
 
 
 def _html(title: str, made: str, warning: str, sections: Sequence[Section]) -> bytes:
