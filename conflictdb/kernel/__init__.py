@@ -1,10 +1,10 @@
-"""The kernel in C: when two pieces touch, or come nearer than a distance, a pair at a time and with proofs.
+"""Python binding of the kernel, a C library that finds and proves contacts of moving polygons.
 
-`kernel.h` is the contract of the library; `library` loads it, `scene` and the parts beside it call it with arrays. A
-`Scene` may be used by several threads, and a call lets other threads of Python run. What is answered for a pair depends
-on that pair alone: not on its company, nor on how many threads there are.
+`kernel.h` is the contract of the library. `library` loads it; `scene` and the other modules call it with arrays.
+Threads may share a `Scene`, and calls release the GIL. The answer for a pair does not depend on the other pairs of the call
+(`Questions.pairs_of_objects` divides work budgets), nor on the number of threads.
 
-`build.py` makes the library; ./run and the wheel's build do that by themselves. docs/explanation/kernel.md says more.
+`build.py` compiles the library; ./run and the build of the wheel do so automatically. See docs/explanation/kernel.md.
 """
 
 from conflictdb.kernel.contacts import Guess, Questions, contacts

@@ -1,4 +1,4 @@
-/* The contacts that are found, as many as there are. */
+/* The list of contacts that a call finds. */
 #ifndef CONFLICTDB_ANSWERS_H
 #define CONFLICTDB_ANSWERS_H
 
@@ -7,14 +7,15 @@
 
 #include "kernel.h"
 
-/* Contacts of pairs; pair: the one that they are being found of. is_full: there was no memory for one. */
+/* A growing list of contacts. pair: the pair that contacts are added for. is_full: out of memory; the list is
+ * incomplete. */
 typedef struct {
     KernelContact *items;
     int64_t count, room, pair;
     bool is_full;
 } Answers;
 
-/* Somebody who says where a contact may be. */
+/* The callback for where a contact may be, and its arguments. ask: NULL without a callback. */
 typedef struct {
     KernelGuess *ask;
     void *of;

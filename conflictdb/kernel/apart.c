@@ -1,10 +1,10 @@
-/* Which hulls of pieces are apart: stage 2. */
+/* Stage 2: which hulls of pieces are disjoint. */
 #include <float.h>
 
 #include "kernel.h"
 #include "plane.h"
 
-/* A closed ring without its last vertex, which is its first again. */
+/* A closed ring without its last vertex, which repeats the first. */
 typedef struct {
     const double *xy;
     int64_t count;
@@ -16,11 +16,12 @@ static double along(Vector axis, Vector place, Vector origin) {
     return axis.x * (place.x - origin.x) + axis.y * (place.y - origin.y);
 }
 
-/* Three roundings of half an epsilon a projection, of a difference, a product and a sum; two projections, and their
- * difference, which is twice the size at most: four epsilons, and more than what is of higher order. */
+/* Rounding error bound of `is_proof`, relative to size: half an epsilon for each difference, product and sum of a
+ * projection; two projections and their difference, at most twice the size: four epsilons, plus higher orders. */
 static const double ROUNDING = 5.0 * DBL_EPSILON;
 
-/* Is all of b strictly further along an axis than all of a? Any axis proves them apart, whatever the rings are. */
+/* Whether all of b lies strictly farther along an axis than all of a. Any such axis proves them disjoint, for any
+ * rings. */
 static bool is_proof(const Ring *a, const Ring *b, Vector axis) {
     Vector origin = corner(a, 0);
     double end = -INFINITY, start = INFINITY, size = 0.0;
@@ -37,7 +38,8 @@ static bool is_proof(const Ring *a, const Ring *b, Vector axis) {
     return start - end > ROUNDING * size;
 }
 
-/* Is b beyond an edge of a? As edges turn left, so does the corner of b that is least far beyond them: it is followed. */
+/* Whether an edge of a separates b. The corner of b nearest to the edge's line turns left as the edges do, so the
+ * search follows it from edge to edge. */
 static bool is_beyond_edge(const Ring *a, const Ring *b) {
     int64_t nearest = 0;
     for (int64_t k = 0; k < a->count; k++) {
@@ -46,7 +48,7 @@ static bool is_beyond_edge(const Ring *a, const Ring *b) {
         for (int64_t step = 0; step < b->count; step++) {
             int64_t next = nearest + 1 < b->count ? nearest + 1 : 0;
             double there = along(axis, corner(b, next), from);
-            /* Of the first edge all are looked at. */
+            /* For the first edge all corners of b are compared. */
             if (there > distance && k > 0) break;
             if (there <= distance) nearest = next, distance = there;
         }

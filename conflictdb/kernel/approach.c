@@ -1,11 +1,15 @@
-/* The closest approach of groups of pairs of pieces: of two objects, how close they come, when and where.
+/* Closest point of approach (CPA) of groups of pairs of pieces: how close two objects come, when and where.
  *
- * Of each group the times of all its pairs are bounded from below, the least bound first, and halved until no bound is
- * less than the least distance that was seen, so that one pair that comes close spares the others the work. The distance
- * is stated with the difference between what was seen and what is proven. Nothing is decided by sampling. A group whose
- * distance need not be known well is done as soon as that difference is small enough.
+ * Branch and bound over time, for all pairs of a group together:
  *
- * Of instants that are as close the earliest counts. Where polygons touch it is proven to be the first.
+ * 1. Bound the distance of each pair from below, during its whole time.
+ * 2. Take the time with the smallest bound. Halve it and bound both halves (`search_group`).
+ * 3. Stop when no bound is smaller than the smallest distance seen, or the required accuracy is reached. One close pair
+ *    thus saves the work of the others.
+ * 4. Refine the instant (`group_passage`), or prove which touch is the first (`group_touch`).
+ *
+ * The reported error is the difference between the smallest distance seen and the smallest bound. Nothing is decided by
+ * sampling. Of equally close instants the earliest is reported.
  */
 #include "approach.h"
 
@@ -14,55 +18,57 @@
 #include "border.h"
 #include "meeting.h"
 
-/* The distance is found to this, metres, unless less will do or the work is used up first. With less, more work. */
+/* Accuracy of distances, metres, unless a coarser one is enough or the work budget is exhausted. Smaller: more work. */
 static const double APPROACH_M = 2.5e-4;
-/* Where the distance need not be known well, that at an instant is stated to this share of what will do. With less, more
- * work for a digit that says nothing. */
+/* With a coarse accuracy, the distance at an instant is computed to this fraction of it. Smaller: more work, for digits
+ * below the accuracy. */
 static const double WAY_SHARE = 0.01;
-/* Distances that differ by less, metres, are equal. Rounding is a tenth of it: with less, which instant counts would be
- * chance. */
+/* Distances that differ by less than this, metres, are equal: ten times the rounding error. Smaller: rounding decides
+ * which instant is reported. */
 static const double TIE_M = 1e-7;
-/* Times are not halved below a microsecond, the resolution of a timestamp; instants are bracketed to a hundredth. */
+/* Times are not halved below a microsecond, the resolution of a timestamp; instants are bracketed to a hundredth of it.
+ */
 static const double SHORTEST_S = 1e-6, BRACKET_S = 1e-8;
-/* Times of a group that are halved at most: beyond it a distance is stated with the bound that was reached. And times of
- * a pair that are looked at for its first touch. */
+/* Budgets. Halvings of a group's times: when exhausted, the distance is reported with the bound reached. Times of a
+ * pair inspected for its first touch. */
 enum { MAX_HALVED = 4096, MAX_LOOKS = 4096 };
-/* Steps of one search of an instant: 48 halve a month to a microsecond. */
+/* Steps of the search for an instant: 48 bisections reduce a month to a microsecond. */
 enum { MAX_STEPS = 48 };
 static const double GOLDEN = 0x1.3c6ef372fe95p-1;
 
-/* A part of a pair's time: what its distance is nowhere below, and is at the ends and in the middle; metres. */
+/* A part of a pair's time: a lower bound on the distance during it, and the distances at its ends and in the middle,
+ * metres. */
 typedef struct {
     double bound, start, end, first, middle, last;
     int64_t pair;
-    bool is_seen; /* else nothing but the bound is known */
+    bool is_seen; /* false: only the bound is known */
 } Part;
 
-/* What is known of a pair: the least distance that was seen, when, in how long a time to either side of that it is not
- * known better, and what it is nowhere below in the parts that are done. */
+/* Results for a pair: the smallest distance seen and its instant; half the length of the time around it that is not
+ * resolved further; and the smallest bound of its finished parts. */
 typedef struct {
     double least, at, half, floor;
 } Seen;
 
-/* A way between two movers at an instant: of which pair, when, its length on the earth, and its ends. */
+/* A connecting line of two movers at an instant: the pair, the instant, its length on the earth, and its ends. */
 typedef struct {
     int64_t pair;
     double at, length;
     Vector from, to;
 } Way;
 
-/* Room for the parts, a heap with the least bound first, and for what is seen of the pairs of a group. */
+/* State of the search of a group: the heap of parts, ordered by bound, and the results of each pair. */
 typedef struct {
     const Scene *scene;
     const KernelPairs *pairs;
     Encounter pair;
-    int64_t met; /* the pair that the encounter is set up for */
+    int64_t met; /* the pair that the encounter is set up for, or -1 */
     int64_t first_pair, last_pair;
     Part *heap;
     int64_t parts;
-    Seen *seen; /* by pair, less first_pair */
+    Seen *seen; /* by pair minus first_pair */
     double wanted, aim, least, floor;
-    Way way; /* the shortest that was looked at without need to know it well */
+    Way way; /* the shortest one inspected at coarse accuracy */
 } Search;
 
 static void push(Search *search, Part part) {
@@ -87,7 +93,7 @@ static Part pop(Search *search) {
     return top;
 }
 
-/* Set the encounter up for a pair; false where it cannot be. */
+/* Set up the encounter for a pair; false if the pair is invalid. */
 static bool meet(Search *search, int64_t i) {
     if (search->met == i) return true;
     search->met = -1;
@@ -109,10 +115,10 @@ static void see(Search *search, int64_t i, double t, double distance, double hal
     search->least = least(search->least, distance);
 }
 
-/* A distance above this need not be known. */
+/* Distances above this need not be known. */
 static double limit_of(const Search *search) { return least(search->least, search->wanted); }
 
-/* Whether a distance need not be known as well as it can be. */
+/* Whether the required accuracy is coarser than APPROACH_M. */
 static bool is_coarse(const Search *search) { return search->aim > APPROACH_M; }
 
 static void finish(Search *search, Part part) {
@@ -121,7 +127,7 @@ static void finish(Search *search, Part part) {
     search->floor = least(search->floor, part.bound);
 }
 
-/* Bound a part from [start, end] and what its distance is there, and keep it. */
+/* Bound the part [start, end] of a pair, given the distances at its ends, and push it. */
 static void bound_part(Search *search, int64_t i, double start, double end, double first, double last) {
     meet(search, i);
     During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - search->aim);
@@ -129,7 +135,8 @@ static void bound_part(Search *search, int64_t i, double start, double end, doub
     push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
 }
 
-/* The distance on the earth of places that are `gap` plane metres apart or more is nowhere less, also round the earth. */
+/* Lower bound on the distance on the earth between places at least `gap` plane metres apart, also around the other side
+ * of the earth. */
 static double least_of_gap(const Encounter *pair, double gap) {
     Extent extent = extent_none();
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
@@ -137,8 +144,8 @@ static double least_of_gap(const Encounter *pair, double gap) {
     return nearer > 0.0 ? plane_least_m(pair->plane, nearer, plane_largest_scale(pair->plane, &extent)) : 0.0;
 }
 
-/* The shortest way at an instant, to a share of the aim: as a rule that between what is nearest in the plane, which takes
- * far less to find. */
+/* The shortest connecting line at an instant, to WAY_SHARE of the accuracy. Mostly the nearest points in the plane
+ * suffice, which take far less work. */
 static Way way_at(Search *search, int64_t i, double t) {
     Way way = {.pair = i, .at = t};
     meet(search, i);
@@ -156,7 +163,8 @@ static Way way_at(Search *search, int64_t i, double t) {
     return way;
 }
 
-/* Whether a look at the middle of a pair's time is enough: the distance need not be known well, nor at its ends. */
+/* Whether a look at the middle of a pair's time is enough. Only for a coarse accuracy; it avoids the distances at both
+ * ends. */
 static bool is_known_by_middle(Search *search, Part *part) {
     if (!is_coarse(search) || !(part->end > part->start)) return false;
     Way way = way_at(search, part->pair, 0.5 * (part->start + part->end));
@@ -186,7 +194,7 @@ static void look_at_pair(Search *search, Part part) {
     bound_part(search, part.pair, part.start, part.end, first, last);
 }
 
-/* Halve times until no bound is less than the least distance, or they touch. */
+/* Halve times until no bound is below the smallest distance, or the pair touches. */
 static void search_group(Search *search) {
     int halved = 0;
     while (search->parts > 0 && search->least > KERNEL_TOUCH_M) {
@@ -208,8 +216,8 @@ static void search_group(Search *search) {
     }
 }
 
-/* Look for a lesser distance about the least that was seen of a pair, by golden section (J. Kiefer, Proc. AMS 4 (1953),
- * doi:10.1090/S0002-9939-1953-0055639-3). */
+/* Minimise the distance around the smallest one seen of a pair, by golden section search (J. Kiefer, Proc. AMS 4
+ * (1953), doi:10.1090/S0002-9939-1953-0055639-3). */
 static void polish(Search *search, int64_t i) {
     const Seen *seen = search->seen + (i - search->first_pair);
     double low = most(seen->at - seen->half, search->pairs->low_s[i]);
@@ -229,7 +237,8 @@ static void polish(Search *search, int64_t i) {
     see(search, i, right, at_right, 0.0);
 }
 
-/* From when on a pair is as close as a level, of which it is further at `outside` and which it is at `inside`. */
+/* The first instant at which the distance is at most a level, by bisection: above it at `outside`, at most it at
+ * `inside`. */
 static double first_below(Search *search, int64_t i, double outside, double inside, double level) {
     for (int step = 0; step < MAX_STEPS && inside - outside > BRACKET_S; step++) {
         double middle = 0.5 * (outside + inside);
@@ -239,8 +248,8 @@ static double first_below(Search *search, int64_t i, double outside, double insi
     return inside;
 }
 
-/* The first instant at which a pair touches during [low, high], in *at; false if there is none. What is before it is
- * proven apart, but for times of a microsecond, and where the work was used up. */
+/* Find the first touch of a pair during [low, high], in *at; false if there is none. The pair is proven apart before
+ * it, except for times of a microsecond, and if the work budget is exhausted. */
 static bool first_touch(Search *search, int64_t i, double low, double high, double *at) {
     struct {
         double start, end, first, last;
@@ -274,13 +283,13 @@ static bool first_touch(Search *search, int64_t i, double low, double high, doub
     return false;
 }
 
-/* Where a group comes closest. */
+/* The instant of a group's closest approach. */
 typedef struct {
     int64_t pair, at_us;
     double at;
 } Moment;
 
-/* The instant so many seconds after another, no further than numbers of microseconds go. */
+/* us plus s seconds, clamped to 64 bits. */
 static int64_t later_us(int64_t us, double s) {
     int64_t more = llrint(least(most(s * 1e6, -0x1p61), 0x1p61));
     if (more > 0 ? us > INT64_MAX - more : us < INT64_MIN - more) return more > 0 ? INT64_MAX : INT64_MIN;
@@ -292,7 +301,7 @@ static void take_earlier(const Search *search, Moment *moment, int64_t i, double
     if (moment->pair < 0 || at_us < moment->at_us) *moment = (Moment){i, at_us, at};
 }
 
-/* The first touch of a group, some instant of which is known. */
+/* The first touch of a group that is known to touch. */
 static Moment group_touch(Search *search) {
     Moment known = {-1, 0, 0.0}, moment = known;
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
@@ -302,7 +311,7 @@ static Moment group_touch(Search *search) {
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
         const Moment *until = moment.pair < 0 ? &known : &moment;
         double low = search->pairs->low_s[i], at;
-        /* Instants of areas that are there for ever are no numbers of seconds. */
+        /* In double arithmetic: the instants of areas without end do not fit into 64 bits of microseconds. */
         double high = ((double)until->at_us - (double)search->pairs->zero_us[i]) / 1e6 + SHORTEST_S;
         high = least(i == until->pair ? until->at : high, search->pairs->high_s[i]);
         if (!(high >= low) || !meet(search, i) || approach_at_least(&search->pair, low, high) > KERNEL_TOUCH_M) continue;
@@ -311,7 +320,7 @@ static Moment group_touch(Search *search) {
     return moment.pair < 0 ? known : moment;
 }
 
-/* The earliest instant at which a group is as close as it comes; where that need not be known well, one that is seen. */
+/* The earliest instant of a group's minimum; with a coarse accuracy, an instant of the smallest distance seen. */
 static Moment group_passage(Search *search) {
     Moment moment = {-1, 0, 0.0};
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
@@ -331,7 +340,7 @@ static Moment group_passage(Search *search) {
     return moment;
 }
 
-/* Put the pairs of a group into the search; false where one of them cannot be. */
+/* Start the search with the pairs of a group; false if one of them is invalid. */
 static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted, double aim) {
     search->first_pair = first_pair, search->last_pair = last_pair, search->parts = 0;
     search->wanted = wanted, search->aim = most(aim, APPROACH_M), search->least = INFINITY, search->floor = INFINITY;
@@ -340,7 +349,7 @@ static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, d
         double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
         if (!(high >= low) || !meet(search, i)) return false;
         search->seen[i - first_pair] = (Seen){INFINITY, low, 0.0, INFINITY};
-        /* Where the distance need not be known well, the first look often is enough for all: no bounds before it. */
+        /* With a coarse accuracy the first look is often enough for the whole group, so bounds are computed later. */
         double bound = is_coarse(search) ? 0.0 : approach_at_least(&search->pair, low, high);
         push(search, (Part){.bound = bound, .start = low, .end = high, .pair = i});
         if (!(search->heap[search->parts - 1].bound >= 0.0)) return false;
@@ -348,7 +357,7 @@ static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, d
     return true;
 }
 
-/* What is stated of a group. */
+/* The answer for a group. */
 typedef struct {
     Moment moment;
     double distance, error, a_deg[2], b_deg[2];
@@ -385,7 +394,7 @@ static Stated state_group(Search *search) {
 static KernelStatus check_groups(const KernelPairs *pairs, const KernelGroups *groups, int64_t *largest) {
     *largest = 0;
     if (groups->count < 0) return KERNEL_BAD_COUNT;
-    if (!groups->offset || (groups->count > 0 && (!groups->wanted_m || !groups->aim_m))) return KERNEL_NULL;
+    if (!groups->offset || (groups->count > 0 && (!groups->limit_m || !groups->accuracy_m))) return KERNEL_NULL;
     if (groups->offset[0] != 0) return KERNEL_BAD_OFFSET;
     for (int64_t g = 0; g < groups->count; g++) {
         if (groups->offset[g + 1] < groups->offset[g]) return KERNEL_BAD_OFFSET;
@@ -408,7 +417,7 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
     if (status != KERNEL_OK) return status;
     status = check_groups(pairs, groups, &largest);
     if (status == KERNEL_OK) {
-        /* Each part that is halved leaves one more. */
+        /* Each halving adds one part. */
         search.heap = malloc(((size_t)largest + MAX_HALVED + 2) * sizeof *search.heap);
         search.seen = malloc(((size_t)largest + 1) * sizeof *search.seen);
         if (!search.heap || !search.seen) status = KERNEL_NO_MEMORY;
@@ -417,10 +426,10 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
         const Stated untold = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
         Stated stated = untold;
         search.pair.parts_left = PLANE_MAX_PARTS;
-        if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->wanted_m[g], groups->aim_m[g])) {
+        if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->limit_m[g], groups->accuracy_m[g])) {
             search_group(&search);
             for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
-            /* Pairs that are asked about at any distance, and none was seen: it cannot be told. */
+            /* Without a limit, and no distance seen, the answer is unknown. */
             bool is_told = search.least < INFINITY || search.wanted < INFINITY || search.first_pair == search.last_pair;
             if (is_told) stated = state_group(&search);
             if (search.pair.parts_left < 0) stated = untold;

@@ -1,22 +1,22 @@
-/* How close two objects come, when and where: the closest approach of groups of pairs. */
+/* Closest approach: distances of a pair, and lower bounds on them during a time. */
 #ifndef CONFLICTDB_APPROACH_H
 #define CONFLICTDB_APPROACH_H
 
 #include "encounter.h"
 
-/* How far apart a pair is in the middle of a time, and what it is nowhere below during it; metres on the earth. */
+/* The distance of a pair in the middle of a time, and a lower bound on it during the time; metres on the earth. */
 typedef struct {
     double middle, bound;
 } During;
 
-/* Bound the distance during [start, end], at whose ends it is `first` and `last`. enough: a bound as good need not be
- * better. */
+/* Bound the distance during [start, end], given the distances `first` and `last` at its ends. enough: the middle is not
+ * computed if the cheapest bound reaches this. */
 During approach_during(Encounter *pair, double start, double end, double first, double last, double enough);
 
-/* What the distance is nowhere below during [low, high], from the boxes about both ways alone. */
+/* Lower bound on the distance during [low, high], from the bounding boxes of both paths only. */
 double approach_at_least(Encounter *pair, double low, double high);
 
-/* The distance at an instant; 0 where they overlap. */
+/* The distance at an instant; 0 if the polygons overlap. */
 double approach_distance(Encounter *pair, double t);
 
 #endif

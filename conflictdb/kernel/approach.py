@@ -1,4 +1,4 @@
-"""How close groups of pairs of pieces come, when and where."""
+"""Closest points of approach (CPA) of groups of pairs of pieces."""
 
 import ctypes
 from dataclasses import dataclass, fields
@@ -12,19 +12,20 @@ from conflictdb.kernel.library import Held, check, fields_of, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 
 _Ints = NDArray[np.int64]
-# Groups that a thread takes at once: milliseconds of work, and one where little is asked of them.
+# Groups per slice of a thread: milliseconds of work, or one with a coarse accuracy.
 _SHARE = 128
 
 
 @dataclass(frozen=True, slots=True)
 class Closest:
-    """How close each of g groups of pairs comes.
+    """The closest point of approach of each of g groups of pairs.
 
-    pair : (g,) the pair that comes closest; -1 where none is within what was asked, and where that is not known
-    at_s : (g,) its seconds: the earliest instant that is as close, of a touch the first; some one where less will do
-    distance_m : (g,) metres on the earth, 0 of a touch, infinite beyond what was asked, NaN where a piece cannot be,
-        and where the work of distances is used up
-    error_m : (g,) how far from it the least distance may be, either way
+    pair : (g,) the pair that comes closest; -1 if none comes within the limit, and if the distance is unknown
+    at_s : (g,) seconds of that pair: the earliest instant of the minimum, of a touch the first; with a coarse accuracy
+        any instant at which the distance is distance_m
+    distance_m : (g,) metres on the earth, 0 for a touch, infinite beyond the limit; NaN (unknown) if a piece is
+        invalid, and if the work budget of distances is exhausted
+    error_m : (g,) the true minimum lies within distance_m plus or minus this
     a_deg, b_deg : (g, 2) longitude (in [-180, 180)) and latitude of the nearest points
     """
 
@@ -44,19 +45,19 @@ def closest(
     low_s: Floats,
     high_s: Floats,
     group_offset: _Ints,
-    wanted_m: Floats,
-    aim_m: Floats,
+    limit_m: Floats,
+    accuracy_m: Floats,
     work: Work,
     threads: int = 1,
 ) -> Closest:
-    """Return how close pieces a and b come during [low_s, high_s], both ends of which count, the closest of each group.
+    """Return the closest approach of pieces a and b during [low_s, high_s], ends included, for each group of pairs.
 
     group_offset : (g + 1,) the pairs of group k are [group_offset[k], group_offset[k + 1])
-    wanted_m : (g,) the distance beyond which nothing needs to be known, metres; may be infinite
-    aim_m : (g,) how well the distance needs to be known, metres: coarser takes less work; 0: as well as it can be
-    work : counts what is done
+    limit_m : (g,) distances beyond this need not be known, metres; may be infinite
+    accuracy_m : (g,) required accuracy of the distance, metres: coarser takes less work; 0: the best there is
+    work : work counters, increased
     """
-    n = len(wanted_m)
+    n = len(limit_m)
     offset = np.ascontiguousarray(group_offset, np.int64)
     if offset.shape != (n + 1,) or offset[0] != 0 or offset[-1] != len(a) or (np.diff(offset) < 0).any():
         raise ValueError("kernel: the offsets of groups do not begin at 0, decrease, or do not end with the pairs")
@@ -68,7 +69,8 @@ def closest(
         done, first = HeldWork(), int(offset[groups.start])
         rows = slice(first, int(offset[groups.stop]))
         held, mine = HeldPairs.of(pairs, rows), _HeldGroups(groups.stop - groups.start)
-        mine.hold(offset=offset[groups.start : groups.stop + 1] - first, wanted_m=wanted_m[groups], aim_m=aim_m[groups])
+        offsets = offset[groups.start : groups.stop + 1] - first
+        mine.hold(offset=offsets, limit_m=limit_m[groups], accuracy_m=accuracy_m[groups])
         columns = [getattr(found, column.name)[groups] for column in fields(found)]
         answers = (column.ctypes.data for column in columns)
         functions, given = library(), (ctypes.byref(held), ctypes.byref(mine))
@@ -85,5 +87,5 @@ def closest(
 class _HeldGroups(Held):
     """KernelGroups."""
 
-    types: ClassVar[dict[str, Any]] = {"offset": np.int64, "wanted_m": np.float64, "aim_m": np.float64}
+    types: ClassVar[dict[str, Any]] = {"offset": np.int64, "limit_m": np.float64, "accuracy_m": np.float64}
     _fields_ = fields_of(types, "count")

@@ -1,4 +1,4 @@
-/* The border: everything that comes in is checked here, and memory is taken and given back. */
+/* Validate all input of the library, prepare scenes, and allocate the memory of an encounter. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,7 +9,8 @@
 #define KERNEL_FINGERPRINT ""
 #endif
 
-/* Polygons that an encounter has room for, the spare one twice, and numbers a vertex of a frame (two of them). */
+/* Memory of an encounter, in doubles per vertex: POLYGONS polygons, a spare one of twice the size, two frames of a
+ * mover. */
 enum { POLYGONS = 6, FRAME = 9, NUMBERS = 2 * POLYGONS + 4 + 2 * FRAME };
 
 int32_t kernel_abi(void) { return KERNEL_ABI; }
@@ -32,7 +33,7 @@ KernelStatus border_check_plane(const KernelPlane *plane) {
 
 KernelStatus border_check_pieces(const KernelPieces *pieces) {
     if (pieces->count < 0 || pieces->vertex_count < 0) return KERNEL_BAD_COUNT;
-    /* What is counted fits into memory, and its size into numbers. */
+    /* All sizes below fit into 64 bits and size_t. */
     if (pieces->count > INT64_MAX / (int64_t)sizeof(Body) / 2) return KERNEL_BAD_COUNT;
     if (pieces->vertex_count > INT64_MAX / (int64_t)sizeof(double) / CIRCLE_COLUMNS / 2) return KERNEL_BAD_COUNT;
     if (!pieces->shape_offset || (pieces->vertex_count > 0 && !pieces->shape)) return KERNEL_NULL;
@@ -109,9 +110,9 @@ KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pie
         kernel_scene_free(made);
         return KERNEL_NO_MEMORY;
     }
-    /* What is not wanted stays as it is, none of its memory touched. */
+    /* Pages of unused pieces stay untouched. */
     for (int64_t i = 0; i < pieces->count; i++)
-        if (!pieces->wanted || pieces->wanted[i]) border_prepare(made, pieces, i);
+        if (!pieces->used || pieces->used[i]) border_prepare(made, pieces, i);
     *scene = made;
     return KERNEL_OK;
 }
@@ -123,7 +124,7 @@ void kernel_scene_free(KernelScene *scene) {
     free(scene);
 }
 
-/* Check pairs, and tell how many vertices the largest of their pieces has. */
+/* Validate pairs, and find the largest number of vertices of their pieces. */
 static KernelStatus check_pairs(const Scene *scene, const KernelPairs *pairs, int64_t *largest) {
     if (pairs->count < 0) return KERNEL_BAD_COUNT;
     *largest = 1;
@@ -138,12 +139,12 @@ static KernelStatus check_pairs(const Scene *scene, const KernelPairs *pairs, in
     return KERNEL_OK;
 }
 
-/* How many numbers an encounter takes, for polygons of so many vertices. */
+/* Doubles that an encounter needs for polygons of up to `largest` vertices. */
 static size_t numbers_of(int64_t largest) {
     return NUMBERS * (size_t)largest + POLYGONS * (size_t)runs_room(largest);
 }
 
-/* Give an encounter room in memory for polygons of so many vertices. */
+/* Divide the memory of an encounter among its polygons. */
 static void lay_out(Encounter *pair, double *memory, int64_t largest) {
     Polygon *polygons[POLYGONS] = {&pair->a0, &pair->b0, &pair->a1, &pair->b1, &pair->a_now, &pair->b_now};
     for (int k = 0; k < POLYGONS; k++) {
@@ -175,7 +176,7 @@ KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounte
     if (!isfinite(pair->separation_m) || !isfinite(pair->margin_m)) return KERNEL_BAD_DISTANCE;
     KernelStatus status = check_pairs(scene, pairs, &largest);
     if (status != KERNEL_OK) return status;
-    largest++; /* what polygons have in common may have two vertices more than both */
+    largest++; /* an intersection may have two vertices more than both polygons */
     *memory = malloc(numbers_of(largest) * sizeof **memory);
     if (!*memory) return KERNEL_NO_MEMORY;
     pair->plane = &scene->plane;

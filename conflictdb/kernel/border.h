@@ -1,4 +1,4 @@
-/* The border: what is done with all that comes in. */
+/* The boundary of the library: validation of input, preparation of pieces, set-up of encounters. */
 #ifndef CONFLICTDB_BORDER_H
 #define CONFLICTDB_BORDER_H
 
@@ -6,16 +6,16 @@
 
 KernelStatus border_check_plane(const KernelPlane *plane);
 
-/* That arrays are there, and that their counts and offsets fit. */
+/* Check that required arrays are given, and that their counts and offsets fit. */
 KernelStatus border_check_pieces(const KernelPieces *pieces);
 
-/* Prepare the body of a piece in a scene; one that cannot be is not sound. */
+/* Prepare the body of a piece in a scene; is_sound of an invalid piece stays false. */
 void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece);
 
-/* Check what a call on pairs is given, and take memory for the polygons of an encounter; the caller frees it. */
+/* Validate the pairs and distances of a call, and allocate the polygons of an encounter; the caller frees `memory`. */
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory);
 
-/* Set an encounter up for pair i; false where it has no time that can be, or a piece that cannot. */
+/* Set up an encounter for pair i; false if its time or one of its pieces is invalid. */
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair);
 
 #endif

@@ -1,14 +1,16 @@
-/* Boxes of rows of pieces that meet in place, height and time: stage 1 of a whole scene, where it is joined in memory.
+/* Broad phase in memory: rows whose bounding boxes overlap in space, height and time (stage 1 of a whole scene).
  *
- * Rows are put into an order in which halves of halves are near each other, along whichever of x, y, time and height tells
- * them apart best (a k-d tree that is packed: the order is the tree); the boxes of the halves are looked through from the top. */
+ * `kernel_box_order` sorts rows into a packed k-d tree: each half of the order is split along the axis (x, y, time or
+ * height) that separates its boxes best. `kernel_box_pairs` builds the bounding boxes of that tree, and looks up each
+ * row from the top.
+ */
 #include <math.h>
 #include <stdlib.h>
 
 #include "kernel.h"
 #include "plane.h"
 
-/* Rows at most that are compared one by one. Larger: more of them in vain. Smaller: more boxes of halves to look at. */
+/* Most rows of a leaf. Larger: more rows compared in vain. Smaller: more tree nodes to inspect. */
 enum { LEAF = 8, AXES = 4 };
 
 typedef struct {
@@ -24,13 +26,14 @@ static Centre centre_of(const KernelBoxes *rows, int64_t i) {
     return (Centre){
         .middle = {finite_or_zero(0.5 * box[0] + 0.5 * box[2]), finite_or_zero(0.5 * box[1] + 0.5 * box[3]),
                    0.5 * start + 0.5 * end, finite_or_zero(0.5 * floor_m + 0.5 * ceiling_m)},
-        /* Where one has no bound, heights tell nothing apart. */
+        /* Unbounded heights are infinite: that axis separates nothing. */
         .extent = {finite_or_zero(box[2] - box[0]), finite_or_zero(box[3] - box[1]), end - start, ceiling_m - floor_m},
         .row = i,
     };
 }
 
-/* The axis along which most boxes of their mean size lie one beside the other; -1 where all have one centre. */
+/* The axis along which the spread of the centres is the largest multiple of the mean extent; -1 if all centres are
+ * equal. */
 static int best_axis(const Centre *centres, int64_t count) {
     int best = -1;
     double most_boxes = 0.0;
@@ -46,7 +49,7 @@ static int best_axis(const Centre *centres, int64_t count) {
     return best;
 }
 
-/* Put what is lowest along an axis before the middle (Hoare's selection). */
+/* Move the `middle` smallest centres along an axis to the front (Hoare's selection). */
 static void select_middle(Centre *centres, int64_t count, int64_t middle, int axis) {
     int64_t low = 0, high = count - 1;
     while (low < high) {
@@ -95,12 +98,12 @@ KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order) {
     return KERNEL_OK;
 }
 
-/* What rows [first, end) take up, all of them; `next` is the node after those below this one. */
+/* Tree node: bounds of the rows [first, end). next: the node after its subtree. */
 typedef struct {
     double low_x, low_y, high_x, high_y, floor_m, ceiling_m;
-    int64_t start_us, end_us, object; /* the largest number of one */
+    int64_t start_us, end_us, object; /* largest number of an object */
     int64_t first, end, next;
-    bool is_copy; /* all of them */
+    bool is_copy; /* whether all rows are copies */
 } Node;
 
 static Node alone(const KernelBoxes *rows, int64_t i) {
@@ -109,7 +112,8 @@ static Node alone(const KernelBoxes *rows, int64_t i) {
                   rows->object[i], i, i + 1, 0, rows->is_copy[i] != 0};
 }
 
-/* What is no number meets nothing, and takes nothing from what it is with. */
+/* Union of two nodes. fmin and fmax skip NaN: a row of NaN intersects nothing, and leaves the bounds of its node valid.
+ */
 static Node joined(Node a, Node b) {
     return (Node){
         fmin(a.low_x, b.low_x), fmin(a.low_y, b.low_y), fmax(a.high_x, b.high_x), fmax(a.high_y, b.high_y),
@@ -120,7 +124,8 @@ static Node joined(Node a, Node b) {
     };
 }
 
-/* Make the nodes of rows [first, end), each before those below it; tells the number after the last. */
+/* Build the subtree of rows [first, end) at node `at`, each node before its children; returns the number after its last
+ * node. */
 static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int64_t first, int64_t end) {
     int64_t next = at + 1;
     if (end - first <= LEAF) {
@@ -136,7 +141,8 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
     return next;
 }
 
-/* May some of these be on both sides of a pair with that row, which is of an object of a smaller number? */
+/* Whether a row may form a pair with rows of a node: boxes intersect, an object number is larger, not all are seam
+ * copies. */
 static bool meet(const Node *row, const Node *some) {
     return row->low_x <= some->high_x && some->low_x <= row->high_x && row->low_y <= some->high_y &&
            some->low_y <= row->high_y && row->start_us <= some->end_us && some->start_us <= row->end_us &&
@@ -152,7 +158,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
     if (wanted < 0 || room < 0) return KERNEL_BAD_COUNT;
     for (int64_t k = 0; k < wanted; k++)
         if (of[k] < 0 || of[k] >= rows->count) return KERNEL_BAD_PIECE;
-    /* Leaves hold half of LEAF at least, or all there is; there are fewer nodes above them than they are. */
+    /* Leaves hold at least LEAF / 2 rows, unless there is one leaf only; inner nodes are fewer than leaves. */
     Node *nodes = malloc((size_t)(4 * rows->count / LEAF + 2) * sizeof *nodes);
     if (!nodes) return KERNEL_NO_MEMORY;
     int64_t count = rows->count > 0 ? make_nodes(rows, nodes, 0, 0, rows->count) : 0, pairs = 0;

@@ -1,4 +1,4 @@
-"""Rows of pieces whose boxes meet in place, height and time: stage 1 of a whole scene, joined in memory."""
+"""Broad phase in memory (stage 1 of a whole scene): rows whose boxes intersect in space, height and time."""
 
 import ctypes
 from collections.abc import Iterator
@@ -29,13 +29,13 @@ class _Boxes(Held):
 
 @dataclass(frozen=True, slots=True)
 class RowBoxes:
-    """n rows of pieces, of each what it takes up.
+    """Bounding boxes of n rows of pieces (KernelBoxes).
 
-    boxes : (n, 4) least x, least y, largest x, largest y, metres of the plane
-    floor_m, ceiling_m : (n,) -inf, inf where unbounded
-    start_us, end_us : (n,) SINCE_EVER_US, FOR_EVER_US where unbounded
-    object : (n,) a number for its object
-    is_copy : (n,) whether it is of a seam copy
+    boxes : (n, 4) min x, min y, max x, max y, plane metres
+    floor_m, ceiling_m : (n,) -inf, inf if unbounded
+    start_us, end_us : (n,) SINCE_EVER_US, FOR_EVER_US if unbounded
+    object : (n,) number of the object
+    is_copy : (n,) whether the row is a seam copy
     """
 
     boxes: Floats
@@ -55,7 +55,7 @@ class RowBoxes:
 
 
 def near_order(rows: RowBoxes) -> NDArray[np.int64]:
-    """Return rows (n,) in an order in which those near each other, in place and in time, follow each other."""
+    """Return an order (n,) of rows in which neighbours in space and time are neighbours."""
     held, order = _held(rows), np.empty(len(rows), np.int64)
     check(library().kernel_box_order(ctypes.byref(held), order.ctypes.data))
     return order
@@ -64,25 +64,25 @@ def near_order(rows: RowBoxes) -> NDArray[np.int64]:
 def box_pairs(
     rows: RowBoxes, of: NDArray[np.int64], at_once: int
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], int]]:
-    """Yield the pairs of rows (m,) that meet, each with the object of the smaller number first: so many at once.
+    """Yield batches of intersecting pairs of rows: first (m,), second (m,), and the number of compared boxes.
 
-    All of a first object come together, more than that where it has more. Boxes at least touch, and spans; heights have
-    more in common than an end; not both rows are of a seam copy. And yield how many boxes were compared for them.
+    Boxes and time spans at least touch; heights share more than an end; not both rows are seam copies. The first row's
+    object has the smaller number. A batch has all pairs of a first object, and about `at_once` pairs.
 
-    rows : in an order as `near_order` gives it, else it takes longer
-    of : rows that may be first, those of an object next to each other, in the order in which they are looked at
+    rows : in the order of `near_order`; any other order gives the same pairs, more slowly
+    of : candidates for the first row, in the order of the answer; those of an object are consecutive
     """
     held, left = _held(rows), np.ascontiguousarray(of, np.int64)
     wanted, room = len(left), max(at_once, 1)
     done, found, looked_at = (np.zeros(1, np.int64) for _ in range(3))
     while len(left):
-        # Memory that nothing is written to is not taken.
+        # Pages of an empty array that are never written take no memory.
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
         places: list[Any] = [first.ctypes.data, second.ctypes.data, room]
         counts: list[Any] = [count.ctypes.data for count in (done, found, looked_at)]
         check(library().kernel_box_pairs(ctypes.byref(held), left.ctypes.data, wanted, *places, *counts))
         if not done[0]:
-            # The first object alone has more.
+            # The pairs of the first object alone do not fit: retry it with more room.
             others = np.flatnonzero(rows.object[left] != rows.object[left[0]])
             wanted, room = int(others[0]) if len(others) else len(left), 2 * room
             continue

@@ -2,9 +2,9 @@
 
     python conflictdb/kernel/build.py
 
-By the C compiler `cc`; where there is none, or it lacks the C library's headers, by that of the PyPI package `ziglang`,
-in an environment of its own that is removed after. Knows nothing of the package, so that it runs before anything is
-installed. Prints nothing where the library is already that of the sources.
+Uses the C compiler `cc`. Without one, or if it lacks the C library's headers, fetches the compiler of the PyPI package
+`ziglang` into a temporary environment. Imports nothing of the package, so that it runs before anything is installed.
+Does nothing if the library is up to date.
 """
 
 import hashlib
@@ -18,11 +18,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-# No step may be fused or reordered: infinities, NaN and the last digit carry the proofs.
-FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=default", "-Wall", "-Wextra", "-Werror")
+# No floating-point operation may be fused or reordered: the proofs rely on infinities, NaN and the last digit.
+FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+# Only functions marked KERNEL_API are exported (kernel.h).
+EXPORTS = "-fvisibility=hidden"
 SHARED = ("-shared", "-fPIC", "-lm")
 LIBRARY = "libkernel.so"
-# What the oldest processors of a machine's family understand, as `uname -m` calls it; other machines: what `cc` takes.
+# The oldest processors of a machine's family, by `uname -m`; for other machines the default of `cc`.
 BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-march=armv8-a"}
 
 
@@ -32,16 +34,13 @@ def sources() -> list[Path]:
 
 
 def here() -> str:
-    """Return the system and the machine, as `uname -sm` says them."""
+    """Return the system and the machine, as `uname -sm` prints them."""
     system = os.uname()
     return f"{system.sysname} {system.machine}"
 
 
 def fingerprint(platform: str | None = None) -> str:
-    """Return what tells these sources, how they are compiled and for which platform (`here`) from others.
-
-    ./run has the same: the digest of the platform's line, the sources, and this file.
-    """
+    """Return a digest of the platform (default: `here`), the sources, and this file. ./run computes the same digest."""
     digest = hashlib.sha256(f"{platform or here()}\n".encode())
     for path in (*sources(), HERE / "build.py"):
         digest.update(path.read_bytes())
@@ -49,24 +48,24 @@ def fingerprint(platform: str | None = None) -> str:
 
 
 def library() -> Path:
-    """Return where the library is, or would be."""
+    """Return the path of the library, built or not."""
     return HERE / LIBRARY
 
 
 def is_current() -> bool:
-    """Return whether the library is there, and that of the sources, which left their fingerprint in it."""
+    """Return whether the library exists and contains the fingerprint of the sources."""
     return library().exists() and fingerprint().encode() in library().read_bytes()
 
 
 def compile_with(compiler: list[str], output: Path, *flags: str, platform: str | None = None) -> None:
-    """Compile all sources for a platform; raises subprocess.CalledProcessError after the compiler's words."""
+    """Compile all sources for a platform. Raises subprocess.CalledProcessError after the compiler's messages."""
     files = [str(path) for path in sources() if path.suffix == ".c"]
     define = f'-DKERNEL_FINGERPRINT="{fingerprint(platform)}"'
-    subprocess.run([*compiler, *FLAGS, *flags, define, "-o", str(output), *files, *SHARED], check=True)
+    subprocess.run([*compiler, *FLAGS, EXPORTS, *flags, define, "-o", str(output), *files, *SHARED], check=True)
 
 
 def build() -> Path:
-    """Build the library if it is not current, and return it; it takes the place of an older one at once, complete."""
+    """Build the library unless it is current, replacing an older one atomically. Returns its path."""
     if is_current():
         return library()
     with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
@@ -82,7 +81,7 @@ def build() -> Path:
 
 
 def _has_compiler(directory: Path) -> bool:
-    """Return whether `cc` is there and makes a library of what needs the C library and its headers."""
+    """Return whether `cc` exists and links a library against the C library and its headers."""
     if not shutil.which("cc"):
         return False
     program = directory / "try.c"
@@ -93,7 +92,7 @@ def _has_compiler(directory: Path) -> bool:
 
 @contextmanager
 def zig() -> Iterator[list[str]]:
-    """Yield the command of zig's C compiler, fetched into a new environment that is removed after."""
+    """Yield the command of zig's C compiler, fetched into a temporary environment."""
     with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
         environment, pins = Path(directory) / "zig", str(HERE / "requirements.txt")
         python = str(environment / "bin" / "python")
@@ -109,7 +108,7 @@ def zig() -> Iterator[list[str]]:
 
 
 def main() -> int:
-    """Build, and say in one line what to do where that cannot be."""
+    """Build; print in one line what to do if that fails."""
     try:
         build()
     except subprocess.CalledProcessError as error:

@@ -1,5 +1,5 @@
-/* Bundles: pieces of one object that lie near each other and are stored and looked up as one. Which go together, and
- * which pieces of two bundles meet: the rest of stage 1. */
+/* Bundles: several pieces of one object, close to each other, stored and looked up as one row. Grouping pieces into
+ * bundles, and the pairs of pieces of two bundles (the rest of stage 1). */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,14 +7,15 @@
 #include "kernel.h"
 #include "plane.h"
 
-/* A bundle of slices takes up so many times the area of one of them at most. Larger: more pairs of bundles, and of pieces
- * that are looked at in vain. Smaller: more bundles to store and to look up. */
+/* A bundle of slices covers at most this multiple of its smallest slice's area. Larger: more pairs of bundles, and more
+ * pieces compared in vain. Smaller: more rows to store and look up. */
 static const double MOST_SLICES_AREA = 32.0;
-/* Slices of a bundle at most: what is read for one of them. */
+/* Most slices of a bundle, all of which are read to get one of them. */
 static const int64_t MOST_SLICES = 64;
-/* Parts of an area are bundled apart where that saves more area than this share of the whole area's for each bundle... */
+/* The parts of an area are split into two bundles if that saves more area than this fraction of the whole area's box,
+ * per bundle. */
 static const double BUNDLE_SHARE = 1.0 / 8.0;
-/* ... which is halved so often at most. */
+/* Most nested splits. */
 enum { MOST_HALVINGS = 4 };
 
 typedef struct {
@@ -38,7 +39,8 @@ static bool meet(Box a, Box b) {
     return a.low_x <= b.high_x && b.low_x <= a.high_x && a.low_y <= b.high_y && b.low_y <= a.high_y;
 }
 
-/* The parts of an area: their order, in which those of a bundle follow each other, and where bundles begin. */
+/* The parts of an area: their order, bundle by bundle, and where bundles begin. share: the cost of a bundle, as an
+ * area. */
 typedef struct {
     const double *boxes;
     int64_t *order, *spare;
@@ -46,8 +48,8 @@ typedef struct {
     double share;
 } Parts;
 
-/* Put the parts [first, end) of the order with the lower centres along the longer side before the others, each half in the
- * order it had; tells how many these are, 0 where centres do not tell them apart. */
+/* Partition the parts [first, end) by the centre along the longer side of the box of centres; both halves keep their
+ * order. Returns the size of the lower half, 0 if all centres are equal. */
 static int64_t halve(Parts *parts, int64_t first, int64_t end) {
     Box centres = NO_BOX;
     for (int64_t i = first; i < end; i++) {
@@ -68,8 +70,8 @@ static int64_t halve(Parts *parts, int64_t first, int64_t end) {
     return upper > 0 ? lower : 0;
 }
 
-/* Mark where bundles begin among the parts [first, end); tells the area of their boxes, and the share of each. Halves are
- * bundled apart where that is less. */
+/* Mark where bundles begin among the parts [first, end), and return their cost: areas plus `share` for each. Split
+ * recursively while that costs less. */
 static double bundle_parts(Parts *parts, int64_t first, int64_t end, int halvings) {
     Box whole = NO_BOX;
     for (int64_t i = first; i < end; i++) whole = joined(whole, box_of(parts->boxes, parts->order[i]));
@@ -85,7 +87,8 @@ static double bundle_parts(Parts *parts, int64_t first, int64_t end, int halving
     return as_one;
 }
 
-/* Mark where bundles begin among the slices [first, end) of a track, which stay in their order. */
+/* Mark where bundles begin among the slices [first, end) of a track, which keep their order: greedily, in order of
+ * time. */
 static void bundle_slices(const double *boxes, uint8_t *begins, int64_t first, int64_t end) {
     int64_t start = first;
     Box whole = NO_BOX;
@@ -119,7 +122,7 @@ KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8
     return KERNEL_OK;
 }
 
-/* Do the spans of two pieces share an instant? */
+/* Whether the time spans of two pieces share an instant. */
 static bool share_time(const KernelBundled *pieces, int64_t i, int64_t j) {
     int64_t start = pieces->start_us[i] > pieces->start_us[j] ? pieces->start_us[i] : pieces->start_us[j];
     int64_t end = pieces->end_us[i] < pieces->end_us[j] ? pieces->end_us[i] : pieces->end_us[j];
@@ -158,7 +161,7 @@ KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a,
         for (int64_t i = offset[a[k]]; status == KERNEL_OK && i < offset[a[k] + 1]; i++) {
             Box box = box_of(pieces->boxes, i);
             if (!meet(box, whole[b[k]])) continue;
-            /* Those of a bundle are in the order of time: what has ended before this one begins has so for all after it. */
+            /* A bundle is in order of time: a piece that ended before this one begins cannot meet any later one. */
             while (passed < nearest && pieces->end_us[near[passed]] < pieces->start_us[i]) passed++;
             for (int64_t n = passed; n < nearest && pieces->start_us[near[n]] <= pieces->end_us[i]; n++) {
                 if (!meet(box, box_of(pieces->boxes, near[n])) || !share_time(pieces, i, near[n])) continue;

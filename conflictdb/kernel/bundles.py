@@ -1,4 +1,4 @@
-"""Pieces that are stored and looked up together: which go into a bundle, and which of two bundles meet."""
+"""Bundles, which store and look up several pieces as one row: grouping, pairs of their pieces, and their boxes."""
 
 import ctypes
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import Held, check, fields_of, library
 from conflictdb.results import Kind
 
-# Pairs of pieces that there is room for at first, and how many times as much each time that is too little: all pairs of
-# two areas of a hundred thousand parts would be more than any memory holds, and few of them meet.
+# First size of the result, pairs of pieces, and its growth factor: all pairs of two areas of a hundred thousand parts
+# would not fit into memory, and few of them intersect.
 _FIRST_ROOM: Final = 2**24
 _MORE_ROOM: Final = 8
 
@@ -33,9 +33,9 @@ class _Bundled(Held):
 
 
 def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:
-    """Return pieces in bundles, which take up little more than the pieces of each do.
+    """Group pieces into bundles whose boxes are little larger than their pieces.
 
-    run : (n,) pieces next to each other that have the same number may go together; slices are in the order of time
+    run : (n,) consecutive pieces of the same number may share a bundle; slices are in order of time
     """
     n = len(pieces)
     boxes, run = boxes_of(pieces), np.ascontiguousarray(run, np.int64)
@@ -47,7 +47,7 @@ def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:
 
 
 def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[PieceRows, PieceRows]:
-    """Return the pieces of pairs of bundles (a, b) whose boxes meet and whose spans share an instant, (m,) each."""
+    """Return pairs of pieces (m,), (m,) of bundles a and b whose boxes intersect and whose spans share an instant."""
     pieces = bundles.pieces
     held = _Bundled(len(pieces), len(bundles))
     held.hold(
@@ -63,7 +63,7 @@ def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) 
     found, room = np.zeros(1, np.int64), min(most, _FIRST_ROOM)
     given: list[Any] = [array.ctypes.data for array in (a, b)]
     while True:
-        # Memory that nothing is written to is not taken.
+        # Pages of an empty array that are never written take no memory.
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
         room_for: list[Any] = [array.ctypes.data for array in (first, second)]
         status = library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, found.ctypes.data)
@@ -75,11 +75,12 @@ def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) 
 
 
 def wkb_rings(wkb: Sequence[bytes], rings: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the closed rings of polygons and multipolygons: vertices (v, 2), and where each begins (rings + 1,).
+    """Return the closed rings of polygons and multipolygons: vertices (v, 2), and offsets of the rings (rings + 1,).
 
-    wkb : little-endian, without holes; so many rings in all
+    wkb : little-endian, without holes
+    rings : expected number of rings in all
 
-    Raises ValueError for other shapes, and another number of rings.
+    Raises ValueError for other types of shapes, and another number of rings.
     """
     data = np.frombuffer(b"".join(wkb), np.uint8)
     offset, found = offsets([len(one) for one in wkb]), np.zeros(rings + 1, np.int64)
@@ -90,7 +91,7 @@ def wkb_rings(wkb: Sequence[bytes], rings: int) -> tuple[Floats, NDArray[np.int6
 
 
 def boxes_of(pieces: Pieces) -> Floats:
-    """Return the boxes of hulls (n, 4): least x, least y, largest x, largest y; every piece has a hull."""
+    """Return the bounding boxes of hulls (n, 4): min x, min y, max x, max y. Every piece must have a hull."""
     if not len(pieces):
         return np.empty((0, 4))
     first = pieces.hull_offset[:-1]

@@ -1,24 +1,26 @@
-/* Havens that ride on great circles of the sphere, in the gnomonic plane about a centre.
+/* Havens that move along great circles of the sphere, in the gnomonic plane about a centre.
  *
- * A haven rides its circle at constant speed. A vertex is found from the reference point by two great circle steps, f
- * forward along the leg and then s to starboard across it; of a haven that changes, f and s are linear in time.
- * In the frame of the centre (east, north, up) a vertex f ahead and s to starboard is
+ * A haven moves along its circle at constant speed. A vertex is reached from the reference point by two great circle
+ * steps: f forward along the leg, then s to starboard across it. If the haven changes shape, f and s are linear in
+ * time.
+ * In the frame of the centre (east, north, up), a vertex f ahead and s to starboard is
  *     V = cos(s) e + sin(s) S,    e = cos(theta + f) A + sin(theta + f) B,
- * A, B and S the leg's start, heading and starboard, theta its way in radians; and in the plane at R (V.x, V.y) / V.up.
- * With a the rate of theta + f, s' that of s and d = e' / a the way along the leg,
+ * with A, B and S the leg's start, heading and starboard, and theta the angle travelled, radians. In the plane it lies
+ * at R (V.x, V.y) / V.up.
+ * With a the rate of theta + f, s' that of s, and d = e' / a the direction along the leg,
  *     V' = a cos(s) d + s' (cos(s) S - sin(s) e),    V'' = -(a^2 + s'^2) V + a^2 sin(s) S - 2 a s' sin(s) d.
- * Vectors counted from an origin o of the plane have (V.x, V.y) less o V.up / R, so that coordinates keep their digits.
+ * Vectors relative to an origin o of the plane have (V.x, V.y) minus o V.up / R, so that coordinates keep their digits.
  */
 #include "motion.h"
 
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
-/* V.up is at least this of what a scene holds: 60 degrees from the centre. */
+/* Lower bound on V.up within a scene: 60 degrees from the centre. */
 static const double LEAST_UP = 0.49999999998488504;
-/* How far a haven that changes may reach, radians: what is further ahead could be more than a quarter turn from the
- * centre, though its leg is not, and its bounds would not hold. */
+/* Largest reach of a haven that changes shape, radians. A vertex farther ahead could be more than a quarter turn from
+ * the centre although its leg is not; the bounds would not hold. */
 static const double MAX_CHANGING_REACH = 0.5235987755982988;
-/* Sine of the least turn of a corner, so that rounding does not make it turn inwards; the reach in radians beyond which
- * a haven that changes is not shown to stay convex; and how much a corner must turn over what its sides bend. */
+/* Smallest sine of a corner's turn, so that rounding does not make it reflex. Reach, radians, above which a haven that
+ * changes shape is treated as nonconvex. Factor by which a corner must turn more than its sides bend. */
 static const double LEAST_TURN = 1e-8, FLAT = 0.5, CORNER_SLACK = 4.0;
 
 static Vector3 sum(double a, Vector3 u, double b, Vector3 v) {
@@ -29,7 +31,7 @@ static Vector3 cross3(Vector3 u, Vector3 v) {
     return (Vector3){u.y * v.up - u.up * v.y, u.up * v.x - u.x * v.up, u.x * v.y - u.y * v.x};
 }
 
-/* A difference of longitudes the shorter way round. */
+/* A difference of longitudes, wrapped to [-180, 180]. */
 static double shorter_way_deg(double turn) { return fabs(turn) > 180.0 ? turn - 360.0 * nearbyint(turn / 360.0) : turn; }
 
 static double turn_deg(const KernelPlane *plane, double lon_deg) {
@@ -37,7 +39,7 @@ static double turn_deg(const KernelPlane *plane, double lon_deg) {
     return shorter_way_deg((home == -180.0 ? 180.0 : home) - plane->centre_lon_deg);
 }
 
-/* The unit vector towards a place: in differences from the centre, so that small scenes have small coordinates. */
+/* The unit vector of a place, computed from differences to the centre, so that small scenes keep their digits. */
 static Vector3 towards(const KernelPlane *plane, double lon_deg, double lat_deg) {
     double turn = turn_deg(plane, lon_deg), sine, cosine, sine0, cosine0, sine_turn, cosine_turn;
     earth_direction(lat_deg, &sine, &cosine);
@@ -48,7 +50,7 @@ static Vector3 towards(const KernelPlane *plane, double lon_deg, double lat_deg)
     return (Vector3){cosine * sine_turn, north, sine0 * sine + cosine0 * cosine * cosine_turn};
 }
 
-/* The unit vectors that point east and north at a place. */
+/* The unit vectors pointing east and north at a place. */
 static void compass(const KernelPlane *plane, double lon_deg, double lat_deg, Vector3 *east, Vector3 *north) {
     double sine, cosine, sine0, cosine0, sine_turn, cosine_turn;
     earth_direction(lat_deg, &sine, &cosine);
@@ -59,7 +61,7 @@ static void compass(const KernelPlane *plane, double lon_deg, double lat_deg, Ve
                        sine0 * cosine - cosine0 * sine * cosine_turn};
 }
 
-/* Whether a corner might turn inwards in the plane: it turns the same way wherever the haven is, and as it does in the
+/* Whether a corner may become reflex in the plane. Its turn has the same sign wherever the haven is, and as in the
  * plane that touches the sphere at the reference point. */
 static bool may_dent(const Scene *scene, const Body *body) {
     const double *f = body_column(scene, body, FORWARD), *s = body_column(scene, body, STARBOARD);
@@ -75,7 +77,8 @@ static bool may_dent(const Scene *scene, const Body *body) {
     return false;
 }
 
-/* The same of a haven that changes: up to half a radian a side of length d is turned by less than 4 d tan(reach). */
+/* The same for a haven that changes shape: within half a radian, a side of length d is turned by less than 4 d
+ * tan(reach). */
 static bool may_dent_on_the_way(const KernelPieces *pieces, const Body *body, double reach, double unit_m) {
     if (body->count <= 2) return false;
     if (reach > FLAT) return true;
@@ -89,7 +92,7 @@ static bool may_dent_on_the_way(const KernelPieces *pieces, const Body *body, do
     return false;
 }
 
-/* The leg, the shorter way from start to end; one that does not move has the piece's heading. */
+/* The leg, the shorter way from start to end. A leg of length zero has the piece's heading. */
 static void prepare_leg(const KernelPlane *plane, const KernelPieces *pieces, int64_t piece, CircleLeg *leg) {
     double lon0 = pieces->leg_start_deg[2 * piece], lat0 = pieces->leg_start_deg[2 * piece + 1];
     double lon1 = pieces->leg_end_deg[2 * piece], lat1 = pieces->leg_end_deg[2 * piece + 1];
@@ -109,7 +112,8 @@ static void prepare_leg(const KernelPlane *plane, const KernelPieces *pieces, in
     leg->rate = angle / ((double)(pieces->leg_end_us[piece] - pieces->leg_start_us[piece]) / 1e6);
 }
 
-/* Hold a vertex of a haven that does not change; false if it is not above the plane on the leg, radians long. */
+/* Store a vertex of a haven of constant shape; false if it is not above the plane on the whole leg (`angle` radians
+ * long). */
 static bool prepare_vertex(const Scene *scene, const CircleLeg *leg, double angle, int64_t i) {
     double *column = scene->columns + i, s = column[STARBOARD * scene->vertex_count], f = column[FORWARD * scene->vertex_count];
     Vector3 p = sum(cos(s) * cos(f), leg->start, cos(s) * sin(f), leg->heading);
@@ -117,7 +121,7 @@ static bool prepare_vertex(const Scene *scene, const CircleLeg *leg, double angl
     double numbers[9] = {p.x, p.y, p.up, q.x, q.y, q.up,
                          sin(s) * leg->starboard.x, sin(s) * leg->starboard.y, sin(s) * leg->starboard.up};
     for (int k = 0; k < 9; k++) column[(P + k) * scene->vertex_count] = numbers[k];
-    /* A cosine, least at one of the ends. */
+    /* The height is a cosine of time: its minimum is at one of the ends. */
     return p.up + numbers[8] > 0.0 && cos(angle) * p.up + sin(angle) * q.up + numbers[8] > 0.0;
 }
 
@@ -170,7 +174,7 @@ void circle_count_from(Mover *mover) {
     }
 }
 
-/* How far ahead and to starboard vertex i is at t, radians. */
+/* How far vertex i is forward and to starboard at t, radians. */
 static Vector ahead_across(const Mover *mover, int64_t i, double t) {
     Vector body = {body_column(mover->scene, mover->body, FORWARD)[i], body_column(mover->scene, mover->body, STARBOARD)[i]};
     if (mover->body->changes) {
@@ -182,11 +186,11 @@ static Vector ahead_across(const Mover *mover, int64_t i, double t) {
 
 static double theta_at(const Mover *mover, double t) { return mover->leg.rate * mover->into_s + mover->leg.rate * t; }
 
-/* Where the reference point would be at an angle along the leg, and the way along there. */
+/* The point of the leg at an angle, and the direction along the leg there. */
 static Vector3 on_leg(const CircleLeg *leg, double angle) { return sum(cos(angle), leg->start, sin(angle), leg->heading); }
 static Vector3 along_leg(const CircleLeg *leg, double angle) { return sum(cos(angle), leg->heading, -sin(angle), leg->start); }
 
-/* Vertex i at t, where the leg is at theta with this cosine and sine. */
+/* Vertex i at t; cosine and sine are those of theta. */
 static Vector3 vertex_at(const Mover *mover, int64_t i, double t, double cosine, double sine) {
     if (!mover->body->changes) {
         const double *frame = mover->frame + i;
@@ -208,7 +212,7 @@ void circle_place(const Mover *mover, double t, Polygon *polygon) {
     }
 }
 
-/* The velocity in the plane of a vector v that changes by w a second. */
+/* The plane velocity of a vector v that changes by w per second. */
 static Vector projected(double radius_m, Vector3 v, Vector3 w) {
     return (Vector){radius_m * (w.x - v.x / v.up * w.up) / v.up, radius_m * (w.y - v.y / v.up * w.up) / v.up};
 }
@@ -237,15 +241,15 @@ static Vector vertex_velocity(const Mover *mover, int64_t i, double t) {
     return projected(mover->scene->plane.radius_m, v, w);
 }
 
-/* How far C.V may sag below its chord on a way that turns V by these angles: C the centre, sine the largest |sin s|.
- * (C.V)'' = -a^2 cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, a the rate of theta + f and d the way along the leg, of
- * which only what is positive counts; C.e is not negative within MAX_CHANGING_REACH. */
+/* How far C.V may sag below its chord on a path that turns V by these angles: C the centre, sine the largest |sin s|.
+ * (C.V)'' = -a^2 cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, a the rate of theta + f and d the direction along the leg.
+ * Only positive terms count; C.e is not negative within MAX_CHANGING_REACH. */
 static double sag(double turn, double across, double sine) {
     return (2.0 * fabs(turn * across) * sine + across * across) / 8.0;
 }
 
-/* What vertex i of a haven reaches during a time: the largest |f|, |s| and cos(s), and the least of C.V, which is a
- * cosine where the haven does not change, least at one of the ends. */
+/* Extremes of vertex i during a time: the largest |f|, |s| and cos(s), and the smallest C.V. For constant shape C.V is
+ * a cosine of time, smallest at one of the ends. */
 typedef struct {
     double ahead, across, cosine, up;
 } Reach;
@@ -265,9 +269,9 @@ static Reach vertex_reach(const Mover *mover, int64_t i, double t0, double t1) {
 }
 
 /* A bound on the second derivative of vertex i. With J the derivative of the projection, of norm R sec(c)^2 at the
- * angle c from the centre C, and J(V) = 0, x'' = J(V'') - 2 (C.V') / (C.V) x', |C.V'| <= |V'| sin c and
- * |V'|^2 = a^2 cos(s)^2 + s'^2; of S only cos(s) counts. So |x''| is at most
- * R sec(c)^2 (a^2 |sin s| cos s + 2 |a s' sin s| + 2 (a^2 cos(s)^2 + s'^2) tan c), which increases with c. */
+ * angle c from the centre C, and J(V) = 0: x'' = J(V'') - 2 (C.V') / (C.V) x', |C.V'| <= |V'| sin c and |V'|^2 = a^2
+ * cos(s)^2 + s'^2. Of S only the component cos(s) counts. So |x''| is at most R sec(c)^2 (a^2 |sin s| cos s + 2 |a s'
+ * sin s| + 2 (a^2 cos(s)^2 + s'^2) tan c), which increases with c. */
 static double vertex_acceleration(const Mover *mover, int64_t i, double t0, double t1) {
     Reach reach = vertex_reach(mover, i, t0, t1);
     double rate = mover->leg.rate, across_rate = 0.0, s = sin(reach.across), c = reach.cosine;
@@ -298,9 +302,9 @@ Vector circle_reference(const Mover *mover, double t) {
     return (Vector){radius_m * v.x / v.up, radius_m * v.y / v.up};
 }
 
-/* The way of the reference point during a time. phi: its angles at the ends from the leg's point nearest to the centre,
- * within a quarter turn, since cos(phi) = cos(C) / cos(K) with C its angle from the centre, below 60 degrees, and K that
- * of the nearest point; centre: cos(K). */
+/* The path of the reference point during a time. phi: angles of its ends from the leg's point nearest to the centre,
+ * within a quarter turn: cos(phi) = cos(C) / cos(K) with C the angle from the centre, below 60 degrees, and K that of
+ * the nearest point. centre: cos(K). */
 typedef struct {
     double t0, t1, phi0, phi1, centre;
 } Way;
@@ -312,9 +316,9 @@ static Way way_of(const Mover *mover, double t0, double t1) {
                  hypot(leg->start.up, leg->heading.up)};
 }
 
-/* A bound on x_uu of a vertex, in radii. The reference point is linear in u = tan(phi); with K = cos of the nearest
- * point's angle from the centre and sigma = C.S, a vertex f ahead and s across has
- * x_uu = cos(phi)^4 (sin s J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi). */
+/* A bound on x_uu of a vertex, in radii. The reference point is linear in u = tan(phi). With K the cosine of the
+ * nearest point's angle from the centre and sigma = C.S, a vertex f ahead and s across has x_uu = cos(phi)^4 (sin s
+ * J(S) + 2 (K cos s sin f - sigma sin s sin phi) / (C.V cos phi) x_phi). */
 static double vertex_bend(const Mover *mover, const Reach *reach, const Way *way) {
     double nearest = way->phi0 * way->phi1 <= 0.0 ? 0.0 : least(fabs(way->phi0), fabs(way->phi1)), c = cos(nearest);
     double sine = sin(most(fabs(way->phi0), fabs(way->phi1))), s = sin(reach->across);
@@ -322,19 +326,19 @@ static double vertex_bend(const Mover *mover, const Reach *reach, const Way *way
     return (s * c * c * c * c + 2.0 * turning * c * c * c / reach->up) * reach->cosine / (reach->up * reach->up);
 }
 
-/* A bound on the second derivative, in radii, of the offset of vertex i in time. With subscripts the
- * partial derivatives of x(phi, f, s), of which x_f = x_phi, phi' = w and u' = w sec(phi)^2, and X the reference point,
- * linear in u, o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f' s'
- * + x_ss s'^2, where x_phi - X_phi is at most |f| max |x_ff| + |s| max |x_fs| on the way from X to x. As in
- * `vertex_acceleration`, over R sec(c)^2, |x_ff| and |x_fs| <= |sin s| + 2 tan c and |x_ss| <= 2 tan c. */
+/* A bound on the second derivative in time, in radii, of the offset of vertex i from the reference point. Subscripts
+ * are partial derivatives of x(phi, f, s), with x_f = x_phi, phi' = w and u' = w sec(phi)^2; X, the reference point, is
+ * linear in u. Then o'' = x_uu u'^2 + 2 w^2 tan(phi) (x_phi - X_phi) + 2 w (x_ff f' + x_fs s') + x_ff f'^2 + 2 x_fs f'
+ * s' + x_ss s'^2, where |x_phi - X_phi| is at most |f| max |x_ff| + |s| max |x_fs| between X and x. As in
+ * `vertex_acceleration`, in units of R sec(c)^2: |x_ff| and |x_fs| <= |sin s| + 2 tan c, and |x_ss| <= 2 tan c. */
 static double offset_bend(const Mover *mover, int64_t i, const Reach *reach, const Way *way) {
     double rate = mover->leg.rate, furthest = most(fabs(way->phi0), fabs(way->phi1)), s = sin(reach->across);
     double secant = 1.0 / cos(furthest), tangent = tan(furthest);
-    /* 0 of a haven that does not change. */
+    /* 0 for constant shape. */
     double f_rate = fabs(body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
     double s_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
     double reference_up = least(on_leg(&mover->leg, theta_at(mover, way->t0)).up, on_leg(&mover->leg, theta_at(mover, way->t1)).up);
-    /* On the way from the reference point to the vertex, as in `vertex_reach`. */
+    /* Between the reference point and the vertex, as in `vertex_reach`. */
     double up = least(reach->up, reference_up) - sag(reach->ahead, reach->across, s), scale = 1.0 / (up * up);
     double outward = 2.0 * sqrt(most(scale - 1.0, 0.0)), mixed = scale * (s + outward);
     double bend = vertex_bend(mover, reach, way) * (rate * secant * secant) * (rate * secant * secant);
@@ -343,7 +347,7 @@ static double offset_bend(const Mover *mover, int64_t i, const Reach *reach, con
     return bend + s_rate * s_rate * scale * outward;
 }
 
-/* By how much the reference point's share of its way may differ from the share of the time: u = tan(phi) leaves its
+/* Bound on the difference between the fraction of the path and the fraction of the time: u = tan(phi) deviates from its
  * chord by at most max |u_tt| h^2 / 8, u_tt = 2 w^2 sec(phi)^2 tan(phi). */
 static double share_deviation(const Mover *mover, const Way *way) {
     double furthest = most(fabs(way->phi0), fabs(way->phi1)), u = fabs(tan(way->phi1) - tan(way->phi0));
@@ -351,8 +355,8 @@ static double share_deviation(const Mover *mover, const Way *way) {
     return u > 0.0 ? least(2.0 * turn * turn * tan(furthest) / u / 8.0, 1.0) : 0.0;
 }
 
-/* The reference point is linear in u = tan(phi) with u' = w sec(phi)^2: x'' = 2 w tan(phi) x', and
- * x''' = 2 w^2 (1 + 3 tan(phi)^2) x'. */
+/* The reference point is linear in u = tan(phi), and u' = w sec(phi)^2: x'' = 2 w tan(phi) x', x''' = 2 w^2 (1 + 3
+ * tan(phi)^2) x'. */
 Acceleration circle_acceleration(const Mover *mover, double t0, double t1) {
     Way way = way_of(mover, t0, t1);
     double middle = 0.5 * (t0 + t1), rate = mover->leg.rate, tangent = tan(0.5 * (way.phi0 + way.phi1)), offset = 0.0;

@@ -1,19 +1,19 @@
-/* The certified solver: conflictdb's method `exact`, a pair at a time.
+/* Contact times of one pair of moving convex polygons: method `exact`.
  *
- * Of each pair, in this order and only as far as it is needed:
+ * Each step runs only if the previous one could not decide:
  *
- * 1. Closed form. Where both polygons move evenly and rigidly but for a trace, gaps along the normals of their edges are
- *    linear in time: the contact is one interval, and the trace bounds its error.
- * 2. Certified window. Along a fixed direction the gap of polygons whose vertices move along their chords is concave in
- *    time: its chord, less the bound on how far vertices leave theirs, M h^2 / 8, shows when the pair is apart.
- * 3. Ends. Between a window's end and an instant of conflict the measure is brought to zero on the true motion, and
- *    evaluated on both sides of the answer, beyond what rounding could be worth.
- * 4. Certificate. That the pair is apart from the window's end to there follows again from a chord; that it is in
- *    conflict from there on, from the convexity of the separation of rigid polygons in even motion.
+ * 1. Closed form. For rigid polygons in uniform motion the gap along each edge normal is linear in time, so the contact
+ *    is one interval. The deviation from rigid uniform motion bounds its error.
+ * 2. Certified window. Along a fixed direction the gap is concave in time if vertices move along their chords. The
+ *    chord of the gap, minus M h^2 / 8 for the deviation from the chords, proves separation outside a window.
+ * 3. Roots. Between the window's end and an instant of contact, solve for clearance zero on the true motion; verify the
+ *    sign on both sides of the root, beyond the rounding error.
+ * 4. Certificate. A chord, as in step 2, proves separation from the window's end to the root. The convexity of the
+ *    separation of rigid polygons in uniform motion proves contact from the root on.
  *
- * With a separation the plane decides most: what is further apart than that at the largest scale reached is apart, what
- * is nearer than at the smallest is in conflict. In the zone between, the distance on the earth decides, where the
- * polygons close in beyond doubt.
+ * With a separation, the scale of the plane decides most pairs: farther apart than the separation at the largest scale
+ * is apart, nearer than at the smallest scale is in contact. In between, in the zone, the distance on the earth
+ * decides, if it is proven to change in one direction (zone.h). A pair that stays undecided is searched (search.c).
  */
 #include "contact.h"
 
@@ -22,46 +22,47 @@
 #include "window.h"
 #include "zone.h"
 
-/* Rounds of window and witness: each shrinks the slack by the square of how much the window shrank. With a separation
- * windows are shrunk at least three times: the scale varies less in a short one, and the zone in doubt is narrower. */
+/* Most rounds of window and witness: each shrinks the slack by the square of the window's shrinkage. With a separation
+ * windows shrink at least LEAST_WINDOWS_APART times: the scale varies less in a short window, and the zone is narrower.
+ */
 enum { MAX_WINDOWS = 6, LEAST_WINDOWS_APART = 3 };
-/* Halvings that prove a conflict to hold. */
+/* Nested bisections to prove that contact lasts. */
 enum { MAX_HALVINGS = 12 };
-/* The zone is left where the polygons are nearer than at the smallest scale by this share of the separation. */
+/* The zone ends where the polygons are nearer than at the smallest scale by this fraction of the separation. */
 static const double INTO_SHARE = 1e-3;
 
 static const Contact UNDECIDED = {IS_UNDECIDED, IS_EITHER, 0.0, 0.0, 0.0};
 static const Contact SEPARATED = {IS_SEPARATED, IS_EITHER, 0.0, 0.0, 0.0};
 
-/* The scales of all places of a pair during a time, and of those that are within reach of each other where the distance
- * matters: nothing further apart than is asked about lies elsewhere. */
+/* Plane scales at all places of a pair during a time; and at those within reach of each other, which decide the
+ * distance: no place elsewhere is within the separation and margin. */
 typedef struct {
     Scales all, near;
 } Reached;
 
-/* A time of an encounter in which it is in contact at the witness, and outside of which it is apart. depth: how much
- * too near it is at the witness, < 0; touch: what rounding is worth, at the largest scale; plane metres. */
+/* A time of a pair: in contact at the witness, apart outside [start, end]. depth: clearance at the witness, negative;
+ * touch: rounding error bound at the largest scale; plane metres. */
 typedef struct {
     double low, high, start, witness, end, depth, touch;
     Reached scales;
 } Window;
 
-/* One side of a window, and the proven end of the conflict there. */
+/* One end of the contact: between outer (apart) and inner (in contact). */
 typedef struct {
     bool is_proven;
     double outer, inner;
 } End;
 
-/* A bound from above on how much further apart than wanted the pair is, plane metres. */
+/* Upper bound on the clearance, plane metres. */
 static double depth_at(Encounter *pair, double t, double smallest) {
     if (pair->separation_m == 0.0) return encounter_gap(pair, t).gap;
     return encounter_plane_distance(pair, t).gap - pair->separation_m * smallest;
 }
 
-/* How much further apart than wanted the pair is, metres on the earth. */
+/* Clearance on the earth, metres. */
 static double excess_at(Encounter *pair, double t) { return encounter_clearance_m(pair, t, INFINITY); }
 
-/* Put the polygons where they are at both ends of a time, and tell the scales. */
+/* Compute the polygons at both ends of a time, and the scales during it. */
 static Reached reached_during(Encounter *pair, double start, double end) {
     Extent extent = encounter_extent(pair, start, end);
     Scales all = plane_scales(pair->plane, &extent);
@@ -70,29 +71,30 @@ static Reached reached_during(Encounter *pair, double start, double end) {
     return (Reached){all, encounter_scales_within(pair, reach)};
 }
 
-/* How many plane metres a distance may take up, or a depth (< 0) takes up at least. */
+/* Upper bound on the plane metres of a distance; for a depth (negative) the bound of least magnitude. */
 static double span_of(const Encounter *pair, double distance_m, Reached scales) {
     if (distance_m > 0.0) return plane_span_m(pair->plane, distance_m, scales.near.largest);
     return distance_m * scales.all.smallest;
 }
 
-/* slack: how far vertices leave their chords, and what rounding is worth, plane metres. */
+/* slack: deviation of vertices from their chords, plus the rounding error bound, plane metres. */
 static Levels levels_of(const Encounter *pair, double slack, Reached scales) {
     double wanted_m = pair->separation_m;
     return (Levels){slack + span_of(pair, wanted_m + pair->margin_m, scales), slack + span_of(pair, wanted_m, scales),
                     slack + span_of(pair, wanted_m - pair->deep_m, scales)};
 }
 
-/* Whether a pair with this gap in the plane is deeper in contact than the margin, beyond doubt. */
+/* Whether a pair with this plane gap violates the separation by more than the margin, beyond rounding. */
 static bool is_deep(const Encounter *pair, double gap, Reached scales) {
     double wanted_m = pair->separation_m - pair->deep_m - KERNEL_TOUCH_M;
     return gap < wanted_m * (wanted_m > 0.0 ? scales.near.smallest : scales.all.largest);
 }
 
-/* Whether the pair is in conflict all the way from p, by `touch` or more, to q, by `depth` (< 0).
+/* Whether the pair is in contact all the way from p, with clearance at most -touch, to q, with clearance depth < 0.
  *
- * With K the spread of velocities and L the time between, the separation at a share s of it is at most
- * (1 - s) f(p) + s (f(q) + 2 K L): no more than -touch where f(p) <= -touch and f(q) <= -touch - 2 K L. */
+ * With K the spread of velocities and L the time between, the separation at a fraction s of it is at most (1 - s) f(p)
+ * + s (f(q) + 2 K L): at most -touch if f(p) <= -touch and f(q) <= -touch - 2 K L.
+ */
 static bool holds(Encounter *pair, const Window *window, double p, double q, double depth) {
     struct {
         double p, q, fp, fq;
@@ -118,7 +120,7 @@ static bool holds(Encounter *pair, const Window *window, double p, double q, dou
     return true;
 }
 
-/* The gap as a measure, which remembers its axis when the pair was last apart. */
+/* The gap as a function of time, for root finding. Stores the axis of the last instant at which the pair was apart. */
 typedef struct {
     Encounter *pair;
     double apart_at;
@@ -132,7 +134,7 @@ static double measured_gap(void *of, double t) {
     return found.gap;
 }
 
-/* How much later a metre more is between them, by their velocities. */
+/* Seconds per metre of gap along an axis, from the velocities. */
 static double pace_of(const Encounter *pair, double t, Vector axis) {
     Vector a = mover_velocity(&pair->a, t), b = mover_velocity(&pair->b, t);
     return 1.0 / (axis.x * (b.x - a.x) + axis.y * (b.y - a.y));
@@ -140,7 +142,7 @@ static double pace_of(const Encounter *pair, double t, Vector axis) {
 
 static double measured_excess(void *pair, double t) { return excess_at(pair, t); }
 
-/* The plane distance less a level, as a measure. */
+/* The plane distance minus a level as a function of time, for root finding. */
 typedef struct {
     Encounter *pair;
     double level;
@@ -151,8 +153,8 @@ static double measured_distance(void *of, double t) {
     return encounter_plane_distance(level->pair, t).gap - level->level;
 }
 
-/* Whether the pair stays apart between two instants, at the second of which the gap has this axis: the chord along it,
- * less how far vertices leave theirs. */
+/* Whether the pair stays apart between two instants. axis: that of the gap at `outer`. Uses the chord along the axis,
+ * minus the deviation of vertices from their chords. */
 static bool stays_apart(Encounter *pair, double limit, double outer, Vector axis, double touch) {
     if (limit == outer) return true;
     encounter_put(pair, limit, &pair->a_now, &pair->b_now);
@@ -161,12 +163,12 @@ static bool stays_apart(Encounter *pair, double limit, double outer, Vector axis
     return along - touch >= 0.5 * acceleration * h * h;
 }
 
-/* The end of a touch between a window's limit and its middle. */
+/* Prove the end of a touch between a window's limit and its witness. */
 static End touch_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
     Gaps gaps = {.pair = pair};
     double gap = measured_gap(&gaps, limit), touch = window->touch;
-    /* In touch since before the window, or until after it: only where the window is all there is. */
+    /* In contact at the limit: an end of the time itself, so only if the window reaches it. */
     if (is_all && gap < -touch) {
         end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
@@ -182,7 +184,7 @@ static End touch_end(Encounter *pair, const Window *window, double limit, bool i
     return end;
 }
 
-/* The end of a loss of separation between a window's limit and its middle. */
+/* Prove the end of a loss of separation between a window's limit and its witness. */
 static End separation_end(Encounter *pair, const Window *window, double limit, bool is_all) {
     End end = {false, limit, limit};
     double at_limit = depth_at(pair, limit, window->scales.near.smallest), touch = window->touch;
@@ -190,27 +192,28 @@ static End separation_end(Encounter *pair, const Window *window, double limit, b
         end.is_proven = holds(pair, window, limit, window->witness, window->depth);
         return end;
     }
-    /* The zone ends where the polygons are just nearer than the separation at the smallest scale. */
+    /* The zone ends where the polygons are slightly nearer than the separation at the smallest scale. */
     double wanted = pair->separation_m * window->scales.near.smallest, into = INTO_SHARE * wanted;
     if (!(at_limit > touch) || !(window->depth + into < 0.0)) return end;
     Level level = {pair, wanted - into};
     double deepest = least(window->depth + into, -1e-9);
     Root zone = root_between(measured_distance, &level, limit, at_limit + into, window->witness, deepest, 0.5 * into, NAN);
     if (!zone.is_found) return end;
-    /* In the zone the distance on the earth is brought to what is wanted. */
+    /* Within the zone, solve for clearance zero on the earth. */
     double doubt = encounter_certainty_margin_m(pair), gap = excess_at(pair, limit), within = excess_at(pair, zone.inner);
     if (!(gap > doubt) || !(within < -doubt)) return end;
     Root root = root_between(measured_excess, pair, limit, gap, zone.inner, within, doubt, NAN);
     if (!root.is_found) return end;
     end.outer = root.outer, end.inner = root.inner;
-    /* Mostly the distance changes one way only from the limit on; else it is proven on either side of the end. */
+    /* Mostly the distance is proven to change in one direction from the limit on; otherwise prove both sides of the
+     * root. */
     bool is_told = zone_closes_in(pair, limit, zone.inner, window->scales.all) ||
                    (zone_is_apart(pair, limit, root.outer) && zone_is_near(pair, root.inner, zone.inner));
     end.is_proven = is_told && holds(pair, window, zone.inner, window->witness, window->depth);
     return end;
 }
 
-/* The contact of a window, if it can be told. */
+/* The contact of a window, or UNDECIDED. */
 static Contact contact_in_window(Encounter *pair, const Window *window, Depth depth) {
     End (*end_of)(Encounter *, const Window *, double, bool) = pair->separation_m == 0.0 ? touch_end : separation_end;
     End start = end_of(pair, window, window->start, window->start <= window->low);
@@ -221,21 +224,21 @@ static Contact contact_in_window(Encounter *pair, const Window *window, Depth de
     return (Contact){IS_IN_CONTACT, depth, start.outer, end.outer, error};
 }
 
-/* The plane distance up to which a pair is within the margin, wherever it is. */
+/* A plane distance up to which a pair is within the margin anywhere. */
 static double margin_level(const Encounter *pair, double smallest) {
     return (pair->separation_m + pair->margin_m) * smallest;
 }
 
-/* A pair that is apart, and within the margin at the witness; at other times only from start to end. How long it is so
- * beyond doubt is told by a look at either end: a closer one would make what is only close dearer than what meets. */
+/* A pair proven apart, but within the margin at the witness, and at other times only from start to end. Its error comes
+ * from one look at either end: closer looks would make near misses more expensive than contacts. */
 static Contact close_in(Encounter *pair, double start, double end, double witness, double level) {
     double first = encounter_plane_distance(pair, start).gap <= level ? start : witness;
     double last = encounter_plane_distance(pair, end).gap <= level ? end : witness;
     return (Contact){IS_CLOSE, IS_SHALLOW, start, end, most(first - start, end - last)};
 }
 
-/* The times in which gaps that are linear in time are below a level: those that close have closed by `first`, those
- * that open have not opened before `last`. */
+/* The times during which gaps that are linear in time are below a level: closing gaps are below from `first` on,
+ * opening gaps until `last`. */
 typedef struct {
     double first, last;
 } Below;
@@ -246,13 +249,14 @@ static void take_gap(Below *below, double gap, double rate, double level) {
     else if (gap > level) below->last = -INFINITY;
 }
 
-/* An edge of a polygon, another that moves at `velocity` against it, and the gap along the edge's normal. */
+/* An edge of a polygon, and the gap to another polygon along its normal, with its rate. */
 typedef struct {
     Vector normal;
     double length, own, gap, rate;
 } Edge;
 
-/* The edge from vertex k, the gap not yet found; false if there is none. */
+/* The edge from vertex k; rate for a polygon that moves at `velocity` relative to the edge. The gap is not set. False
+ * if the edge has length zero. */
 static bool edge_of(const Polygon *mine, int64_t k, Vector velocity, Edge *edge) {
     int64_t m = edge_end(mine, k);
     double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], length = sqrt(nx * nx + ny * ny);
@@ -261,7 +265,7 @@ static bool edge_of(const Polygon *mine, int64_t k, Vector velocity, Edge *edge)
     return true;
 }
 
-/* The gap, and what it is at most, which takes no time for polygons in runs. */
+/* The gap along an edge's normal; and an upper bound on it that costs no search for polygons in runs. */
 static double gap_of(const Edge *edge, Ahead *ahead) {
     return (ahead_along(edge->normal.x, edge->normal.y, ahead) - edge->own) / edge->length;
 }
@@ -270,7 +274,7 @@ static double gap_at_most(const Edge *edge, const Ahead *ahead) {
     return (ahead_at(edge->normal.x, edge->normal.y, ahead) - edge->own) / edge->length;
 }
 
-/* The deepest that all gaps along the edges of `mine` are at an instant, if they go on at their rates. */
+/* The largest gap along the edge normals of `mine` at time t, extrapolated at constant rates; at least `widest`. */
 static double widest_then(const Polygon *mine, const Polygon *other, Vector v, double t, double widest) {
     Ahead ahead = ahead_of(mine, other);
     Edge edge;
@@ -283,8 +287,8 @@ static double widest_then(const Polygon *mine, const Polygon *other, Vector v, d
     return widest;
 }
 
-/* The times in which all gaps along edges are below each of some levels: those in which a pair is perhaps and surely in
- * touch, near, and deep. */
+/* The times during which all gaps along edges are below each level: possibly touching, certainly touching, possibly
+ * within the margin, possibly deep. */
 enum { PERHAPS, SURELY, NEAR, DEEP, LEVELS };
 typedef struct {
     double level[LEVELS];
@@ -295,7 +299,7 @@ static void take_all(Times *times, double gap, double rate) {
     for (int k = 0; k < LEVELS; k++) take_gap(&times->below[k], gap, rate, times->level[k]);
 }
 
-/* Whether a gap that is no narrower than the true one leaves the times as they are: then that does. */
+/* Whether an upper bound on a gap leaves all times unchanged; then the gap itself does. */
 static bool are_times_kept(const Times *times, double gap, double rate) {
     for (int k = 0; k < LEVELS; k++) {
         Below below = times->below[k];
@@ -316,8 +320,9 @@ static void take_edges(Times *times, const Polygon *mine, const Polygon *other, 
         }
 }
 
-/* Whether rigid polygons in even motion that are apart are within the margin, at some instant of the times in which their
- * edges say that they may be, from the middle on: where they are not, the way between them is one more direction. */
+/* Decide whether rigid polygons in uniform motion that are apart come within the margin, at an instant of the times
+ * that edge normals leave. Each round tests the middle of the remaining times, and adds the direction of the connecting
+ * line there. */
 static Contact closeness(Encounter *pair, double middle, Below near, double away, double smallest, Vector of_b) {
     double level = margin_level(pair, smallest);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
@@ -331,7 +336,7 @@ static Contact closeness(Encounter *pair, double middle, Below near, double away
     return UNDECIDED;
 }
 
-/* Rigid polygons in even motion but for a departure, plane metres. */
+/* Step 1: rigid polygons in uniform motion, up to a deviation (`departure`, plane metres). */
 static Contact closed_form(Encounter *pair, double low, double high, double departure) {
     encounter_set_closed_form(pair, true);
     double middle = 0.5 * (low + high);
@@ -368,7 +373,8 @@ Contact certain_contact(Encounter *pair, double low, double high) {
     if (!(high > low) || (pair->a.body->count < 3 && pair->b.body->count < 3)) return UNDECIDED;
     Bounds bounds = encounter_bounds(pair, low, high);
     double departure = 0.5 * bounds.spread * (high - low), start = low, end = high;
-    /* No more than rounding: a wider one would widen every end, by what it takes the pair to close it. */
+    /* Only if the deviation is within rounding: a larger one would widen the contact by the time it takes to close it.
+     */
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
     encounter_set_closed_form(pair, false);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
@@ -379,7 +385,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
         Levels levels = levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, scales);
         Shares shares = window_shares(pair, levels);
         if (is_none(shares.near)) return SEPARATED;
-        /* What is proven of a time holds in the shorter ones that follow. */
+        /* Proven for the whole round's time, so also for the shorter ones that follow. */
         is_apart = is_apart || is_none(shares.touch), is_shallow = is_shallow || is_none(shares.deep);
         Share likely = is_apart ? shares.near : is_shallow ? shares.touch : shares.deep;
         double witness = start + 0.5 * (likely.u + likely.v) * h;
@@ -388,7 +394,8 @@ Contact certain_contact(Encounter *pair, double low, double high) {
             Gap seen = encounter_plane_distance(pair, witness);
             if (seen.gap <= level)
                 return close_in(pair, start + shares.near.u * h, start + shares.near.v * h, witness, level);
-            /* Corners are further apart than edges show. */
+            /* Apart at the witness: corners are farther apart than edge normals show. Try the direction of the
+             * connecting line. */
             shares.near = window_share_along(pair, seen.axis, levels.near, shares.near);
             if (is_none(shares.near)) return SEPARATED;
         } else {

@@ -1,32 +1,32 @@
-/* The call that finds contacts: the memory that a search needs, and what it finds. */
+/* kernel_contacts: allocate the memory of the search, divide work budgets, and collect the contacts. */
 #include <stdlib.h>
 
 #include "answers.h"
 #include "border.h"
 #include "search.h"
 
-/* Intervals that are looked at for two objects, shared by their pairs of pieces, and for one pair of pieces at least and
- * at most, in each step of its search; in all steps its share, but at least as many as one of them may take. Beyond it a
- * pair is left undecided rather than let one take all time. */
+/* Work budget of the search. Two objects may inspect MAX_INTERVALS intervals, divided among their pairs of pieces. One
+ * step of a pair's search may inspect its share, within [MIN, MAX]_INTERVALS_PER_PAIR; all its steps together its
+ * share, but at least MAX_INTERVALS_PER_PAIR. A pair that exhausts its budget is left undecided. */
 enum { MAX_INTERVALS = 131072, MIN_INTERVALS_PER_PAIR = 256, MAX_INTERVALS_PER_PAIR = 8192 };
-/* Halvings of sides for the distances of a pair at least, whatever its share of PLANE_MAX_PARTS: twice what was seen within
- * five degrees of a pole. With fewer, pairs that are wanted far apart there are unresolved. */
+/* Smallest budget of a pair for bisections of sides in distances, whatever its share of PLANE_MAX_PARTS: twice the most
+ * seen within five degrees of a pole. Smaller: pairs with a large separation near poles are unresolved. */
 enum { MIN_PARTS_PER_PAIR = 65536 };
 
-/* Give the search room in memory. */
+/* Divide the memory of the search among its lists. */
 static void lay_out_intervals(Encounter *pair, Interval *memory) {
     pair->undecided.items = memory;
     pair->deeper.items = memory + MAX_INTERVALS_PER_PAIR;
     pair->spare_time.items = memory + 2 * MAX_INTERVALS_PER_PAIR;
 }
 
-/* Let a pair have its share of the work that may be done for two objects. */
-static void share_work(Encounter *pair, int64_t company) {
-    int64_t share = MAX_INTERVALS / (company > 1 ? company : 1), most = share;
+/* Set the work budget of a pair. */
+static void share_work(Encounter *pair, int64_t pairs_of_objects) {
+    int64_t share = MAX_INTERVALS / (pairs_of_objects > 1 ? pairs_of_objects : 1), most = share;
     most = most < MIN_INTERVALS_PER_PAIR ? MIN_INTERVALS_PER_PAIR : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : most;
     pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
     pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
-    int64_t parts = PLANE_MAX_PARTS / (company > 1 ? company : 1);
+    int64_t parts = PLANE_MAX_PARTS / (pairs_of_objects > 1 ? pairs_of_objects : 1);
     pair->parts_left = parts < MIN_PARTS_PER_PAIR ? MIN_PARTS_PER_PAIR : parts;
 }
 
@@ -61,11 +61,11 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
         Guess guess = {question->guess, question->guess_of, i};
         int64_t before = answers.count;
         answers.pair = i;
-        share_work(&pair, question->company ? question->company[i] : 1);
+        share_work(&pair, question->pairs_of_objects ? question->pairs_of_objects[i] : 1);
         bool is_told = low <= high && border_meet(scene, pairs, i, &pair);
         if (is_told) find_contacts(&pair, low, high, beyond, &guess, &answers);
         if (is_told && pair.parts_left >= 0) continue;
-        /* What was found without knowing all distances does not count. */
+        /* Contacts found without all distances are invalid. */
         answers.count = before;
         answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
     }

@@ -16,7 +16,7 @@ from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 from conflictdb.waiting import answer_of
 
-# Tells where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds, NaN if not known.
+# Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
 Guess = Callable[[int, float, float, bool], float]
 
 # KernelContact.
@@ -35,13 +35,13 @@ _GUESS: Final = ctypes.CFUNCTYPE(
 
 @dataclass(frozen=True, slots=True)
 class Questions:
-    """What is asked about n pairs of pieces.
+    """Queries for the contacts of n pairs of pieces.
 
-    a, b : (n,) numbers of pieces
-    zero_us : (n,) what each pair's seconds count from
-    low_s, high_s : (n,) each pair's time, within what both pieces have
-    beyond_s : (n,) the first instant that is no longer in the pair's span; infinite where the last one is
-    company : (n,) with how many pairs each shares the work that may be done for two objects; None: each has its own
+    a, b : (n,) indices of pieces
+    zero_us : (n,) the instant that the pair's seconds count from
+    low_s, high_s : (n,) the pair's time, within the slices of both pieces
+    beyond_s : (n,) first instant after the pair's span, which excludes it; infinite: the span includes its last instant
+    pairs_of_objects : (n,) divides the work budget of two objects among their pairs; None: 1 each
     """
 
     a: NDArray[np.int64]
@@ -50,16 +50,16 @@ class Questions:
     low_s: Floats
     high_s: Floats
     beyond_s: Floats
-    company: NDArray[np.int64] | None = None
+    pairs_of_objects: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.a)
 
     def take(self, rows: NDArray[np.int64]) -> "Questions":
-        """Return some of the questions."""
+        """Return the queries of some pairs."""
         times = self.zero_us[rows], self.low_s[rows], self.high_s[rows], self.beyond_s[rows]
-        company = None if self.company is None else self.company[rows]
-        return Questions(self.a[rows], self.b[rows], *times, company)
+        counts = None if self.pairs_of_objects is None else self.pairs_of_objects[rows]
+        return Questions(self.a[rows], self.b[rows], *times, counts)
 
 
 def contacts(
@@ -71,17 +71,19 @@ def contacts(
     threads: int = 1,
     guess: Guess | None = None,
 ) -> Contacts:
-    """Return when pairs are nearer than a separation; where that is 0, when they touch.
+    """Return when pairs lose separation; with separation_m 0, when they touch.
 
-    tolerance_m : closeness that is too close to call
-    work : counts what is done
-    guess : is asked where contacts may be; what it answers decides the work alone
+    tolerance_m : clearances within this of zero are too close to call
+    work : work counters, increased
+    guess : callback for where contacts may be; changes the work, not the answer
     """
     n = len(questions)
     pairs = HeldPairs.arrays(questions.a, questions.b, questions.zero_us, questions.low_s, questions.high_s)
     beyond_s = np.ascontiguousarray(questions.beyond_s, np.float64)
-    company = None if questions.company is None else np.ascontiguousarray(questions.company, np.int64)
-    if len(beyond_s) != n or (company is not None and len(company) != n):
+    counts = None
+    if questions.pairs_of_objects is not None:
+        counts = np.ascontiguousarray(questions.pairs_of_objects, np.int64)
+    if len(beyond_s) != n or (counts is not None and len(counts) != n):
         raise ValueError("kernel: the columns of pairs are not of one length")
 
     is_over = Event()
@@ -89,7 +91,7 @@ def contacts(
     def solve(rows: slice) -> tuple[NDArray[Any], HeldWork]:
         asked = _Asked(guess, rows.start, is_over)
         question = _Question(separation_m, tolerance_m, beyond_s[rows].ctypes.data)
-        question.company = None if company is None else company[rows].ctypes.data
+        question.pairs_of_objects = None if counts is None else counts[rows].ctypes.data
         question.guess = _GUESS() if guess is None else asked.callback
         held, found, count, done = HeldPairs.of(pairs, rows), ctypes.c_void_p(), ctypes.c_int64(), HeldWork()
         check(
@@ -113,8 +115,8 @@ def contacts(
     if guess is None:
         parts = every(threads)
     else:
-        # Aside, for Python handles signals in the main thread, before the first step of a function that C calls: an
-        # exception would be raised there in front of every `try`, and lost.
+        # In another thread: Python handles signals in the main thread, before the first step of a callback from C. An
+        # exception raised there would precede every `try`, and be lost.
         with ThreadPoolExecutor(1) as pool:
             try:
                 parts = answer_of(pool.submit(every, 1))
@@ -129,7 +131,7 @@ def contacts(
 
 
 class _Asked:
-    """A guess as the library calls it, until it is over; what it raises is kept, for no exception goes through C."""
+    """C callback for a guess. Exceptions cannot pass through C: the first one is stored for `raise_what_failed`."""
 
     def __init__(self, guess: Guess | None, first: int, is_over: Event) -> None:
         self._failed: BaseException | None = None
@@ -157,7 +159,7 @@ class _Question(ctypes.Structure):
         ("separation_m", ctypes.c_double),
         ("tolerance_m", ctypes.c_double),
         ("beyond_s", ctypes.c_void_p),
-        ("company", ctypes.c_void_p),
+        ("pairs_of_objects", ctypes.c_void_p),
         ("guess", _GUESS),
         ("guess_of", ctypes.c_void_p),
     )

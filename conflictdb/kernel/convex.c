@@ -1,10 +1,11 @@
-/* Triangles of polygons joined to convex parts.
+/* Merge triangles of polygons into convex parts: at most four times the smallest number of parts.
  *
  * S. Hertel, K. Mehlhorn, "Fast triangulation of the plane with respect to simple polygons", Information and Control 64
- * (1985), doi:10.1016/S0019-9958(85)80044-9: at most four times the least number of parts.
+ * (1985), doi:10.1016/S0019-9958(85)80044-9.
  *
- * Side k of triangle i is number 3 i + k, and goes from its corner k to the next. Sides that are left follow each other
- * around parts. */
+ * Side k of triangle i has number 3 i + k, and leads from its corner k to the next one. The remaining sides form the
+ * cycles around the parts.
+ */
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,10 +16,10 @@ enum { NONE = -1 };
 
 typedef struct {
     const double *xy;
-    int64_t *next, *previous; /* of sides around their part */
-    int64_t *part;            /* of triangles: another one of the same part, or the same one; see root */
-    int64_t *table;           /* sides by their hash, NONE where there is none */
-    int64_t room;             /* of the table, a power of two: at least twice the sides of a polygon */
+    int64_t *next, *previous; /* sides around their part */
+    int64_t *part;            /* union-find parent of triangles; see `root` */
+    int64_t *table;           /* hash table of sides, or NONE */
+    int64_t room;             /* size of the table, a power of two: at least twice the sides of a polygon */
 } Mesh;
 
 static Vector start_of(const Mesh *mesh, int64_t side) { return (Vector){mesh->xy[2 * side], mesh->xy[2 * side + 1]}; }
@@ -35,7 +36,7 @@ static uint64_t mixed(uint64_t hash, double number) {
 
 static bool is_same(Vector a, Vector b) { return a.x == b.x && a.y == b.y; }
 
-/* The place in the table of the side that goes from one corner to another, or where it would be. */
+/* The slot of the side from one corner to another, or the slot where it belongs. */
 static int64_t *find(const Mesh *mesh, Vector from, Vector to) {
     uint64_t hash = mixed(mixed(mixed(mixed(0, from.x), from.y), to.x), to.y);
     for (uint64_t at = hash;; at++) {
@@ -56,14 +57,14 @@ static bool turns_left(Vector a, Vector b, Vector c) {
     return cross((Vector){b.x - a.x, b.y - a.y}, (Vector){c.x - b.x, c.y - b.y}) >= 0.0;
 }
 
-/* Would the part be convex where a side is taken out, at its start? other: the same side the other way. */
+/* Whether the merged part is convex at the start of a removed side. other: the same side in the other direction. */
 static bool stays_convex(const Mesh *mesh, int64_t side, int64_t other) {
     return turns_left(start_of(mesh, mesh->previous[side]), start_of(mesh, side), end_of(mesh, mesh->next[other]));
 }
 
 static void link_sides(Mesh *mesh, int64_t side, int64_t next) { mesh->next[side] = next, mesh->previous[next] = side; }
 
-/* Join the triangles [first, end), those of one polygon. Sides that are taken out have no next one. */
+/* Merge the triangles [first, end) of one polygon. Removed sides have next = NONE. */
 static void join(Mesh *mesh, int64_t first, int64_t end) {
     for (int64_t k = 0; k < mesh->room; k++) mesh->table[k] = NONE;
     for (int64_t side = 3 * first; side < 3 * end; side++) {
@@ -82,7 +83,7 @@ static void join(Mesh *mesh, int64_t first, int64_t end) {
     }
 }
 
-/* Write the corners of the parts, which are those where sides start; tells how many parts there are. */
+/* Write the corners of the parts, one per remaining side; returns the number of parts. */
 static int64_t list_parts(Mesh *mesh, int64_t count, int64_t *corner, int64_t *offset) {
     int64_t parts = 0, corners = 0;
     offset[0] = 0;

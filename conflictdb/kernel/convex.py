@@ -1,4 +1,4 @@
-"""Convex parts of polygons, joined from their triangles."""
+"""Merge the triangles of polygons into convex parts."""
 
 import ctypes
 
@@ -10,13 +10,13 @@ from conflictdb.kernel.library import check, library
 
 
 def convex_parts(triangles: Floats, of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return convex parts of polygons, made of their triangles, which are joined over sides that are the same.
+    """Merge the triangles of polygons into convex parts, across shared sides.
 
     triangles : (t, 3, 2) corners, counter-clockwise
-    of : (t,) polygon of each, sorted
+    of : (t,) polygon of each triangle, sorted
 
-    Returns the corners of the parts, counter-clockwise, as rows of all corners of the triangles (3 t, 2), one part
-    after the other, a polygon after the other; and where those of each begin, and the last end (n + 1,).
+    Returns the corners of the parts, counter-clockwise, as rows of all corners (3 t, 2), ordered by polygon and part;
+    and the offsets of the parts (n + 1,).
     """
     triangles, of = np.ascontiguousarray(triangles, np.float64), np.ascontiguousarray(of, np.int64)
     corner, offset, count = np.empty(3 * len(of), np.int64), np.empty(len(of) + 1, np.int64), ctypes.c_int64()

@@ -1,22 +1,21 @@
-/* How far apart two movers are, and what their distance D is nowhere below during a time of h seconds; metres on the
- * earth. Three bounds hold:
+/* Lower bounds on the distance D of two movers during a time of h seconds; metres on the earth. Three bounds hold:
  *
- * 1. Gap. Along the direction between the nearest points in the middle the gap is concave in time if all vertices move
- *    straight: it is nowhere less than at the ends, less M h^2 / 8 where accelerations are at most M.
- * 2. Rate. |D'| is at most the relative velocity along that direction, and a share of that across it, as the direction
- *    of a shorter way may differ: S. A. Piyavskii, USSR Comput. Math. Math. Phys. 12 (1972),
+ * 1. Gap. If all vertices move straight, the gap along the direction between the nearest points in the middle is
+ *    concave in time: at least its minimum at the ends, minus M h^2 / 8 for accelerations of at most M.
+ * 2. Rate. |D'| is at most the relative velocity along that direction plus a fraction of that across it, as the
+ *    direction of a shorter line may differ: S. A. Piyavskii, USSR Comput. Math. Math. Phys. 12 (1972),
  *    doi:10.1016/0041-5553(72)90115-2; B. Mirtich, thesis, Berkeley (1996).
- * 3. Second derivative. D'' is at most C: D is nowhere less than its chords less C h^2 / 8, which decides short times,
+ * 3. Second derivative. If D'' is at most C, D is at least its chords minus C h^2 / 8. This decides short times,
  *    however far apart and large the polygons are.
  */
 #include "approach.h"
 
-/* What holds during a time: the polygons' velocities in the middle, bounds on all vertices, and scales. */
+/* Motion during a time: velocities of the polygons in the middle, bounds on all vertices, and scales. */
 typedef struct {
-    double h, acceleration, spread; /* of both movers */
-    Vector a, b;                    /* velocities */
+    double h, acceleration, spread; /* sums over both movers */
+    Vector a, b;                    /* velocities in the middle, plane m/s */
     double fastest_a, fastest_b;    /* speeds of any vertex, plane m/s */
-    double largest, smallest, width; /* scales, and how wide the plane is there from west to east, plane metres */
+    double largest, smallest, width; /* scales; width of the positions from west to east, plane metres */
 } Course;
 
 double approach_distance(Encounter *pair, double t) {
@@ -25,7 +24,8 @@ double approach_distance(Encounter *pair, double t) {
     return most(plane_distance_m(pair->plane, &pair->a_now, &pair->b_now, pair->a.origin, &pair->parts_left), 0.0);
 }
 
-/* Put the polygons where they are at the ends of a time, and tell what holds during it; those of the middle are added. */
+/* Compute the polygons at the ends of a time, and bounds on the motion. The polygons in the middle must be set already.
+ */
 static Course course_during(Encounter *pair, double start, double end) {
     Extent extent = extent_none();
     double middle = 0.5 * (start + end);
@@ -43,7 +43,7 @@ static Course course_during(Encounter *pair, double start, double end) {
     return course;
 }
 
-/* The least distance of places that are `gap` plane metres apart or more, also the other way round the earth. */
+/* Smallest distance between places at least `gap` plane metres apart, also around the other side of the earth. */
 static double least_across(const KernelPlane *plane, double gap, const Course *course) {
     double around = plane_turn_m(plane) - course->width, nearer = least(gap, around);
     return nearer > 0.0 ? plane_least_m(plane, nearer, course->largest) : 0.0;
@@ -54,9 +54,9 @@ static double gap_bound(const Encounter *pair, const Course *course, Vector axis
     return most(gap - course->acceleration * course->h * course->h / 8.0 - KERNEL_TOUCH_M * course->largest, 0.0);
 }
 
-/* The sine of the largest angle from the axis to a way that is `reach` plane metres long at most and `gap` along the axis
- * at least; on the earth the distance may grow in another direction, by the plane's slant. 1 where the way may lead
- * round the earth. */
+/* Sine of the largest angle between the axis and a line at most `reach` plane metres long that covers at least `gap`
+ * along the axis; plus the plane's slant, as distances on the earth may grow fastest in another direction. 1 if the
+ * line may lead around the earth. */
 static double largest_sine(const KernelPlane *plane, const Course *course, double distance, double reach, double gap) {
     if (!(gap > 0.0 && reach > 0.0) || course->width + reach >= plane_turn_m(plane)) return 1.0;
     double cosine = gap / reach;
@@ -77,18 +77,19 @@ static double rate_bound(const Encounter *pair, const Course *course, Vector axi
     return distance - 0.5 * rate * course->h / course->smallest - KERNEL_TOUCH_M;
 }
 
-/* How fast the ends of a shortest way may move against each other across it, m/s, where what is nearest in the middle is
- * `distance` apart.
+/* How fast the ends of a shortest line may move relative to each other across the line, m/s, if the nearest points in
+ * the middle are `distance` apart.
  *
- * At most the sum of both speeds v1, v2. In a plane that keeps angles it is the velocity V of one polygon against the
- * other across the way, K more for that of their vertices, and what the way turns and the scale changes on it: let N be
- * the normal of the way, which goes with it. (V_b.N_b) / k_b - (V_a.N_a) / k_a is V.N_a / k_a, and V_b times the change
- * of N / k from a to b (or V_a times the same), which is at most the plane's slant for N and as much for k. */
+ * It is at most the sum of both speeds v1, v2. In a conformal plane: the relative velocity V of the polygons across the
+ * line, plus K for that of their vertices, plus the turn of the line and the change of the scale along it. With N the
+ * normal of the line, which moves with it, (V_b.N_b) / k_b - (V_a.N_a) / k_a is V.N_a / k_a plus V_b times the change
+ * of N / k from a to b (or V_a times the same), which is at most the plane's slant for N and as much for k.
+ */
 static double across_way(const Encounter *pair, const Course *course, Vector axis, double distance, double gap, double v1,
                          double v2) {
     const KernelPlane *plane = pair->plane;
     if (plane->projection != KERNEL_MERCATOR) return v1 + v2;
-    /* Places that are nearest at some instant of the time, and what is between them at any other. */
+    /* The largest distance at any instant of places that are nearest at some instant. */
     double furthest_m = distance + 1.5 * course->h * (v1 + v2);
     double reach = plane_span_m(plane, furthest_m, course->largest);
     double sine = largest_sine(plane, course, furthest_m, reach, gap);
@@ -98,13 +99,15 @@ static double across_way(const Encounter *pair, const Course *course, Vector axi
     return least(v1 + v2, (least(across, norm(v)) + course->spread) / course->smallest + turned);
 }
 
-/* A bound on the second derivative of distances, m/s^2, that are nowhere below least_m.
+/* A bound on the second derivative, m/s^2, of distances of at least least_m.
  *
- * A place of a polygon is a fixed convex combination of its vertices, so D is the least of the distances of two places,
- * one that moves with each polygon. For one such distance d with speeds v1, v2 and accelerations a1, a2 of its ends, and
- * w between them across the way, the second variation of arc length gives d'' <= w^2 / d + a1 + a2, as the earth's
- * curvature is nowhere negative. (If another way becomes the shortest, d is only less.) With C the largest of these
- * bounds, each d - C t^2 / 2 is concave, and so is their least. M. do Carmo, "Riemannian Geometry" (1992), chapter 9. */
+ * A place of a polygon is a fixed convex combination of its vertices, so D is the minimum of the distances of two
+ * places, one moving with each polygon. For one such distance d, with speeds v1, v2 and accelerations a1, a2 of its
+ * ends, and w between them across the line, the second variation of arc length gives d'' <= w^2 / d + a1 + a2, as the
+ * earth's curvature is nowhere negative. (If another line becomes the shortest, d is only smaller.) With C the largest
+ * of these bounds, each d - C t^2 / 2 is concave, and so is their minimum. M. do Carmo, "Riemannian Geometry" (1992),
+ * chapter 9.
+ */
 static double upward(const Encounter *pair, const Course *course, Vector axis, double distance, double gap,
                      double least_m) {
     double v1 = course->fastest_a / course->smallest, v2 = course->fastest_b / course->smallest;

@@ -1,38 +1,52 @@
-/* When two moving polygons touch, or come nearer to each other than a distance: one pair at a time, with proofs.
+/* conflictdb kernel: contacts, distances and candidate pairs of moving convex polygons.
  *
- * Two pieces of a scene are convex polygons that stand still, or ride along a leg as havens. For a pair of them during
- * [low_s, high_s] the kernel tells every contact, and proves that there is no other, or says that it could not
- * (KernelVerdict). What is proven holds for the motion itself: no step samples, and rounding is allowed for.
- * docs/explanation/kernel.md says how.
+ * A scene holds pieces: convex polygons that stand still (parts of areas) or ride along a leg (havens). For a pair of
+ * pieces during [low_s, high_s] the kernel reports every contact, and proves that there is no other or reports the pair
+ * as unresolved (KernelVerdict). The proofs cover the continuous motion and allow for rounding; nothing is decided by
+ * sampling. docs/explanation/kernel.md explains how.
  *
- * Units are metres, seconds and degrees at this border; "plane metres" are coordinates of the plane in which the legs
- * and edges are straight. Instants are microseconds since 1970.
+ * Units: metres, seconds, degrees. "Plane metres" are coordinates of the plane in which legs and edges are straight.
+ * Instants are microseconds since 1970; the times of a pair are seconds from its own zero.
+ * Thread safety: there is no global state. A KernelScene is immutable; any number of threads may share it.
+ * Determinism: the answer for a pair does not depend on the other pairs of the call, nor on the order of pairs.
+ * Errors: counts, offsets and indices are validated (KernelStatus); unless a call returns KERNEL_OK, its results are
+ * incomplete. NaN and infinite coordinates are valid input: their piece is invalid, and its pairs are KERNEL_UNRESOLVED,
+ * NaN or unknown.
+ * Memory: each call frees its working memory. Callers allocate the result arrays, with two exceptions:
+ * free scenes with kernel_scene_free, contacts with kernel_contacts_free.
  *
- * Nothing is global: a KernelScene is made once, is not changed after that, and may be used by any number of threads.
- * What a call answers for a pair depends on that pair alone. Every index is checked here, at the border; memory is
- * taken here and nowhere else. Numbers that are no numbers are no error: what they belong to is undecided.
+ * Sections: status and limits; scene; narrow phase; regions; broad phase; bytes.
  */
 #ifndef CONFLICTDB_KERNEL_H
 #define CONFLICTDB_KERNEL_H
 
 #include <stdint.h>
 
-/* Changes with every change of a structure, a constant or a function of this file. */
+/* Marks the functions that the library exports. All others are hidden (-fvisibility=hidden). */
+#if defined(__GNUC__)
+#define KERNEL_API __attribute__((visibility("default")))
+#else
+#define KERNEL_API
+#endif
+
+/* ---- Status and limits ------------------------------------------------------------------------------------------ */
+
+/* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
 #define KERNEL_ABI 19
 
-/* Polygons this close touch, metres on the earth: coordinates are rounded to 1e-8 m, and a touch must not become a
- * miss. Larger: ends are wider than they need to be. Smaller: rounding decides. */
+/* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
+ * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
 #define KERNEL_TOUCH_M 5e-8
 
-/* Hulls are padded by this beyond all else, metres: plane coordinates reach 4e7 m, where doubles are 7.5e-9 m apart, and
- * a vertex is a sum of about ten of them. Larger: more pairs. Smaller: rounding may take a touch away. */
+/* Extra padding of hulls, metres: plane coordinates reach 4e7 m, where doubles are 7.5e-9 m apart, and a vertex is a sum
+ * of about ten of them. Larger: more candidate pairs. Smaller: rounding may hide a touch. */
 #define KERNEL_ROUNDING_M 1e-6
 
-/* A padded hull of a piece of n vertices has at most HULL_PER_VERTEX n + HULL_MORE, its first again at its end. */
+/* The padded hull of a piece of n vertices has at most HULL_PER_VERTEX n + HULL_MORE vertices, closing vertex included. */
 #define KERNEL_HULL_PER_VERTEX 6
 #define KERNEL_HULL_MORE 5
 
-/* The rings of the region of two pieces of n vertices together have at most REGION_PER_VERTEX n + REGION_MORE vertices. */
+/* The region of two pieces of n vertices together has at most REGION_PER_VERTEX n + REGION_MORE vertices. */
 #define KERNEL_REGION_PER_VERTEX 8
 #define KERNEL_REGION_MORE 8
 
@@ -40,35 +54,36 @@
 #define KERNEL_HARMONICS 6
 #define KERNEL_RADII 7
 
-/* Instants lie between plus and minus this, microseconds, so that differences of two fit into 64 bits. */
+/* Instants lie within plus and minus this, microseconds, so that their differences fit into 64 bits. */
 #define KERNEL_LATEST_US (INT64_C(1) << 61)
 
-/* Seconds of a pair lie between plus and minus this: no two instants of 64 bits are further apart. */
+/* Seconds of a pair lie within plus and minus this, the largest difference of two 64-bit instants. */
 #define KERNEL_LONGEST_S (0x1p64 / 1e6)
 
-/* A haven of more vertices is a piece that cannot be: the time that its pairs take grows with the square of the number, to
- * half a second each. Areas have no such limit: of what stands still only its own edges count. */
+/* A haven of more vertices is an invalid piece: the time of a pair grows with the square of the number, to half a second.
+ * Areas have no limit: for a polygon that stands still only its own edges count. */
 #define KERNEL_MOST_VERTICES 10000
 
 /* How a call ended. */
 typedef enum {
     KERNEL_OK = 0,
     KERNEL_NO_MEMORY = 1,
-    KERNEL_NULL = 2,        /* an array is missing */
-    KERNEL_BAD_COUNT = 3,   /* a count is negative */
-    KERNEL_BAD_PLANE = 4,   /* no such plane, or an earth of no size */
-    KERNEL_BAD_OFFSET = 5,  /* the offsets of vertices do not begin at 0, decrease, or end beyond the vertices */
-    KERNEL_BAD_PIECE = 6,   /* the number of a pair's piece is none of the scene's */
-    KERNEL_BAD_DISTANCE = 7, /* a separation or tolerance that is negative or no number */
-    KERNEL_BAD_RANGE = 8     /* a range of pieces that is not within them */
+    KERNEL_NULL = 2,         /* a required array is NULL */
+    KERNEL_BAD_COUNT = 3,    /* a count is negative or too large, or a result does not fit into its array */
+    KERNEL_BAD_PLANE = 4,    /* unknown projection, or a figure of the earth that is not finite and positive */
+    KERNEL_BAD_OFFSET = 5,   /* offsets do not begin at 0, decrease, or do not end at the number of items */
+    KERNEL_BAD_PIECE = 6,    /* index of a piece, area, bundle, hull or row out of range */
+    KERNEL_BAD_DISTANCE = 7, /* separation or tolerance negative, NaN or infinite */
+    KERNEL_BAD_RANGE = 8     /* range of pieces out of range */
 } KernelStatus;
 
-/* What is known of a contact (conflictdb.results.Verdict). */
-typedef enum {
-    KERNEL_CONFLICT = 0,  /* nearer than wanted, by more than the tolerance at some instant */
-    KERNEL_GRAZING = 1,   /* the least clearance is within the tolerance of zero: too close to call */
-    KERNEL_UNRESOLVED = 2 /* neither is proven, nor that they stay apart: the time in which they might meet */
-} KernelVerdict;
+/* Return KERNEL_ABI as of the build. */
+KERNEL_API int32_t kernel_abi(void);
+
+/* Return the fingerprint of the sources, as given by the build. */
+KERNEL_API const char *kernel_fingerprint(void);
+
+/* ---- Scene ------------------------------------------------------------------------------------------------------ */
 
 typedef enum { KERNEL_MERCATOR = 0, KERNEL_GNOMONIC = 1 } KernelProjection;
 
@@ -78,354 +93,374 @@ typedef enum { KERNEL_MERCATOR = 0, KERNEL_GNOMONIC = 1 } KernelProjection;
  * Gnomonic about a centre: legs are great circles of the sphere.
  */
 typedef struct {
-    int32_t projection;    /* KernelProjection */
-    int32_t harmonics;     /* terms of to_rectifying and to_conformal: 0 on the sphere */
-    double radius_m;       /* of the equator, a */
-    double rectifying_m;   /* metres of meridian per radian of rectifying latitude */
-    double eccentricity;   /* 0 on the sphere */
-    double oblateness;     /* ln(largest / least radius of the conformal sphere) */
-    double to_rectifying[KERNEL_HARMONICS];  /* mu(chi) = chi + sum of c_j sin(2 j chi) */
-    double to_conformal[KERNEL_HARMONICS];   /* chi(mu), the same way */
-    double conformal_radius[KERNEL_RADII];   /* metres, power series in sin(chi)^2; on the sphere radius_m, 0, ... */
-    double centre_lon_deg, centre_lat_deg;   /* gnomonic only */
+    int32_t projection;  /* KernelProjection */
+    int32_t harmonics;   /* terms of to_rectifying and to_conformal: 0 on the sphere */
+    double radius_m;     /* radius a of the equator */
+    double rectifying_m; /* metres of meridian per radian of rectifying latitude */
+    double eccentricity; /* 0 on the sphere */
+    double oblateness;   /* ln(largest / smallest radius of the conformal sphere) */
+    double to_rectifying[KERNEL_HARMONICS]; /* mu(chi) = chi + sum of c_j sin(2 j chi) */
+    double to_conformal[KERNEL_HARMONICS];  /* chi(mu), in the same form */
+    double conformal_radius[KERNEL_RADII];  /* metres, power series in sin(chi)^2; on the sphere radius_m, 0, ... */
+    double centre_lon_deg, centre_lat_deg;  /* gnomonic only */
 } KernelPlane;
 
-/* The pieces of a scene, as arrays (conflictdb.arrays.pieces.Pieces); only read while the scene is made. */
+/* The pieces of a scene as arrays (conflictdb.arrays.pieces.Pieces). Only read during the call. */
 typedef struct {
     int64_t count, vertex_count;
-    const int8_t *moves;          /* (count,) 0: an area, whose shape is in plane metres; else a haven on a leg */
-    const int16_t *turn;          /* (count,) whole turns of longitude by which a piece is shifted */
+    const int8_t *moves;                       /* (count,) 0: area, shape in plane metres; else haven on a leg */
+    const int16_t *turn;                       /* (count,) whole turns of longitude by which the piece is shifted */
     const int64_t *start_us, *end_us;          /* (count,) havens: the slice of the leg */
     const int64_t *leg_start_us, *leg_end_us;  /* (count,) havens: the leg */
-    const double *leg_start_deg, *leg_end_deg; /* (count, 2) havens: longitude, which runs on, and latitude */
-    const double *bearing_deg;                 /* (count,) havens: the heading */
-    const int64_t *shape_offset;  /* (count + 1,) vertices of piece i: [offset[i], offset[i + 1]) */
-    const double *shape;          /* (vertex_count, 2) counter-clockwise; havens: starboard and forward, metres */
-    const double *shape_to;       /* the same at the end of the leg; NULL or `shape` where nothing changes */
-    const int8_t *wanted;         /* (count,) 0: no pair has this piece, which costs nothing then; NULL: all are wanted */
+    const double *leg_start_deg, *leg_end_deg; /* (count, 2) havens: longitude (continuous across 180) and latitude */
+    const double *bearing_deg;                 /* (count,) havens: heading */
+    const int64_t *shape_offset; /* (count + 1,) vertices of piece i: [offset[i], offset[i + 1]) */
+    const double *shape;         /* (vertex_count, 2) counter-clockwise; havens: metres to starboard and forward */
+    const double *shape_to;      /* the shape at the end of the leg; NULL or `shape`: the shape is constant */
+    const int8_t *used;          /* (count,) 0: in no pair, not prepared and treated as invalid; NULL: all are used */
 } KernelPieces;
 
-/* Pairs of pieces: numbers, the instant that the pair counts its seconds from, and its time. Both pieces must be there
- * throughout: [low_s, high_s] lies within both slices. Of a pair whose seconds lie beyond KERNEL_LONGEST_S nothing is known,
- * as of one with a piece that cannot be. */
+/* State of a piece of a scene.
+ *
+ * Invalid: no vertices, NaN or infinite numbers, a haven of more than KERNEL_MOST_VERTICES, a leg without duration or
+ * beyond a pole. */
+typedef enum {
+    KERNEL_PIECE_INVALID = 0,   /* or not used */
+    KERNEL_PIECE_NONCONVEX = 1, /* may lose convexity; its convex hull is used */
+    KERNEL_PIECE_CONVEX = 2     /* the vertices stay in convex position */
+} KernelState;
+
+typedef struct KernelScene KernelScene;
+
+/* Make a scene: prepare all pieces that are used. */
+KERNEL_API KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pieces, KernelScene **scene);
+
+/* Free a scene. NULL is allowed. */
+KERNEL_API void kernel_scene_free(KernelScene *scene);
+
+/* Return the state of each piece: (pieces,) KernelState. */
+KERNEL_API KernelStatus kernel_states(const KernelScene *scene, int8_t *state);
+
+/* Pieces as functions of time. */
 typedef struct {
     int64_t count;
-    const int64_t *a, *b;
-    const int64_t *zero_us;
-    const double *low_s, *high_s;
+    const int64_t *piece;   /* (count,) index of the piece */
+    const int64_t *zero_us; /* (count,) the instant that seconds count from */
+    const double *origin;   /* (2, count) the plane point that coordinates count from: all x before all y */
+} KernelRows;
+
+/* Compute the vertices of rows at times t (count,), to 1e-8 m on the earth.
+ *
+ * slots : at least the largest number of vertices of these pieces
+ * xy : (2, slots, count) plane metres from the origins; pieces of fewer vertices repeat their last one; NaN if invalid
+ */
+KERNEL_API KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, const double *t, int64_t slots,
+                                         double *xy);
+
+/* Compute the reference points of havens at times t (count,), which move on straight lines of the plane.
+ *
+ * xy : (2, count) plane metres from the origins; NaN for areas and invalid pieces
+ */
+KERNEL_API KernelStatus kernel_references(const KernelScene *scene, const KernelRows *rows, const double *t, double *xy);
+
+/* Proven bounds on the motion of rows during times [t0, t1], (count,) each; plane metres and seconds. */
+typedef struct {
+    double *velocity;     /* (2, count) one velocity for the whole polygon, at the middle of the time */
+    double *acceleration; /* largest second derivative of a vertex */
+    double *spread;       /* largest difference between a vertex' velocity and `velocity` */
+    double *deviation;    /* havens: largest distance of a vertex from the convex hull of both end positions; areas: 0 */
+    double *scale;        /* havens: most plane metres per metre at a vertex; areas: 1 */
+    double *curve;        /* (2, count) second derivative of the reference point at the middle of the time; areas: 0 */
+    double *variation;    /* largest difference between a vertex' second derivative and `curve`; areas: 0 */
+} KernelBounds;
+
+/* Bound how rows move during [t0, t1], (count,) both, within their slices. Bounds of invalid pieces are NaN. */
+KERNEL_API KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
+                                      const KernelBounds *bounds);
+
+/* ---- Narrow phase ----------------------------------------------------------------------------------------------- */
+
+/* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, or
+ * with seconds beyond KERNEL_LONGEST_S, are undecided. */
+typedef struct {
+    int64_t count;
+    const int64_t *a, *b;          /* (count,) indices of pieces */
+    const int64_t *zero_us;        /* (count,) the instant that the seconds of the pair count from */
+    const double *low_s, *high_s;  /* (count,) */
 } KernelPairs;
 
-/* Tell where the extreme contact of a pair may be, the last or the first one between two instants, seconds; NaN where it
- * is not known. What is told decides the work alone, no answer. */
+/* Verdict on a contact (conflictdb.results.Verdict). */
+typedef enum {
+    KERNEL_CONFLICT = 0,  /* the separation is violated, by more than the tolerance at some instant */
+    KERNEL_GRAZING = 1,   /* the smallest clearance is within the tolerance of zero: too close to call */
+    KERNEL_UNRESOLVED = 2 /* neither contact nor its absence is proven: the time in which contact is possible */
+} KernelVerdict;
+
+/* Callback: return where the last (is_last) or first contact of a pair may be between two instants, seconds, or NaN if
+ * unknown. It changes the work, not the answer. */
 typedef double KernelGuess(void *of, int64_t pair, double low_s, double high_s, int32_t is_last);
 
-/* What is asked about pairs. */
+/* Options of kernel_contacts. */
 typedef struct {
-    double separation_m;     /* the distance wanted on the earth; where it is 0, contact is touching */
-    double tolerance_m;      /* closeness that is too close to call */
-    const double *beyond_s;  /* (count,) the first instant that is no longer in a pair's span, infinite where the last one
-                                is; NULL: infinite for all */
-    const int64_t *company;  /* (count,) how many pairs share the work that may be done for two objects; NULL: 1 each */
-    KernelGuess *guess;      /* NULL, or whom to ask; then all pairs are searched */
-    void *guess_of;
+    double separation_m;     /* required separation, metres on the earth; 0: contact means touching */
+    double tolerance_m;      /* clearances within the tolerance of zero are too close to call */
+    const double *beyond_s;  /* (count,) first instant after the pair's span, which excludes it; infinite: the span
+                                includes its last instant; NULL: infinite for all */
+    const int64_t *pairs_of_objects; /* (count,) divides the work budget of two objects among their pairs; NULL: 1 each */
+    KernelGuess *guess;      /* NULL, or the callback; with it, all pairs are searched */
+    void *guess_of;          /* first argument of the callback */
 } KernelQuestion;
 
-/* A time during which a pair is in contact, or might be. */
+/* A time during which a pair is in contact, or may be. */
 typedef struct {
     int64_t pair;
     double start_s, end_s; /* seconds from the pair's zero; the true contact lies within */
-    double error_s;        /* by which either true end may lie inside, at most */
+    double error_s;        /* each true end lies at most this far inside */
     int32_t verdict;       /* KernelVerdict */
-    int32_t touches;       /* whether they are nearer than wanted during it, not only within the tolerance of that */
+    int32_t touches;       /* 1: the separation is violated during it; 0: it is only within the tolerance of that */
 } KernelContact;
 
-/* What was done: pairs decided in closed form (stage 3), and how many of these are apart; windows of the other pairs,
- * evaluations of two polygons at an instant, and pairs searched by branch and bound. And seconds by the clock: of the pairs
- * decided in closed form, and of all pairs of kernel_contacts. No answer depends on these. */
+/* Work counters and seconds by the clock. No answer depends on them. */
 typedef struct {
-    int64_t closed_forms, closed_apart, windows, evaluations, searched_pairs;
-    double closed_form_s, contacts_s;
+    int64_t closed_forms;   /* pairs decided in closed form (stage 3) */
+    int64_t closed_apart;   /* those of them that are apart */
+    int64_t windows;        /* times of the other pairs that were bounded */
+    int64_t evaluations;    /* positions of two polygons computed at an instant */
+    int64_t searched_pairs; /* pairs that needed the search by branch and bound */
+    double closed_form_s;   /* of the pairs decided in closed form */
+    double contacts_s;      /* of all pairs of kernel_contacts */
 } KernelWork;
 
-/* Pieces as functions of time: numbers, the instant that each counts its seconds from, and the plane point that it counts
- * its coordinates from, (2, count): all x before all y. */
+/* Find all contacts of pairs, ordered by pair and time. Pairs with an invalid piece are unresolved, and so are pairs that
+ * exhaust the work budget of their distances; other pairs that exhaust their budget report what is proven by then.
+ *
+ * contacts : allocated here, free with kernel_contacts_free
+ */
+KERNEL_API KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
+                                        KernelContact **contacts, int64_t *count, KernelWork *work);
+
+/* Free contacts. NULL is allowed. */
+KERNEL_API void kernel_contacts_free(KernelContact *contacts);
+
+/* Compute the meeting point of pairs at low_s: a common point if they overlap, else the middle between their nearest
+ * points in the plane.
+ *
+ * degrees : (count, 2) longitude in [-180, 180) and latitude; NaN for pairs with an invalid piece
+ */
+KERNEL_API KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs, double *degrees);
+
+/* Compute the distance of pairs at low_s: the length of the shortest line on the earth, minus the depth of overlaps.
+ *
+ * distance_m : (count,) never too large; too small by less than the plane's `distance_error_m`; NaN for pairs with an
+ *     invalid piece, and if the work budget is exhausted
+ */
+KERNEL_API KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
+
+/* Groups of pairs, such as all pairs of pieces of two objects: group g has the pairs [offset[g], offset[g + 1]). */
 typedef struct {
     int64_t count;
-    const int64_t *piece;
-    const int64_t *zero_us;
-    const double *origin;
-} KernelRows;
-
-/* What is promised of rows during times [t0, t1], (count,) each; plane metres and seconds. */
-typedef struct {
-    double *velocity;     /* (2, count) one velocity for the whole polygon, in the middle of the time */
-    double *acceleration; /* no vertex has a larger second derivative */
-    double *spread;       /* no vertex has a velocity further from that */
-    double *deviation;    /* havens: no vertex is further outside of the hull of the ends; of areas 0 */
-    double *scale;        /* havens: no vertex has more plane metres per metre; of areas 1 */
-    double *curve;        /* (2, count) the second derivative of the reference point in the middle of the time; of areas 0 */
-    double *variation;    /* no vertex has a second derivative further from that; of areas 0 */
-} KernelBounds;
-
-/* What a piece of a scene is. */
-typedef enum {
-    KERNEL_CANNOT_BE = 0, /* or is not wanted */
-    KERNEL_MAY_DENT = 1,  /* the hull of its vertices is meant */
-    KERNEL_CONVEX = 2     /* its vertices stay in convex position */
-} KernelState;
-
-/* Groups of pairs: those of group g are [offset[g], offset[g + 1]). */
-typedef struct {
-    int64_t count;
-    const int64_t *offset;  /* (count + 1,) */
-    const double *wanted_m; /* (count,) the distance beyond which nothing needs to be known; may be infinite */
-    const double *aim_m;    /* (count,) how well the distance needs to be known: coarser takes less work */
+    const int64_t *offset;    /* (count + 1,) */
+    const double *limit_m;    /* (count,) distances beyond this need not be known; may be infinite */
+    const double *accuracy_m; /* (count,) required accuracy of the distance: coarser takes less work */
 } KernelGroups;
 
-/* Areas of the plane: rings one after the other, plane metres, each with its first vertex again at its end. */
+/* Find the closest point of approach (CPA) of each group; both ends of a pair's time count.
+ *
+ * pair : (groups,) the pair that comes closest; -1 if none comes within limit_m (distance_m is infinite), and if the
+ *     distance is unknown (distance_m is NaN)
+ * at_s : (groups,) seconds of that pair: the earliest instant within 1e-7 m of the minimum; of a touch the first. With
+ *     accuracy_m above 2.5e-4: any instant at which the distance is distance_m, to a hundredth of accuracy_m
+ * distance_m : (groups,) metres on the earth, 0 for a touch, infinite beyond limit_m; NaN if a piece of the group is
+ *     invalid, and if the work budget of distances is exhausted
+ * error_m : (groups,) the true minimum lies within distance_m plus or minus this
+ * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b
+ */
+KERNEL_API KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
+                                          int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
+                                          double *b_deg, KernelWork *work);
+
+/* Areas of the plane: closed rings one after the other, plane metres. */
 typedef struct {
     int64_t count, ring_count, vertex_count;
     const double *ring;         /* (vertex_count, 2) */
     const int64_t *ring_offset; /* (ring_count + 1,) vertices of ring r: [offset[r], offset[r + 1]) */
     const int64_t *area_offset; /* (count + 1,) rings of area k */
-    const double *margin;       /* (count,) what is further from the border is deep, plane metres */
+    const double *margin;       /* (count,) places farther than this from the border are deep, plane metres */
 } KernelAreas;
 
-/* Whether a pair is seen to be deep in an area. */
-/* What is told of where a pair meets: nothing, where a piece cannot be or goes around the earth; what both sweep; what two
- * that stand still have in common. */
-typedef enum { KERNEL_REGION_UNKNOWN = 0, KERNEL_REGION_SWEPT = 1, KERNEL_REGION_COMMON = 2 } KernelRegion;
-
+/* Depth of a pair in an area. */
 typedef enum { KERNEL_SHALLOW = 0, KERNEL_DEEP = 1, KERNEL_DEPTH_UNKNOWN = 2 } KernelDepth;
 
-typedef struct KernelScene KernelScene;
-
-/* Return KERNEL_ABI, as the library was built with. */
-int32_t kernel_abi(void);
-
-/* Return the fingerprint of the sources, as the build gave it. */
-const char *kernel_fingerprint(void);
-
-/* Make a scene. A piece that is not wanted or cannot be (without vertices, with numbers that are none, on a leg without a duration or
- * beyond a pole) leaves its pairs undecided. */
-KernelStatus kernel_scene_make(const KernelPlane *plane, const KernelPieces *pieces, KernelScene **scene);
-
-/* Free a scene, or nothing (NULL). */
-void kernel_scene_free(KernelScene *scene);
-
-/* Find all contacts of pairs, in the order of pairs and of time. A pair with a piece that cannot be is unresolved.
- * The work of a pair is bounded, its share of what two objects may take: beyond it, it is left as it is known by then, and
- * unresolved where distances took the most.
+/* Decide whether the intersection of a pair reaches deeper than a margin into an area, of which one piece is a convex
+ * part: at low_s, in the middle of the time, and at high_s.
  *
- * contacts : made here, for kernel_contacts_free
+ * area, is_b : (count,) the area, and which piece is its part: 0: a, else b
+ * east_m : (count,) how far east of the area the part lies (seam copies lie whole turns away), plane metres
+ * depth : (count,) KernelDepth. Depths that exceed the margin by less than a thousandth may be reported as shallow.
+ *     Unknown: a piece is invalid, the area has no sides or non-finite ones, the margin is negative or NaN, or the work
+ *     budget is exhausted
  */
-KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
-                             KernelContact **contacts, int64_t *count, KernelWork *work);
+KERNEL_API KernelStatus kernel_whole_depths(const KernelScene *scene, const KernelPairs *pairs, const KernelAreas *areas,
+                                            const int64_t *area, const int8_t *is_b, const double *east_m, int8_t *depth);
 
-/* Free contacts, or nothing (NULL). */
-void kernel_contacts_free(KernelContact *contacts);
+/* ---- Regions ---------------------------------------------------------------------------------------------------- */
 
-/* Find where pairs meet at the instants low_s: where they overlap a point of both, else the middle between their nearest
- * points in the plane.
+/* What the region of a pair is. */
+typedef enum {
+    KERNEL_REGION_UNKNOWN = 0, /* no region: a piece is invalid, or the region goes around the earth */
+    KERNEL_REGION_SWEPT = 1,   /* intersection of the swept hulls: a superset */
+    KERNEL_REGION_COMMON = 2   /* intersection of two pieces that stand still */
+} KernelRegion;
+
+/* Compute where pairs come within reach_m of each other during [low_s, high_s], or may: the intersection of both swept
+ * hulls, each grown by half of reach_m. For two overlapping pieces that stand still it is their intersection. Regions no
+ * wider than a micrometre are empty.
  *
- * degrees : (count, 2) longitude in [-180, 180) and latitude; NaN where a piece cannot be
+ * ring : (REGION_PER_VERTEX v + REGION_MORE count, 2) v the vertices of all pieces of the pairs: closed rings in plane
+ *     metres, within half a turn of a Mercator plane, counter-clockwise
+ * ring_offset : (2 count + 1,) rings 2 i and 2 i + 1 of pair i, the second for a region that crosses the antimeridian.
+ *     Both are empty if the pair does not come that close.
+ * what : (count,) KernelRegion
  */
-KernelStatus kernel_meetings(const KernelScene *scene, const KernelPairs *pairs, double *degrees);
+KERNEL_API KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
+                                       int64_t *ring_offset, int8_t *what);
 
-/* Measure how far apart pairs are at the instants low_s: the length of the shortest way on the earth, minus the depth of
- * those that overlap.
+/* Merge consecutive convex rings of one owner while their hull exceeds their union by at most a tenth. The results need
+ * at most as many rings and vertices as the input.
  *
- * distance_m : (count,) never too large, too small by less than the plane's `distance_error_m`; NaN where a piece cannot be,
- *     and where the work is used up
+ * ring, ring_offset, owner : (vertex_count, 2), (count + 1,), (count,) closed, counter-clockwise; rings of fewer than
+ *     three corners are skipped
+ * joined_ring, joined_offset, joined_owner : (w, 2), (joined_count + 1,), (joined_count,) closed, counter-clockwise
  */
-KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
+KERNEL_API KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset,
+                                      const int64_t *owner, int64_t count, double *joined_ring, int64_t *joined_offset,
+                                      int64_t *joined_owner, int64_t *joined_count);
 
-/* Tell whether pairs, of which one is a part of an area, have places in common that are deep in the whole of it: at low_s, at
- * high_s and in the middle of them.
+/* Merge the triangles of polygons into convex parts, across shared sides.
  *
- * area, is_b : (count,) the area; 0 where a is the part of it, else b is
- * east_m : (count,) how far east of the area the part is: copies of it lie whole turns away, plane metres
- * depth : (count,) KernelDepth. What is deeper than the margin by less than a thousandth of it may be shallow. Unknown where
- *     a piece cannot be, of an area without sides or with one of no numbers, where the margin is negative or no number, and
- *     where the work is used up
+ * triangle : (count, 3, 2) corners, counter-clockwise
+ * of : (count,) polygon of each triangle; triangles of a polygon are consecutive
+ * corner : (3 count,) result: corners of the parts, part after part, as rows of all corners (3 count, 2)
+ * offset : (count + 1,) result: where the corners of each part begin, and the last end
+ * parts : (1,) result: number of parts
  */
-KernelStatus kernel_whole_depths(const KernelScene *scene, const KernelPairs *pairs, const KernelAreas *areas,
-                                 const int64_t *area, const int8_t *is_b, const double *east_m, int8_t *depth);
+KERNEL_API KernelStatus kernel_convex_parts(const double *triangle, const int64_t *of, int64_t count, int64_t *corner,
+                                            int64_t *offset, int64_t *parts);
 
-/* Tell what each piece of a scene is: (its count,) KernelState. */
-KernelStatus kernel_states(const KernelScene *scene, int8_t *state);
+/* ---- Broad phase ------------------------------------------------------------------------------------------------ */
 
-/* Put the vertices of rows where they are at t (count,), to 1e-8 m on the earth.
+/* Compute padded swept hulls of the pieces [first, end): each contains its piece during its whole time, padded by half of
+ * reach_m, so that the hulls of two pieces intersect wherever the pieces come within reach_m of each other.
  *
- * slots : at least as many as any of these pieces has vertices; xy : (2, slots, count) plane metres from the rows'
- *     origins. Pieces of fewer vertices repeat their last one; those that cannot be are no numbers.
+ * The hull of a haven covers its positions at both ends of its slice, and the deviation of the vertices in between. It is
+ * grown by squares: half of reach_m at the largest scale of the piece. Where two grown edges meet within 2.5 paddings
+ * along either axis, their corner replaces the squares' corners.
+ *
+ * hull : (HULL_PER_VERTEX v + HULL_MORE (end - first), 2) plane metres, v the vertices of these pieces: closed rings one
+ *     after the other, counter-clockwise
+ * hull_offset : (end - first + 1,) ring i: [offset[i], offset[i + 1]); empty if the piece is invalid
+ * deviation : (end - first,) largest distance of a vertex from the hull of the slice's ends, plane metres; NaN if invalid
+ * reach : (end - first,) largest distance of a vertex from the reference point at the ends of the slice, plane metres;
+ *     0 for areas
  */
-KernelStatus kernel_positions(const KernelScene *scene, const KernelRows *rows, const double *t, int64_t slots, double *xy);
+KERNEL_API KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end,
+                                     double reach_m, double *hull, int64_t *hull_offset, double *deviation, double *reach);
 
-/* Find where the reference points of rows are at t (count,): xy (2, count), plane metres from their origins. They run
- * straight. Of areas, and of pieces that cannot be, no numbers. */
-KernelStatus kernel_references(const KernelScene *scene, const KernelRows *rows, const double *t, double *xy);
-
-/* Bound how rows move during [t0, t1], (count,) both, within their slices. */
-KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
-                           const KernelBounds *bounds);
-
-/* Make the convex hulls that hold pieces [first, end) during all of their time, and what comes within half of reach_m of
- * them: the hulls of two pieces meet wherever the pieces come within reach_m of each other.
+/* Decide which hulls of pairs are disjoint. 1 is proven for any rings. 0 means, for convex counter-clockwise rings, that
+ * they intersect, to rounding.
  *
- * That of a haven is of its places at the start and the end of its slice, and as much larger as vertices may leave it
- * between; it is grown by squares of half of what reach_m takes up in the plane at the largest scale that the piece
- * reaches. Where two grown edges meet within 2.5 times that, along either axis, their corner takes the squares' place.
- *
- * hull : (HULL_PER_VERTEX v + HULL_MORE (end - first), 2) plane metres, v the vertices of these pieces: rings one after
- *     the other, counter-clockwise, each with its first vertex again at its end
- * hull_offset : (end - first + 1,) ring i: [offset[i], offset[i + 1]); empty where the piece cannot be
- * deviation : (end - first,) how far a vertex may leave the hull of its slice's ends, plane metres
- * reach : (end - first,) how far a vertex is from the reference point at the ends of the slice, plane metres; 0 of areas
+ * hull, hull_offset : (vertex_count, 2), (hull_count + 1,) closed rings of kernel_hulls, plane metres; an empty ring is
+ *     never disjoint
+ * a, b : (count,) indices of hulls
+ * apart : (count,) 1 or 0
  */
-KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t end, double reach_m,
-                          double *hull, int64_t *hull_offset, double *deviation, double *reach);
+KERNEL_API KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset,
+                                     int64_t hull_count, const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
 
-/* Join triangles of polygons to convex parts, over sides that are the same.
+/* Group the pieces of objects into bundles, which are stored and looked up as one row.
  *
- * triangle : (count, 3, 2) corners, counter-clockwise; of : (count,) polygon of each, those of one together
- * corner : (3 count,) room for the corners of parts, one part after the other: rows of all corners (3 count, 2)
- * offset : (count + 1,) room for where the corners of each part begin, and the last end; parts : (1,) how many there are
+ * boxes : (count, 4) min x, min y, max x, max y of hulls, plane metres
+ * run : (count,) consecutive pieces of the same number may share a bundle
+ * moves : (count,) 0: part of an area; 1: slice of a track (slices are in order of time, and stay so)
+ * order : (count,) result: the pieces, those of a bundle consecutive and in their given order
+ * begins : (count,) result: 1 where a bundle begins in that order, else 0
  */
-KernelStatus kernel_convex_parts(const double *triangle, const int64_t *of, int64_t count, int64_t *corner, int64_t *offset,
-                                 int64_t *parts);
+KERNEL_API KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8_t *moves, int64_t count,
+                                       int64_t *order, uint8_t *begins);
 
-/* Tell which hulls of pairs are apart: proven, whatever the rings are. Of convex ones that turn counter-clockwise those that
- * are not told meet, but for rounding.
- *
- * hull, hull_offset : (vertex_count, 2), (hull_count + 1,)  closed rings as kernel_hulls makes them, plane metres; an empty
- *     one is never apart
- * a, b : (count,) their hulls; apart : (count,) 1 or 0
- */
-KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset, int64_t hull_count,
-                          const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
-
-/* Tell which pieces of one object are stored and looked up as one: a bundle takes up little more than its pieces do.
- *
- * boxes : (count, 4) least x, least y, largest x, largest y of hulls, plane metres
- * run : (count,) pieces next to each other that have the same number may go together
- * moves : (count,) 0 parts of areas, 1 slices of tracks, which come in the order of time and stay in it
- * order : (count,) room for the pieces, those of a bundle next to each other, in the order in which they came
- * begins : (count,) room: 1 where a bundle begins in that order, else 0
- */
-KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8_t *moves, int64_t count, int64_t *order,
-                            uint8_t *begins);
-
-/* Read the rings of polygons and multipolygons without holes from WKB.
- *
- * wkb, offset : (size,), (count + 1,) little-endian bytes of all, and where those of each begin, and the last end
- * xy : (vertex_room, 2) room for the vertices of all rings; size / 16 of them are room enough
- * ring_offset : (rings + 1,) room for where the vertices of each ring begin, and the last end
- * rings : how many rings there are; another number, and other shapes, are KERNEL_BAD_COUNT
- */
-KernelStatus kernel_wkb_rings(const uint8_t *wkb, int64_t size, const int64_t *offset, int64_t count, double *xy,
-                              int64_t vertex_room, int64_t *ring_offset, int64_t rings);
-
-/* Pieces in bundles, each in the order of time; areas are there for the same time. */
+/* The pieces of bundles, each bundle in order of time; the parts of an area have equal times. */
 typedef struct {
     int64_t count, bundles;
-    const int64_t *offset;        /* (bundles + 1,) where the pieces of each begin, and the last end */
-    const double *boxes;          /* (count, 4) as above */
+    const int64_t *offset;        /* (bundles + 1,) where the pieces of each bundle begin, and the last end */
+    const double *boxes;          /* (count, 4) min x, min y, max x, max y */
     const int64_t *start_us;      /* (count,) */
     const int64_t *end_us;        /* (count,) */
-    const uint8_t *end_inclusive; /* (count,) whether that instant belongs to the piece */
+    const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the piece */
 } KernelBundled;
 
-/* Find the pieces of pairs of bundles whose boxes meet and whose spans share an instant.
+/* Find the pairs of pieces, of pairs of bundles, whose boxes intersect and whose time spans share an instant.
  *
- * a, b : (count,) bundles
- * first, second : (room,) pieces of a and of b, in the order of these pairs; as many as the pairs of their pieces is room
- *     enough
- * found : (1,) how many there are
+ * a, b : (count,) indices of bundles
+ * first, second : (room,) result: pieces of a and of b, in the order of the pairs of bundles. KERNEL_BAD_COUNT if room is
+ *     too small; the number of all pairs of their pieces is always enough
+ * found : (1,) result: number of pairs
  */
-KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
-                                  int64_t *first, int64_t *second, int64_t room, int64_t *found);
+KERNEL_API KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
+                                             int64_t *first, int64_t *second, int64_t room, int64_t *found);
 
-/* Rows of pieces, of each the box of what it holds. */
+/* Bounding boxes of rows: in the plane, in height and in time. */
 typedef struct {
     int64_t count;
-    const double *boxes;     /* (count, 4) as above */
-    const double *floor_m;   /* (count,) heights, which two rows share inside of both */
+    const double *boxes;     /* (count, 4) min x, min y, max x, max y */
+    const double *floor_m;   /* (count,) heights of rows overlap if they share more than an end */
     const double *ceiling_m; /* (count,) */
     const int64_t *start_us; /* (count,) */
     const int64_t *end_us;   /* (count,) */
-    const int64_t *object;   /* (count,) a number for the object that it is of */
-    const uint8_t *is_copy;  /* (count,) 1 for those of a seam copy, two of which meet elsewhere, too */
+    const int64_t *object;   /* (count,) number of the row's object */
+    const uint8_t *is_copy;  /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
 } KernelBoxes;
 
-/* Order rows so that those that are near each other, in place and in time, follow each other.
- *
- * order : (count,) room for the rows
- */
-KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order);
+/* Order rows so that neighbours in space and time are neighbours in the order. order : (count,) result */
+KERNEL_API KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order);
 
-/* Find the rows that meet some others in place, height and time, of objects of a larger number.
+/* Find the rows whose boxes intersect given rows in space, height and time, and whose object has a larger number.
  *
- * rows : in the order that kernel_box_order gives; in another one it takes longer
- * of : (wanted,) rows, those of an object next to each other
- * first, second : (room,) which meet; those of each row of `of` follow each other, in the order of these
- * done : (1,) of how many of these they are: of objects whose pairs have room; the others are left aside
- * found : (1,) how many there are
- * looked_at : (1,) boxes that were compared for them, of rows and of rows together
+ * rows : in the order of kernel_box_order; any other order gives the same pairs, more slowly
+ * of : (wanted,) indices of the given rows, those of an object consecutive
+ * first, second : (room,) result: pairs of rows, in the order of `of`
+ * done : (1,) result: how many rows of `of` are complete; objects whose pairs did not fit are left out
+ * found : (1,) result: number of pairs
+ * looked_at : (1,) result: number of compared boxes, of rows and of tree nodes
  */
-KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
-                              int64_t room, int64_t *done, int64_t *found, int64_t *looked_at);
+KERNEL_API KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first,
+                                         int64_t *second, int64_t room, int64_t *done, int64_t *found, int64_t *looked_at);
 
-/* Find how close pairs come, the closest of each group: both ends of their time count.
+/* ---- Bytes ------------------------------------------------------------------------------------------------------ */
+
+/* Read the rings of polygons and multipolygons without holes from well-known binary (WKB).
  *
- * pair : (groups,) the pair that comes closest; -1 where none is within wanted_m, and where the number is not known
- * at_s : (groups,) seconds of that pair: the earliest instant that is within 1e-7 m of the least; of a touch the first;
- *     where aim_m is more than 2.5e-4 some instant at which it is distance_m, to a hundredth of aim_m
- * distance_m : (groups,) metres on the earth, 0 where they touch, infinite beyond wanted_m; NaN where a piece cannot be,
- *     and where the work of distances is used up
- * error_m : (groups,) how far from it the least distance may be, either way
- * a_deg, b_deg : (groups, 2) longitude in [-180, 180) and latitude of the nearest points of a and of b
+ * wkb, offset : (size,), (count + 1,) little-endian bytes of all shapes, and where each begins, and the last ends
+ * xy : (vertex_room, 2) result: vertices of all rings; size / 16 is always enough
+ * ring_offset : (rings + 1,) result: where the vertices of each ring begin, and the last end
+ * rings : expected number of rings; another number, or another type of shape, is KERNEL_BAD_COUNT
  */
-KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
-                               int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
-                               double *b_deg, KernelWork *work);
+KERNEL_API KernelStatus kernel_wkb_rings(const uint8_t *wkb, int64_t size, const int64_t *offset, int64_t count, double *xy,
+                                         int64_t vertex_room, int64_t *ring_offset, int64_t rings);
 
-/* Find where pairs come within reach_m of each other during [low_s, high_s], or might: what both sweep meanwhile, grown by
- * half of reach_m each, and that in common. Of two that stand still and overlap it is what they have in common; that
- * which is no wider than a micrometre is nothing.
- *
- * ring : (REGION_PER_VERTEX v + REGION_MORE count, 2) v the vertices of all pieces of the pairs: plane metres, within half a
- *     turn of a Mercator plane, counter-clockwise, each ring with its first vertex again at its end
- * ring_offset : (2 count + 1,) rings 2 i and 2 i + 1 of pair i, the second where it lies across the seam. Both are empty
- *     where they do not come so near.
- * what : (count,) KernelRegion
- */
-KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
-                            int64_t *ring_offset, int8_t *what);
-
-/* Put convex rings of one owner that follow each other together, while the hull of some is larger than their union by no
- * more than a tenth. Room for as many rings and vertices as there are is enough.
- *
- * ring, ring_offset, owner : (vertex_count, 2), (count + 1,), (count,) closed, counter-clockwise; of fewer than three corners: none
- * joined_ring, joined_offset, joined_owner : (w, 2), (joined_count + 1,), (joined_count,) closed, counter-clockwise
- */
-KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset, const int64_t *owner,
-                           int64_t count, double *joined_ring, int64_t *joined_offset, int64_t *joined_owner,
-                           int64_t *joined_count);
-
-/* A part of rows of bytes, of one width, or ragged where there are offsets. */
+/* One column of rows of bytes: of constant width, or ragged. */
 typedef struct {
     const uint8_t *data;
     int64_t size;          /* bytes of data */
-    const int64_t *offset; /* (count + 1,) where the part of each row begins in data, and the last ends; or NULL */
-    int64_t width;         /* bytes of the part of each row, where offset is NULL */
+    const int64_t *offset; /* (count + 1,) where each row begins in data, and the last ends; NULL: constant width */
+    int64_t width;         /* bytes per row, if offset is NULL */
 } KernelPart;
 
-/* Write rows of bytes one after the other: of each row its parts, in their order. rows: (size,), which they fill. */
-KernelStatus kernel_interleave(const KernelPart *parts, int64_t part_count, int64_t count, uint8_t *rows, int64_t size);
+/* Concatenate rows: for each row its parts in order. rows : (size,) result; all of it is filled */
+KERNEL_API KernelStatus kernel_interleave(const KernelPart *parts, int64_t part_count, int64_t count, uint8_t *rows,
+                                          int64_t size);
 
-/* Digest rows of bytes, of each its parts in their order, by SipHash-2-4. key: (2,) words; digest: (count,) */
-KernelStatus kernel_digests(const KernelPart *parts, int64_t part_count, int64_t count, const uint64_t *key,
-                            uint64_t *digest);
+/* Compute a digest of each row (its parts in order) by SipHash-2-4. key : (2,) words; digest : (count,) result */
+KERNEL_API KernelStatus kernel_digests(const KernelPart *parts, int64_t part_count, int64_t count, const uint64_t *key,
+                                       uint64_t *digest);
 
 #endif

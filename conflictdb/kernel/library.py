@@ -1,7 +1,4 @@
-"""The compiled library: found, loaded and checked once, its errors told, and arrays held for it.
-
-`kernel.h` is its contract. Each part of it has a module here that calls it with arrays, over this one.
-"""
+"""Load and check the compiled library once, raise its errors, and pass arrays and slices of work to it."""
 
 import ctypes
 from collections.abc import Callable
@@ -16,7 +13,7 @@ from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 from conflictdb.waiting import answer_of
 
-# As kernel.h has them.
+# KERNEL_ABI of kernel.h.
 ABI: Final = 19
 _STATUS: Final = {
     1: "no memory is left",
@@ -29,7 +26,7 @@ _STATUS: Final = {
     8: "a range of pieces is not within them",
 }
 _POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
-# What each function of kernel.h takes; it returns a status, unless _RETURNS says otherwise.
+# Argument types of each function of kernel.h, which returns a status unless _RETURNS names another type.
 TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_abi": (),
     "kernel_fingerprint": (),
@@ -62,12 +59,12 @@ _RETURNS: Final[dict[str, Any]] = {
     "kernel_fingerprint": ctypes.c_char_p,
     **dict.fromkeys(("kernel_scene_free", "kernel_contacts_free"), None),
 }
-# Rows that a thread takes at once: milliseconds of work.
+# Rows per slice of a thread: milliseconds of work.
 SHARE: Final = 2048
-# The smallest part of that which several threads share at the end of a call: half a millisecond of work, ten times what
-# a call of the library takes around it.
+# With several threads, slices at the end of a call shrink to this fraction of SHARE: half a millisecond of work, ten
+# times the overhead of a call of the library.
 LEAST_PART: Final = 8
-# A pair of so many more vertices counts as one more row.
+# Each further 64 vertices of a pair count as one more row.
 FEW_VERTICES: Final = 64
 
 _T = TypeVar("_T")
@@ -75,7 +72,7 @@ _T = TypeVar("_T")
 
 @cache
 def library() -> Any:
-    """Return the library, which is of these sources and of this interface."""
+    """Load the library. Raises KernelMissing unless it was built from these sources, with this interface."""
     path = build.library()
     try:
         loaded = ctypes.CDLL(str(path))
@@ -91,7 +88,7 @@ def library() -> Any:
 
 
 def check(status: int) -> None:
-    """Raise what a KernelStatus says: MemoryError, or ValueError for arrays that are refused."""
+    """Raise MemoryError or ValueError for a KernelStatus other than KERNEL_OK."""
     if status == 1:
         raise MemoryError(f"kernel: {_STATUS[status]}")
     if status:
@@ -99,20 +96,20 @@ def check(status: int) -> None:
 
 
 def fields_of(types: dict[str, Any], *counts: str) -> tuple[tuple[str, Any], ...]:
-    """Return the fields of a struct of counts and then of pointers to arrays, as `Held` has them."""
+    """Return the ctypes fields of a `Held` struct: counts, then pointers to arrays."""
     return (*((name, _COUNT) for name in counts), *((name, _POINTER) for name in types))
 
 
 class Held(ctypes.Structure):
-    """Counts and pointers to arrays, which it keeps alive.
+    """A C struct of counts and pointers to arrays, which it keeps alive.
 
-    types : what each array is of, in the order of its fields
+    types : element type of each array, in the order of the fields
     """
 
     types: ClassVar[dict[str, Any]] = {}
 
     def hold(self, **arrays: Any) -> None:
-        """Point to arrays by name, copies where they are of another type or not contiguous; others stay NULL."""
+        """Set pointers to arrays by name, copied if of another type or not contiguous; others stay NULL."""
         self._arrays = []
         for name, values in arrays.items():
             array = np.ascontiguousarray(values, self.types[name])
@@ -123,16 +120,16 @@ class Held(ctypes.Structure):
 def shared(
     solve: Callable[[slice], _T], n: int, threads: int, share: int = SHARE, vertices: NDArray[np.int64] | None = None
 ) -> list[_T]:
-    """Return what `solve` answers to slices of n rows, in their order; threads take them as they get to them.
+    """Call `solve` for slices of n rows, by several threads, and return the results in order of rows.
 
-    share : rows that a thread takes at once, at most
-    vertices : (n,) of each row's pieces: fewer rows are taken of large ones, so that a call lasts milliseconds
+    share : most rows of a slice
+    vertices : (n,) vertices of the row's pieces: slices of large pieces have fewer rows; a call lasts milliseconds
     """
     weight = np.ones(n, np.int64) if vertices is None else 1 + vertices // FEW_VERTICES
     slices = _slices(np.cumsum(weight), threads, share)
     if threads <= 1 or len(slices) <= 1:
         return [solve(rows) for rows in slices]
-    # What is next is given to one thread alone: no other runs between the two ends of such a step.
+    # `next` of this iterator is atomic under the GIL: each slice goes to one thread.
     left, done = iter(range(len(slices))), dict[int, _T]()
 
     def work() -> None:
@@ -144,7 +141,7 @@ def shared(
                 pass
             raise
 
-    # The thread that asks waits: where it works, too, a busy machine may keep the others on its processor.
+    # The calling thread only waits: if it worked too, a busy machine might keep the others on its processor.
     with ThreadPoolExecutor(threads) as pool:
         for worker in [pool.submit(work) for _ in range(min(threads, len(slices)))]:
             answer_of(worker)
@@ -152,11 +149,11 @@ def shared(
 
 
 def _slices(done: NDArray[np.int64], threads: int, share: int) -> list[slice]:
-    """Return slices of rows, whose weights add up to done (n,).
+    """Return slices of rows; done (n,) is the cumulative weight of the rows.
 
-    Of several threads each slice takes a part of what is left, down to a small one, so that all end at about the same
-    time and few calls are made (guided self-scheduling: C. D. Polychronopoulos, D. J. Kuck, IEEE Trans. Comput. C-36
-    (1987), doi:10.1109/TC.1987.5009495).
+    With several threads each slice takes a fraction of the remaining weight, down to a minimum, so that all threads end
+    at about the same time after few calls (guided self-scheduling: C. D. Polychronopoulos, D. J. Kuck, IEEE Trans.
+    Comput. C-36 (1987), doi:10.1109/TC.1987.5009495).
     """
     slices, first, taken = [], 0, 0
     while first < len(done):

@@ -1,4 +1,4 @@
-"""How pairs of pieces lie to each other at an instant: where they meet, and how far apart they are."""
+"""Meeting points and distances of pairs of pieces at an instant."""
 
 import ctypes
 from typing import Any
@@ -14,10 +14,10 @@ _Ints = NDArray[np.int64]
 
 
 def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
-    """Return (n, 2) longitude in [-180, 180) and latitude, degrees, of where pieces a and b meet at instants.
+    """Return the meeting points (n, 2) of pieces a and b at instants: longitude in [-180, 180) and latitude, degrees.
 
-    Where they overlap it is a point of both, else the middle between their nearest points in the plane; NaN where a
-    piece cannot be.
+    A common point if they overlap, else the middle between their nearest points in the plane; NaN if a piece is
+    invalid.
 
     at_s : (n,) seconds after zero_us (n,)
     """
@@ -25,10 +25,10 @@ def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, thr
 
 
 def distances(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
-    """Return (n,) how far apart pieces a and b are at instants, metres on the earth; minus the depth of overlaps.
+    """Return the distances (n,) of pieces a and b at instants, metres on the earth; minus the depth of overlaps.
 
-    Never too large, and too small by less than the plane's `distance_error_m`; NaN where a piece cannot be, and where
-    the work that one pair may take is used up.
+    Never too large, and too small by less than the plane's `distance_error_m`; NaN if a piece is invalid, and if the
+    work budget of the pair is exhausted.
 
     at_s : (n,) seconds after zero_us (n,)
     """

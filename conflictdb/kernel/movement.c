@@ -118,7 +118,7 @@ KernelStatus kernel_states(const KernelScene *scene, int8_t *state) {
     if (!scene || (scene->count > 0 && !state)) return KERNEL_NULL;
     for (int64_t i = 0; i < scene->count; i++) {
         const Body *body = scene->bodies + i;
-        state[i] = !body->is_sound ? KERNEL_CANNOT_BE : body->is_convex ? KERNEL_CONVEX : KERNEL_MAY_DENT;
+        state[i] = !body->is_sound ? KERNEL_PIECE_INVALID : body->is_convex ? KERNEL_PIECE_CONVEX : KERNEL_PIECE_NONCONVEX;
     }
     return KERNEL_OK;
 }

@@ -1,4 +1,4 @@
-"""Pieces of a scene of the kernel as functions of time: where vertices are, and what bounds how they move."""
+"""Pieces of a scene as functions of time: vertices, reference points, and proven bounds on their motion."""
 
 import ctypes
 from dataclasses import dataclass, fields
@@ -12,23 +12,23 @@ from conflictdb.kernel.library import Held, check, fields_of, library
 from conflictdb.kernel.scene import Scene
 
 _Ints = NDArray[np.int64]
-# Until a share of the time is known to its last digit.
+# Bisections until a fraction of the time is known to its last digit.
 _HALVINGS: Final = 53
-# Positions, rounded to 1e-8 m, are differenced over twice this.
+# Half the time step of difference quotients of positions, which are rounded to 1e-8 m.
 _ASIDE_S: Final = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What is promised of n polygons during a time.
+    """Proven bounds on the motion of n polygons during a time (KernelBounds).
 
-    velocity : (2, n) one for the whole polygon, in the middle, plane m/s
-    acceleration : (n,) no vertex has a larger second derivative, plane m/s^2
-    spread : (n,) no vertex has a velocity further from that of the whole, plane m/s
-    deviation : (n,) no vertex of a haven is further outside of the hull of the ends, plane metres; 0 of areas
-    scale : (n,) no vertex of a haven is seen at a larger one, plane metres per metre; 1 of areas
-    curve : (2, n) the second derivative of the reference point in the middle, plane m/s^2; 0 of areas
-    variation : (n,) no vertex has a second derivative further from that, plane m/s^2; 0 of areas
+    velocity : (2, n) one velocity for the whole polygon, at the middle of the time, plane m/s
+    acceleration : (n,) largest second derivative of a vertex, plane m/s^2
+    spread : (n,) largest difference between a vertex' velocity and `velocity`, plane m/s
+    deviation : (n,) havens: largest distance of a vertex from the hull of both end positions, plane metres; areas: 0
+    scale : (n,) havens: most plane metres per metre at a vertex; areas: 1
+    curve : (2, n) second derivative of the reference point at the middle of the time, plane m/s^2; areas: 0
+    variation : (n,) largest difference between a vertex' second derivative and `curve`, plane m/s^2; areas: 0
     """
 
     velocity: Floats
@@ -42,12 +42,12 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """n pieces of a scene; NaN is what is asked of those that cannot be.
+    """n pieces of a scene as functions of time. Results are NaN for invalid pieces.
 
-    piece : (n,) their numbers
-    zero_us : (n,) the instant that each counts its seconds from
-    origin : (2, n) the plane point that each counts its coordinates from, metres
-    slots : at least as many vertices as any of them has
+    piece : (n,) index of the piece
+    zero_us : (n,) the instant that seconds count from
+    origin : (2, n) the plane point that coordinates count from, metres
+    slots : at least the largest number of vertices of these pieces
     """
 
     scene: Scene
@@ -58,12 +58,12 @@ class Movement:
 
     @classmethod
     def of(cls, scene: Scene, piece: _Ints, zero_us: _Ints, origin: Floats | None = None) -> Self:
-        """Return pieces (n,) of a scene; coordinates count from the plane's own origin where None is given."""
+        """Return pieces (n,) of a scene; without `origin`, coordinates count from the plane's own origin."""
         slots = int(scene.vertex_count[piece].max(initial=1))
         return cls(scene, piece, zero_us, np.zeros((2, len(piece))) if origin is None else origin, slots)
 
     def take(self, rows: _Ints | slice) -> Self:
-        """Return some rows, each as often as it is named."""
+        """Return some rows, in this order; rows may repeat."""
         return type(self)(self.scene, self.piece[rows], self.zero_us[rows], self.origin[:, rows], self.slots)
 
     def positions(self, t: Floats) -> Floats:
@@ -75,7 +75,7 @@ class Movement:
         return found
 
     def reference(self, t: Floats) -> Floats:
-        """Return the reference points of havens at times t (n,), (2, n): they run straight. NaN for areas."""
+        """Return the reference points (2, n) of havens at times t (n,), which move on straight lines; NaN for areas."""
         t = np.ascontiguousarray(t, np.float64)
         found = np.empty((2, len(self.piece)))
         arguments = ctypes.byref(_Rows.of(self)), t.ctypes.data, found.ctypes.data
@@ -83,9 +83,9 @@ class Movement:
         return found
 
     def time_fraction(self, t0: Floats, t1: Floats, share: Floats) -> Floats:
-        """Return (n,) the fraction of the time from t0 to t1 gone at a share of the way in the plane.
+        """Return (n,) the fraction of the time from t0 to t1 at which the fraction `share` of the path is covered.
 
-        By halving: the reference point never turns back. Where it does not move, the share itself.
+        By bisection, as the reference point never turns back. If it does not move, `share` itself.
         """
         start = self.reference(t0)
         way = self.reference(t1) - start
@@ -103,7 +103,7 @@ class Movement:
         return (self.positions(t + _ASIDE_S) - self.positions(t - _ASIDE_S)) / (2.0 * _ASIDE_S)
 
     def bounds(self, t0: Floats, t1: Floats) -> Bounds:
-        """Return what is promised during [t0, t1], (n,) both, within the slices."""
+        """Return bounds on the motion during [t0, t1], (n,) both, within the slices."""
         t0, t1 = (np.ascontiguousarray(t, np.float64) for t in (t0, t1))
         n = len(self.piece)
         velocity, curve = np.empty((2, n)), np.empty((2, n))

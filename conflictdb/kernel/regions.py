@@ -1,4 +1,4 @@
-"""Where pairs of pieces meet during a time, and what they cover put together."""
+"""Regions where pairs of pieces meet during a time, and merged regions."""
 
 import ctypes
 from enum import IntEnum
@@ -12,20 +12,20 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.scene import HeldPairs, Scene
 
-# As kernel.h has them: room for the rings of a pair, vertices per vertex of its pieces, and more.
+# KERNEL_REGION_PER_VERTEX and KERNEL_REGION_MORE of kernel.h: result vertices of a pair.
 _PER_VERTEX: Final = 8
 _MORE: Final = 8
-_PAIRS_AT_ONCE: Final = 4096  # bounds the room
+_PAIRS_AT_ONCE: Final = 4096  # limits the memory of results
 
 _Ints = NDArray[np.int64]
 
 
-class Told(IntEnum):
-    """What is told of where a pair meets, as kernel.h has it.
+class RegionKind(IntEnum):
+    """What the region of a pair is (KernelRegion).
 
-    UNKNOWN : nothing: a piece cannot be or goes around the earth
-    SWEPT : what both may sweep
-    COMMON : what two that stand still have in common
+    UNKNOWN : no region: a piece is invalid, or the region goes around the earth
+    SWEPT : intersection of the swept hulls: a superset
+    COMMON : intersection of two pieces that stand still
     """
 
     UNKNOWN = 0
@@ -45,14 +45,16 @@ def regions(
 ) -> tuple[Floats, _Ints, NDArray[np.int8]]:
     """Return where pieces a and b may come within reach_m of each other during times (n,): a superset.
 
-    Of two that stand still and overlap it is what they have in common. Rings are closed: plane metres within half a
-    turn (m, 2), and their offsets (2 n + 1,). Rings 2 i and 2 i + 1 are those of pair i, the second where it lies
-    across the seam, both without vertices where they come no nearer. And (n,) what that is, `Told`.
+    For two overlapping pieces that stand still it is their intersection.
 
-    low_s, high_s : (n,) seconds after zero_us (n,), within what both pieces have
+    low_s, high_s : (n,) seconds after zero_us (n,), within the slices of both pieces
+
+    Returns closed rings (m, 2) in plane metres within half a turn; their offsets (2 n + 1,); and the `RegionKind` (n,).
+    Rings 2 i and 2 i + 1 belong to pair i, the second if the region crosses the antimeridian. Both are empty if the
+    pair does not come that close.
     """
     pairs = HeldPairs.arrays(a, b, zero_us, low_s, high_s)
-    told, vertices = np.empty(len(a), np.int8), scene.vertices(a, b)
+    kinds, vertices = np.empty(len(a), np.int8), scene.vertices(a, b)
 
     def make(rows: slice) -> tuple[list[Floats], list[_Ints]]:
         found: list[Floats] = []
@@ -63,7 +65,7 @@ def regions(
             room = _PER_VERTEX * int(vertices[some].sum()) + _MORE * n
             ring, ring_offset = np.empty((room, 2)), np.empty(2 * n + 1, np.int64)
             held = HeldPairs.of(pairs, some)
-            arrays = [array.ctypes.data for array in (ring, ring_offset, told[some])]
+            arrays = [array.ctypes.data for array in (ring, ring_offset, kinds[some])]
             check(library().kernel_regions(scene.handle, ctypes.byref(held), reach_m, *arrays))
             found.append(ring[: ring_offset[-1]].copy())
             counts.append(np.diff(ring_offset))
@@ -73,15 +75,15 @@ def regions(
     rings = [ring for found, _ in shares for ring in found]
     counts = [count for _, some in shares for count in some]
     offset = offsets(np.concatenate([np.empty(0, np.int64), *counts]))
-    return np.concatenate([np.empty((0, 2)), *rings]), offset, told
+    return np.concatenate([np.empty((0, 2)), *rings]), offset, kinds
 
 
 def joined(ring: Floats, offset: _Ints, owner: _Ints) -> tuple[Floats, _Ints, _Ints]:
-    """Return convex rings with those of one owner that follow each other put together, and their offsets and owners.
-
-    The hull of some takes their place while it is larger than their union by no more than a tenth.
+    """Merge consecutive convex rings of one owner while their hull exceeds their union by at most a tenth.
 
     ring, offset, owner : (v, 2), (n + 1,), (n,)  closed, counter-clockwise
+
+    Returns rings, offsets and owners in the same form.
     """
     ring = np.ascontiguousarray(ring, np.float64)
     offset, owner = (np.ascontiguousarray(array, np.int64) for array in (offset, owner))

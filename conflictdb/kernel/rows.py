@@ -1,4 +1,4 @@
-"""Bytes of rows, made of those of their parts: what binary formats are written with."""
+"""Concatenate and digest rows of bytes: the building blocks of binary formats."""
 
 import ctypes
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.kernel.library import check, library
 
 Bytes = NDArray[np.uint8]
-# (n, width) bytes of each row; or bytes, and where those of each row begin and the last end (n + 1,).
+# One column of n rows: (n, width) bytes; or ragged: bytes, and offsets of rows (n + 1,).
 Part = Bytes | tuple[Bytes, NDArray[np.int64]]
 
 
@@ -26,7 +26,7 @@ class _HeldPart(ctypes.Structure):
 
 
 def interleaved(parts: Sequence[Part]) -> Bytes:
-    """Return the bytes of n rows, one after the other: of each row those of its parts (one at least) in their order."""
+    """Return the bytes of n rows one after the other: each row concatenates its parts. At least one part."""
     held, kept, n, total = _held(parts)
     rows = np.empty(total, np.uint8)
     check(library().kernel_interleave(held, len(parts), n, rows.ctypes.data, total))
@@ -35,7 +35,7 @@ def interleaved(parts: Sequence[Part]) -> Bytes:
 
 
 def digests(parts: Sequence[Part], key: bytes) -> NDArray[np.uint64]:
-    """Return digests (n,) of rows as `interleaved` makes them, under a key of 16 bytes: SipHash-2-4."""
+    """Return SipHash-2-4 digests (n,) of rows as in `interleaved`, under a key of 16 bytes."""
     held, kept, n, _ = _held(parts)
     words, found = np.frombuffer(key, "<u8", 2).astype(np.uint64), np.empty(n, np.uint64)
     check(library().kernel_digests(held, len(parts), n, words.ctypes.data, found.ctypes.data))
@@ -44,7 +44,7 @@ def digests(parts: Sequence[Part], key: bytes) -> NDArray[np.uint64]:
 
 
 def _held(parts: Sequence[Part]) -> tuple[ctypes.Array[_HeldPart], list[Any], int, int]:
-    """Return parts as the kernel takes them, what must be kept meanwhile, how many rows and how many bytes they are."""
+    """Return C structs of parts, the arrays to keep alive, the number of rows, and the number of bytes."""
     held = (_HeldPart * len(parts))()
     kept: list[Any] = []
     n, total = 0, 0

@@ -1,4 +1,4 @@
-"""Scenes of the kernel: the pieces of a batch, prepared, and pairs of them."""
+"""Scenes of the kernel: the prepared pieces of a batch, and pairs of them."""
 
 import ctypes
 import weakref
@@ -19,7 +19,7 @@ _Ints = NDArray[np.int64]
 
 
 class Plane(ctypes.Structure):
-    """KernelPlane: what the kernel needs to know of a plane."""
+    """KernelPlane: the plane that a scene lies in."""
 
     _fields_ = (
         ("projection", ctypes.c_int32),
@@ -48,7 +48,7 @@ class Plane(ctypes.Structure):
 
     @classmethod
     def gnomonic(cls, centre_lon_deg: float, centre_lat_deg: float) -> "Plane":
-        """Return the plane that touches the sphere at a centre."""
+        """Return the gnomonic plane about a centre, which touches the sphere there."""
         plane = cls(_GNOMONIC, 0, MEAN_RADIUS_M, MEAN_RADIUS_M)
         plane.conformal_radius[0] = MEAN_RADIUS_M
         plane.centre_lon_deg, plane.centre_lat_deg = centre_lon_deg, centre_lat_deg
@@ -57,7 +57,7 @@ class Plane(ctypes.Structure):
 
 @dataclass(slots=True)
 class Work:
-    """What was done (KernelWork); equal where the counts are.
+    """Work counters (KernelWork); instances are equal if their counts are.
 
     closed_forms : pairs decided in closed form
     closed_apart : of these, pairs that are apart
@@ -78,43 +78,40 @@ class Work:
 
 
 class State(IntEnum):
-    """What a piece of a scene is (KernelState)."""
+    """State of a piece of a scene (KernelState)."""
 
-    CANNOT_BE = 0  # or is not wanted
-    MAY_DENT = 1  # the hull of its vertices is meant
-    CONVEX = 2  # its vertices stay in convex position
+    INVALID = 0  # or not used
+    NONCONVEX = 1  # may lose convexity; its convex hull is used
+    CONVEX = 2  # the vertices stay in convex position
 
 
 class Scene:
-    """The pieces of a batch as the kernel works on them: prepared once, for everything that is asked about them.
+    """The pieces of a batch, prepared once for all calls; threads may share it.
 
-    handle : what the library calls it by, for the modules beside this one
-    vertex_count : (pieces,) how many vertices each has
+    handle : pointer to the KernelScene
+    vertex_count : (pieces,) number of vertices of each piece
     """
 
     def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
-        """Prepare the pieces that pairs a, b have, or all; what cannot be leaves its pairs unresolved.
-
-        That is what has no vertices, no leg that takes time, or a number that is none.
-        """
-        wanted = np.full(len(pieces), a is None)
+        """Prepare the pieces of the pairs a, b, or all. Pairs with an invalid piece (KernelState) are unresolved."""
+        used = np.full(len(pieces), a is None)
         for rows in (a, b):
             if rows is not None:
-                wanted[rows] = True
-        functions, held = library(), HeldPieces.of(pieces, wanted)
+                used[rows] = True
+        functions, held = library(), HeldPieces.of(pieces, used)
         self.handle, self.pieces = ctypes.c_void_p(), pieces
         check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
         self.vertex_count = np.diff(pieces.shape_offset)
         weakref.finalize(self, functions.kernel_scene_free, self.handle)
 
     def vertices(self, a: _Ints, b: _Ints) -> _Ints:
-        """Return (n,) how many vertices pairs have; of a number that is no piece's, some other's."""
+        """Return (n,) the number of vertices of pairs; indices out of range are clipped."""
         if not len(self.pieces):
             return np.zeros(len(a), np.int64)
         return np.asarray(self.vertex_count.take(a, mode="clip") + self.vertex_count.take(b, mode="clip"))
 
     def states(self) -> NDArray[np.int8]:
-        """Return what each piece is, `State`."""
+        """Return the `State` of each piece."""
         found = np.empty(len(self.pieces), np.int8)
         check(library().kernel_states(self.handle, found.ctypes.data))
         return found
@@ -131,13 +128,13 @@ class HeldPieces(Held):
         "shape_offset": np.int64,
         "shape": np.float64,
         "shape_to": np.float64,
-        "wanted": np.int8,
+        "used": np.int8,
     }
     _fields_ = fields_of(types, "count", "vertex_count")
 
     @classmethod
-    def of(cls, pieces: Pieces, wanted: NDArray[np.bool_]) -> "HeldPieces":
-        """Hold pieces; wanted : (n,) those that a pair has."""
+    def of(cls, pieces: Pieces, used: NDArray[np.bool_]) -> "HeldPieces":
+        """Return pointers to the arrays of pieces; used : (n,) whether a pair has the piece."""
         held = cls(len(pieces), len(pieces.shape_xy))
         held.hold(
             moves=pieces.kind,
@@ -151,7 +148,7 @@ class HeldPieces(Held):
             bearing_deg=pieces.bearing_deg,
             shape_offset=pieces.shape_offset,
             shape=pieces.shape_xy,
-            wanted=wanted,
+            used=used,
             **({"shape_to": pieces.shape_to_xy} if pieces.changes else {}),
         )
         return held
@@ -168,7 +165,7 @@ class HeldPairs(Held):
 
     @classmethod
     def arrays(cls, *columns: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """Return the columns by name, as the kernel takes them; of equal length."""
+        """Return the columns by name, converted to the types of KernelPairs. Raises ValueError unless lengths agree."""
         n = len(columns[0])
         if any(column.shape != (n,) for column in columns):
             raise ValueError("kernel: the columns of pairs are not of one length")
@@ -179,7 +176,7 @@ class HeldPairs(Held):
 
     @classmethod
     def of(cls, columns: dict[str, NDArray[Any]], rows: slice) -> "HeldPairs":
-        """Hold some rows of columns."""
+        """Return pointers to some rows of the columns."""
         held = cls(rows.stop - rows.start)
         held.hold(**{name: values[rows] for name, values in columns.items()})
         return held

@@ -1,4 +1,4 @@
-"""Padded hulls of what pieces sweep, how far vertices leave them, and which of them are apart."""
+"""Padded swept hulls of pieces, and which hulls are disjoint."""
 
 import ctypes
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.scene import HeldPieces, Plane
 
-# As kernel.h has them: room for a hull, vertices per vertex of its piece, and more.
+# KERNEL_HULL_PER_VERTEX and KERNEL_HULL_MORE of kernel.h: most vertices of a hull.
 _PER_VERTEX: Final = 6
 _MORE: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Hulls:
-    """The padded hulls of n pieces.
+    """Padded swept hulls of n pieces.
 
-    xy, offset : (h, 2) plane metres, (n + 1,)  closed rings, counter-clockwise; empty where a piece cannot be
-    deviation_m : (n,) how far a vertex may leave the hull of the ends of its slice, plane metres; NaN where none can be
-    reach_m : (n,) how far a vertex is from the reference point, plane metres; 0 of areas
+    xy, offset : (h, 2) plane metres, (n + 1,)  closed rings, counter-clockwise; empty for invalid pieces
+    deviation_m : (n,) largest distance of a vertex from the hull of its slice's ends, plane metres; NaN if invalid
+    reach_m : (n,) largest distance of a vertex from the reference point, plane metres; 0 for areas
     """
 
     xy: Floats
@@ -34,7 +34,9 @@ class Hulls:
 
 
 def hulls(plane: Plane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hulls:
-    """Return hulls that hold pieces during all of their time, and meet where pieces come within reach_m of each other.
+    """Return the swept hull of each piece over its whole time, padded by half of reach_m.
+
+    Hulls of two pieces intersect wherever the pieces come within reach_m of each other.
 
     reach_m : metres on the earth
     """
@@ -56,7 +58,7 @@ def hulls(plane: Plane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hul
 
 
 def apart(xy: Floats, offset: NDArray[np.int64], a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether hulls a and b of pieces are apart, which is proven; of convex ones those that are not meet.
+    """Return (n,) whether hulls a and b are proven disjoint; convex hulls that are not intersect, to rounding.
 
     xy, offset : (h, 2) plane metres, (m + 1,)  closed rings, counter-clockwise
     """

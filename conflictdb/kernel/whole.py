@@ -1,4 +1,4 @@
-"""Whether pairs of pieces meet deeper than a margin in the whole of an area, of which a piece is a convex part."""
+"""Decide whether pairs reach deeper than a margin into an area, of which one piece is a convex part."""
 
 import ctypes
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _Ints = NDArray[np.int64]
 
 
 class Depth(IntEnum):
-    """Whether a pair is seen to be deep in an area (KernelDepth)."""
+    """Depth of a pair in an area (KernelDepth)."""
 
     SHALLOW = 0
     DEEP = 1
@@ -25,11 +25,11 @@ class Depth(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Areas:
-    """Areas of the plane, m of them.
+    """m areas of the plane (KernelAreas).
 
     ring_xy : (v, 2) closed rings one after the other, plane metres
-    ring_offset, area_offset : (r + 1,), (m + 1,) vertices of each ring, and rings of each area
-    margin : (m,) what is further from the border is deep, plane metres
+    ring_offset, area_offset : (r + 1,), (m + 1,) offsets of the vertices of rings, and of the rings of areas
+    margin : (m,) places farther than this from the border are deep, plane metres
     """
 
     ring_xy: Floats
@@ -50,10 +50,10 @@ def whole_depths(
     is_b: NDArray[np.bool_],
     east_m: Floats,
 ) -> NDArray[np.int8]:
-    """Return (n,) `Depth` of pieces a and b in the whole of areas, as a time begins, in its middle and as it ends.
+    """Return the `Depth` (n,) of pairs a, b in areas: the deepest of the start, the middle and the end of their time.
 
-    area, is_b : (n,) the area, and whether b is the part of it, else a is
-    east_m : (n,) how far east of the area its part is: copies lie whole turns away, plane metres
+    area, is_b : (n,) the area, and whether b is its part, else a
+    east_m : (n,) how far east of the area the part lies (seam copies lie whole turns away), plane metres
     """
     n = len(a)
     given = tuple(

@@ -14,7 +14,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take
 from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel.regions import Told, joined, regions
+from conflictdb.kernel.regions import RegionKind, joined, regions
 from conflictdb.kernel.rows import interleaved
 from conflictdb.model import Scene
 from conflictdb.motion.contract import Plane
@@ -128,12 +128,12 @@ def regions_of(
     reach_m, agree_m = scene.tolerance_m + scene.separation_m, max(scene.tolerance_m, AGREE_M)
     ring, ring_offset, told = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
     is_known[group[has_cover]] = False
-    is_known[group[asked[told == Told.UNKNOWN]]] = False
+    is_known[group[asked[told == RegionKind.UNKNOWN]]] = False
     moves = np.zeros(len(count), np.bool_)
     moves[group[(pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)]] = True
     is_crowded = is_known & ~moves & (count > _MANY_PARTS)
     owner = np.repeat(group[asked], 2)  # of each ring: a contact has two, or empty ones
-    wanted = is_known[owner] & ~(is_crowded[owner] & np.repeat(told == Told.COMMON, 2))
+    wanted = is_known[owner] & ~(is_crowded[owner] & np.repeat(told == RegionKind.COMMON, 2))
     filled = np.flatnonzero((np.diff(ring_offset) > 0) & wanted)
     (ring, ring_offset), owner = ragged_take(ring_offset, ring, filled), owner[filled]
 

@@ -399,7 +399,7 @@ class Moving:
     @property
     def is_convex(self) -> bool:
         state = self.prepared.states()[self.piece]
-        assert state in (State.CONVEX, State.MAY_DENT), "what is accepted can be"
+        assert state in (State.CONVEX, State.NONCONVEX), "what is accepted can be"
         return bool(state == State.CONVEX)
 
     @cached_property

@@ -354,7 +354,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
         /* A small share of the work each, else hopeless pairs take most of the time. */
         beyond[i] = number(0.0, 5400.0, 3), company[i] = instant(1000, 100000, 3 * odd);
     }
-    KernelQuestion question = {below(2) ? 0.0 : number(0.0, 10.0 * size, odd), below(2) ? 0.0 : number(0.0, size, odd), .company = company};
+    KernelQuestion question = {below(2) ? 0.0 : number(0.0, 10.0 * size, odd), below(2) ? 0.0 : number(0.0, size, odd), .pairs_of_objects = company};
     if (below(2)) question.beyond_s = beyond;
     if (below(3) == 0) question.guess = some_guess;
     KernelContact *contacts = NULL;

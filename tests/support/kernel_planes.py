@@ -4,8 +4,8 @@ import ctypes
 from typing import Any
 
 import numpy as np
+from kernel_internals import internals
 
-from conflictdb.kernel.library import library
 from conflictdb.motion.contract import Plane
 
 _NUMBER = ctypes.c_double
@@ -39,7 +39,7 @@ class Polygon(ctypes.Structure):
 
 
 def _called(name: str, plane: Plane, *arguments: float) -> float:
-    function = getattr(library(), name)
+    function = getattr(internals(), name)
     function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p, *[_NUMBER] * len(arguments)]
     return float(function(ctypes.byref(plane.kernel_plane), *map(float, arguments)))
 
@@ -81,7 +81,7 @@ def distance_m(plane: Plane, a: np.ndarray, b: np.ndarray, halvings_left: ctypes
 
     halvings_left : of sides that it may take; what is left of them is written there
     """
-    function: Any = library().plane_distance_m
+    function: Any = internals().plane_distance_m
     function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p] * 3 + [Vector, ctypes.c_void_p]
     origin = a[:, :1]
     one, other = Polygon.of(a - origin), Polygon.of(b - origin)

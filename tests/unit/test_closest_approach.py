@@ -2,12 +2,10 @@
 
 import csv
 import ctypes
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ import oracle_distance
 import pytest
 import scenes
 import shapely
+from kernel_internals import internals
 from oracle_motion import Globe
 from pyproj import Geod
 from sampling import placed
@@ -37,7 +36,6 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
-from conflictdb.kernel import build
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.meeting import distances
 from conflictdb.kernel.scene import HeldPairs
@@ -102,14 +100,9 @@ class Given:
 
 @cache
 def _floors() -> Any:
-    with TemporaryDirectory() as directory:
-        made = Path(directory) / "floors.so"
-        flags = [*build.FLAGS, f"-I{build.HERE}", "-shared", "-fPIC", f"-Wl,-rpath,{build.HERE}"]
-        command = ["cc", *flags, "-o", made, SUPPORT / "floors.c", build.library(), "-lm"]
-        subprocess.run(command, check=True, timeout=120)
-        library = ctypes.CDLL(str(made))
-    library.floors.argtypes = [ctypes.c_void_p] * 5
-    return library
+    function = internals().floors
+    function.argtypes = [ctypes.c_void_p] * 5
+    return function
 
 
 def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats, Floats]:
@@ -117,7 +110,7 @@ def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats,
     found = [np.empty(len(low_s)) for _ in range(3)]
     columns = HeldPairs.arrays(given.a, given.b, given.start_us, low_s, high_s)
     held = HeldPairs.of(columns, slice(0, len(low_s)))
-    status = _floors().floors(given.held.handle, ctypes.byref(held), *(column.ctypes.data for column in found))
+    status = _floors()(given.held.handle, ctypes.byref(held), *(column.ctypes.data for column in found))
     assert status == 0
     return found[0], found[1], found[2]
 

@@ -2,6 +2,7 @@
 
 import ctypes
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -233,7 +234,7 @@ def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> Non
     plane, pieces, (_, b, *_) = batch(HIGH_LATITUDE)
     moving = int(b[pieces.kind[b] == 1][0])
     state = Scene(plane, wide(pieces, (moving, moving), MAX_HAVEN_CORNERS + more)).states()
-    assert (state[0] != State.CANNOT_BE) == is_taken
+    assert (state[0] != State.INVALID) == is_taken
     angle = 2.0 * np.pi * np.arange(MAX_HAVEN_CORNERS + more) / (MAX_HAVEN_CORNERS + more)
     given = np.array([(0.0, 0.0), (1.0, 1.0)]), np.array([0, 10**9]), np.stack([np.cos(angle), np.sin(angle)], 1) * 1e5
     if is_taken:
@@ -329,6 +330,18 @@ def test_every_function_of_the_header_is_declared() -> None:
     }
 
 
+def test_only_functions_of_the_header_are_exported() -> None:
+    """A host program's or another library's `join` or `sweep` never takes the place of the kernel's."""
+    if not shutil.which("nm"):
+        pytest.skip("no nm here")
+    options = ["-gU"] if sys.platform == "darwin" else ["-D", "--defined-only"]
+    listed = subprocess.run(["nm", *options, build.library()], capture_output=True, text=True, timeout=60, check=True)
+    exported = {line.split()[-1].split("@")[0] for line in listed.stdout.splitlines() if line.split()[-2] != "A"}
+    # Linkers add names with an underscore in front, as does every C symbol on macOS.
+    own = {name.removeprefix("_") if sys.platform == "darwin" else name for name in exported}
+    assert {name for name in own if not name.startswith("_")} == set(TAKES)
+
+
 def test_every_function_of_the_header_meets_hostile_arrays() -> None:
     driver = (Path(__file__).parents[1] / "support" / "hostile_kernel.c").read_text()
     assert [name for name in TAKES if f"{name}(" not in driver] == ["kernel_abi", "kernel_fingerprint"]
@@ -405,7 +418,7 @@ def test_distances_of_a_pair_take_a_bounded_share_of_work() -> None:
     assert (found.start_s, found.end_s) == (0.0, times[2])
     assert work.evaluations < 400
     # Alone, with all of the work, it is known; so is one distance, and the least of a whole time.
-    alone = contacts(prepared, replace(questions, company=np.array([1])), wanted_m, 1e-3, Work())
+    alone = contacts(prepared, replace(questions, pairs_of_objects=np.array([1])), wanted_m, 1e-3, Work())
     assert alone.verdict.tolist() == [Verdict.CONFLICT.code]
     assert distances(prepared, a, b, start, np.zeros(1)) == pytest.approx([wanted_m - 1.0], abs=0.01)
     near = closest(prepared, a, b, *times, np.array([0, 1]), np.array([np.inf]), np.zeros(1), Work())

@@ -4,8 +4,7 @@ import ctypes
 from collections.abc import Callable
 
 import pytest
-
-from conflictdb.kernel.library import library
+from kernel_internals import internals
 
 MOST_TOUCHES = 3.0
 TOUCH = 1e-3
@@ -23,7 +22,7 @@ def root_between(
     """Where a measure changes its sign, by `root_between` of roots.h."""
     number = ctypes.c_double
     kind = ctypes.CFUNCTYPE(number, ctypes.c_void_p, number)
-    function = library().root_between
+    function = internals().root_between
     function.argtypes, function.restype = [kind, ctypes.c_void_p, *[number] * 6], Root
     ends = outside, measure(outside), inside, measure(inside)
     return function(kind(lambda _, t: measure(t)), None, *ends, touch, pace)
