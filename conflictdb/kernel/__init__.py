@@ -1,8 +1,8 @@
 """Python binding of the kernel, a C library that finds and proves contacts of moving polygons.
 
 `kernel.h` is the contract of the library. `library` loads it; `scene` and the other modules call it with arrays.
-Threads may share a `Scene`, and calls release the GIL. The answer for a pair does not depend on the other pairs of the call
-(`Questions.pairs_of_objects` divides work budgets), nor on the number of threads.
+Threads may share a `Scene`, and calls release the GIL. The answer for a pair does not depend on the other pairs of the
+call (`Questions.pairs_of_objects` divides work budgets), nor on the number of threads.
 
 `build.py` compiles the library; ./run and the build of the wheel do so automatically. See docs/explanation/kernel.md.
 """

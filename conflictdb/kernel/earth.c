@@ -4,7 +4,8 @@
 #include <stdbool.h>
 
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
-/* A difference of latitudes, radians, over which psi differs so much that its rounding is 5e-16 of that. */
+/* Difference of latitudes, radians, above which psi differs so much that its rounding error is 5e-16 of the difference.
+ */
 static const double LONG_WAY = 0.5;
 
 void earth_direction(double bearing_deg, double *east, double *north) {
@@ -24,7 +25,7 @@ static double conformal_tangent(const KernelPlane *earth, double tau) {
     return hypot(1.0, sigma) * tau - sigma * secant;
 }
 
-/* The sum of c_j sin(2 j x), by Clenshaw's rule: one sine and one cosine serve the whole series. */
+/* The sum of c_j sin(2 j x) by Clenshaw's algorithm, with one sine and one cosine. */
 static double sine_series(const double *coefficients, int32_t count, double x) {
     if (count == 0) return 0.0;
     double cosine = 2.0 * cos(2.0 * x), ahead = 0.0, now = 0.0;
@@ -40,8 +41,8 @@ double earth_rectifying(const KernelPlane *earth, double latitude) {
     return chi + sine_series(earth->to_rectifying, earth->harmonics, chi);
 }
 
-/* Newton's method from the conformal to the geographic tangent: two steps reach the last digit for WGS84 (Karney
- * 2011), and one is to spare. */
+/* Newton's method from the conformal to the geographic tangent. Two steps reach the last digit for WGS84 (Karney 2011);
+ * the third is a reserve. */
 double earth_latitude(const KernelPlane *earth, double psi) {
     double target = sinh(psi), rest = 1.0 - earth->eccentricity * earth->eccentricity, tau = target / rest;
     for (int step = 0; step < 3 && rest < 1.0; step++) {
@@ -58,7 +59,7 @@ double earth_conformal(const KernelPlane *earth, double mu) {
 double earth_isometric(const KernelPlane *earth, double mu) { return asinh(tan(earth_conformal(earth, mu))); }
 
 double earth_slope(const KernelPlane *earth, double mu) {
-    /* d chi / d mu: the cosines of multiples by their recurrence. */
+    /* d chi / d mu, with cosines of multiples by recurrence. */
     double value = 1.0, turn = 2.0 * cos(2.0 * mu), before = 1.0, cosine = 0.5 * turn;
     for (int j = 1; j <= earth->harmonics; j++) {
         value += 2.0 * j * earth->to_conformal[j - 1] * cosine;
@@ -89,7 +90,7 @@ static double conformal_stretch(const KernelPlane *earth, double mu1, double mu2
 
 double earth_stretch(const KernelPlane *earth, double mu1, double mu2) {
     double chi1 = earth_conformal(earth, mu1), chi2 = earth_conformal(earth, mu2);
-    /* Nothing cancels over long ways, while z comes close to 1 from near one pole to near the other. */
+    /* Over long distances nothing cancels, while z approaches 1 from near one pole to near the other. */
     if (fabs(mu2 - mu1) > LONG_WAY) return (asinh(tan(chi2)) - asinh(tan(chi1))) / (mu2 - mu1);
     double ratio = conformal_stretch(earth, mu1, mu2), half = 0.5 * ratio * (mu2 - mu1);
     double secant = 1.0 / cos(0.5 * (chi1 + chi2));
@@ -113,7 +114,7 @@ static void conformal_rate(const KernelPlane *earth, double mu, int64_t terms, d
 }
 
 /* psi' = sec(chi) chi', (sec chi)' = tan(chi) psi' and (tan chi)' = sec(chi) psi': each coefficient of the three power
- * series follows from those before it. */
+ * series follows from the previous ones. */
 void earth_series(const KernelPlane *earth, double mu, int64_t terms, double series[EARTH_TERMS]) {
     double rate[EARTH_TERMS], slope[EARTH_TERMS], secant[EARTH_TERMS + 1], tangent[EARTH_TERMS + 1];
     tangent[0] = tan(earth_conformal(earth, mu)), secant[0] = sqrt(1.0 + tangent[0] * tangent[0]);

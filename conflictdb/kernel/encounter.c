@@ -48,7 +48,7 @@ Bounds encounter_relative_bounds(const Encounter *pair, double t0, double t1) {
     Acceleration a = mover_acceleration(&pair->a, t0, t1), b = mover_acceleration(&pair->b, t0, t1);
     double relative = hypot(b.middle.x - a.middle.x, b.middle.y - a.middle.y) + a.variation + b.variation;
     if (!(relative < bounds.acceleration)) return bounds;
-    /* The spread is that in the middle, and what half of the time adds. */
+    /* The spread is that in the middle, plus the acceleration times half of the time. */
     return (Bounds){relative, bounds.spread - 0.5 * (t1 - t0) * (bounds.acceleration - relative)};
 }
 

@@ -1,63 +1,63 @@
-/* How near points on the sphere are to arcs of great circles, from gnomonic coordinates. Of two arcs that do not cross,
- * one has an end that is nearest to the other.
+/* Distances on the sphere between vertices and arcs of great circles, from gnomonic coordinates. For two arcs that do
+ * not cross, an end of one is nearest to the other.
  *
- * A place (x, y), in radii, is in the direction (x, y, 1). Everything is written in differences of coordinates, so that
- * nothing cancels: the cross product of two such vectors is (dy, -dx, x dy - y dx).
+ * A place (x, y), in radii, has the direction (x, y, 1). All formulas use differences of coordinates, so nothing
+ * cancels: the cross product of two such vectors is (dy, -dx, x dy - y dx).
  */
 #include <math.h>
 
 #include "plane.h"
 
-/* Chords of the unit sphere are rounded by a thousandth of this. */
+/* A thousand times the rounding error of chords of the unit sphere. */
 static const double CHORD_ROUNDING = 1e-12;
-/* Vertices times sides that are looked at one by one. With fewer, small polygons take longer; with more, large ones. */
+/* Vertices times sides that are compared one by one. Smaller: small polygons take longer; larger: large ones do. */
 enum { MOST_LOOKS = 256 };
 
 static double dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y; }
 static Vector minus(Vector a, Vector b) { return (Vector){a.x - b.x, a.y - b.y}; }
 
-/* The squared length of (base, 1) x (base + step, 1). */
+/* Squared length of (base, 1) x (base + step, 1). */
 static double sine2(Vector base, Vector step) {
     double area = base.x * step.y - base.y * step.x;
     return dot(step, step) + area * area;
 }
 
-/* The scalar product of two steps, as the sphere has it at their base. */
+/* Scalar product of two steps in the metric of the sphere at their base. */
 static double metric(Vector base, Vector one, Vector other) {
     return (1.0 + dot(base, base)) * dot(one, other) - dot(base, one) * dot(base, other);
 }
 
-/* The squared chord of an angle, 2 - 2 cos, without cancellation. */
+/* Squared chord of an angle, 2 - 2 cos, without cancellation. */
 static double chord2(double sine_squared, double cosine) {
     return cosine < 0.0 ? 2.0 - 2.0 * cosine : 2.0 * sine_squared / (1.0 + cosine);
 }
 
-/* point, to_point: the point, and its way from the start of the arc; edge: the way along the arc. */
+/* to_point: from the start of the arc to the point; edge: from the start to the end of the arc. */
 static double squared_chord(Vector point, Vector start, Vector to_point, Vector edge) {
     Vector end = {start.x + edge.x, start.y + edge.y}, to_next = minus(to_point, edge);
     double square = 1.0 + dot(start, start), point_square = 1.0 + dot(point, point), cosine = 1.0 + dot(start, point);
     double chord = chord2(sine2(start, to_point) / (square * point_square), cosine / sqrt(square * point_square));
-    /* Within the arc: in front of either end, by the metric there. */
+    /* The foot lies within the arc if the point lies ahead of both ends, in the metric there. */
     if (!(metric(start, to_point, edge) > 0.0) || !(metric(end, to_next, (Vector){-edge.x, -edge.y}) > 0.0)) return chord;
     double area = edge.x * to_point.y - edge.y * to_point.x, normal = sine2(start, edge);
     double to_edge = area * area / (normal * point_square), edge_cosine = sqrt(most(1.0 - to_edge, 0.0));
     if (to_edge > 0.5) {
-        /* The cosine of nearly a quarter turn is lost in its sine: |(start x end) x point| has it. */
+        /* Near a quarter turn the cosine is lost in the sine; compute it as |(start x end) x point|. */
         double ahead = dot(edge, point), x = edge.x * cosine - start.x * ahead, y = edge.y * cosine - start.y * ahead;
         edge_cosine = sqrt((x * x + y * y + ahead * ahead) / (normal * point_square));
     }
     return least(chord2(to_edge, edge_cosine), chord);
 }
 
-/* The least squared chord between vertices of one polygon and sides of another that is found. */
+/* State of the search for the smallest squared chord between a vertex and a side. */
 typedef struct {
     Vector origin;
     double radius_m, square;
     Facing *facing;
 } Chords;
 
-/* Some vertices of a polygon, and of sides their starts; and what holds them and what is between: a place of the unit sphere,
- * and how far from it they are at most, straight through. */
+/* A range of vertices of a polygon, or of sides by their starts. The ball about (x, y, z) contains their unit vectors
+ * and what lies between. */
 typedef struct {
     const Polygon *polygon;
     int64_t first, end;
@@ -85,7 +85,7 @@ static Some some_of(const Chords *chords, const Polygon *polygon, int64_t first,
     return some;
 }
 
-/* What some vertices and sides are apart at least, straight through; no arc leaves what is less than half of the sphere. */
+/* Lower bound on the chord between ranges. Balls of radius below 1 contain the arcs of their points. */
 static double apart(const Some *a, const Some *b) {
     return a->radius < 1.0 && b->radius < 1.0 ? chord_of(a, b) - a->radius - b->radius : -INFINITY;
 }
@@ -103,7 +103,7 @@ static void look_at(Chords *chords, const Polygon *vertices, int64_t i, const Po
     if (found < chords->square) chords->square = found, *chords->facing = (Facing){vertices, sides, i, k, NAN};
 }
 
-/* Look at what may be nearer than what is found: the larger of both in halves, the nearer one first. */
+/* Inspect what may be nearer than the smallest chord: halve the larger range, the nearer half first. */
 static void look_closer(Chords *chords, const Some *vertices, const Some *sides) {
     int64_t count = vertices->end - vertices->first, side_count = sides->end - sides->first;
     if (count * side_count <= MOST_LOOKS) {

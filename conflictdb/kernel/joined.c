@@ -1,15 +1,15 @@
-/* Convex polygons that cover nearly what their hull does, put together: a union of few costs less than one of many.
+/* Merge consecutive convex polygons into their hulls, as a union of few polygons costs less than a union of many.
  *
- * One after the other, while the hulls that are made so hold no more than a share beyond what was put into them: what a
- * hull adds is its area less that of both polygons, of which what they have in common counts once. So a hull is larger
- * than the union of all that went into it by no more than what all steps added together.
+ * Greedy: merge the next polygon while the hull exceeds the union of its inputs by at most MOST_ADDED. A step adds the
+ * hull's area minus both areas, counting their intersection once. The hull exceeds the union of all its inputs by at
+ * most the sum of all steps.
  */
 #include <stdlib.h>
 
 #include "kernel.h"
 #include "polygon.h"
 
-/* What a hull may hold beyond the union of what went into it, a share of it: it is a tenth larger at most. */
+/* Largest share of a hull outside the union of its inputs; the hull is then at most a tenth larger than the union. */
 static const double MOST_ADDED = 0.09;
 
 static double area(const Polygon *polygon) {
@@ -30,7 +30,7 @@ typedef struct {
     int64_t *offset, *owner, count;
 } Joined;
 
-/* Write a polygon as a closed ring, unless it has no inside. */
+/* Write a polygon as a closed ring, unless it is degenerate. */
 static void put(Joined *joined, const Polygon *polygon, int64_t owner) {
     if (polygon->count < 3) return;
     double *next = joined->ring + 2 * joined->offset[joined->count];
@@ -42,7 +42,7 @@ static void put(Joined *joined, const Polygon *polygon, int64_t owner) {
     joined->offset[joined->count] = (next - joined->ring) / 2;
 }
 
-/* The most vertices that the rings of one owner have. */
+/* The largest number of vertices of one owner's consecutive rings. */
 static int64_t most_vertices(const int64_t *offset, const int64_t *owner, int64_t count) {
     int64_t most = 0;
     for (int64_t i = 0, first = 0; i < count; i++) {

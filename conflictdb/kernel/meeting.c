@@ -1,4 +1,4 @@
-/* How pairs lie to each other at an instant: where they meet, and how far apart they are. */
+/* Meeting points and distances of pairs at an instant. */
 #include <stdlib.h>
 
 #include "border.h"
@@ -10,7 +10,7 @@ Vector encounter_meeting(Encounter *pair, double t) {
     if (polygon_distance(&pair->a_now, &pair->b_now, &from, &to).gap > 0.0) {
         common = (Vector){0.5 * (from.x + to.x), 0.5 * (from.y + to.y)};
     } else {
-        /* Polygons that are not looked at now lend their room, which is for as many vertices as both have. */
+        /* a0 and a1 are unused here; their memory fits the vertices of both polygons. */
         Polygon room = {.x = pair->a0.x, .y = pair->a1.x};
         common = polygon_common_point(&pair->a_now, &pair->b_now, &room, &pair->spare);
     }

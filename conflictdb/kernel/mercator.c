@@ -1,54 +1,56 @@
-/* The least distance on the earth between polygons whose edges are rhumb lines, at any distance. Longitude and psi are in
- * radians; longitudes count from the pair's origin.
+/* The smallest distance on the earth between polygons whose edges are rhumb lines, at any distance. Longitude and psi
+ * are in radians; longitudes count from the pair's origin.
  *
  * For two points z = dlon + i dpsi apart in the Mercator plane, the great circle of the conformal sphere has the length
  * theta with sin^2(theta / 2) = |sin(z / 2)|^2 sech psi1 sech psi2. So ln sin^2(theta / 2) is a harmonic function of z,
- * minus ln cosh psi1 and ln cosh psi2. Two things follow.
+ * minus ln cosh psi1 and ln cosh psi2. Two consequences:
  *
- * The least distance is that of a vertex from an edge. Along two edges with directions a and b its second derivatives
- * are X - s1, Y - s2 and -Z, with X Y - Z^2 = -m^2 sin^2(angle between a and b) and s1, s2 >= 0 the share of ln cosh. If
- * X - s1 and Y - s2 are positive, the determinant is negative: no pair of places inside both edges is a minimum. On the
- * ellipsoid the radius of the conformal sphere changes s1, s2 and Z by less than 3 % of s1 and s2, which leaves it so.
+ * The minimum is between a vertex and an edge. Along two edges with directions a and b the second derivatives are X -
+ * s1, Y - s2 and -Z, with X Y - Z^2 = -m^2 sin^2(angle between a and b) and s1, s2 >= 0 from ln cosh. If X - s1 and Y -
+ * s2 are positive, the determinant is negative: no pair of places inside both edges is a minimum. On the ellipsoid the
+ * radius of the conformal sphere changes s1, s2 and Z by less than 3 % of s1 and s2, which keeps the sign.
  *
- * The nearest place on an edge is where the derivative of the harmonic function equals that of ln cosh psi. For short
- * distances it is found as a fixed point, whose steps leave (0.68 z^2)^2 each of z^2 / 8 of the distance; for any distance
- * by branch and bound.
+ * At the nearest place of an edge, the derivative of the harmonic function equals that of ln cosh psi. Short distances
+ * are solved by fixed-point iteration, whose steps leave (0.68 z^2)^2 each of z^2 / 8 of the distance; any distance by
+ * branch and bound.
  *
- * On the ellipsoid a distance is at most theta times the mean radius along the great circle. It is less by what another
- * way saves that runs through smaller radii: at most `overstated_m`. */
+ * On the ellipsoid a distance is at most theta times the mean radius along the great circle. It is shorter by what
+ * another path saves that runs through smaller radii: at most `overstated_m`.
+ */
 #include <math.h>
 
 #include "plane.h"
 #include "runs.h"
 
-/* In the plane, radians: what is nearer than this is found by the fixed point. */
+/* Distances below this, plane radians, are solved by fixed-point iteration. */
 static const double NEARBY = 0.25;
-/* What its steps leave of a distance, and to what bounds are brought. */
+/* Relative error of that iteration, and relative accuracy of bounds. */
 static const double SOLVED_SHARE = 2e-11;
 enum { STEPS = 4, MAX_HALVINGS = 60 };
-/* Halvings for one distance until it is found with less: on the sphere by sharper bounds, which take longer, on an ellipsoid
- * to a share of what it may be wrong by. With fewer, usual distances take longer, or are understated by more. */
+/* Bisections for one distance before it is solved with less effort: on the sphere by sharper bounds, which take longer;
+ * on an ellipsoid to a fraction of its error bound. Smaller: ordinary distances take longer, or are understated by
+ * more. */
 enum { PATIENCE = 256 };
-/* Halvings that one distance takes at most: a hundred times what was seen within five degrees of a pole. With fewer, distances
- * there are not known; only edges that go around the earth many times take more. */
+/* Most bisections of one distance: a hundred times the most seen within five degrees of a pole. Smaller: distances
+ * there are unknown. Only edges that go around the earth many times take more. */
 enum { MAX_PARTS = 1 << 18 };
-/* Nor better than to this, metres, a tenth of what coordinates are rounded by: what touches across the seam is no digits
- * apart. */
+/* Absolute accuracy, metres, a tenth of the rounding of coordinates: a touch across the antimeridian has no relative
+ * accuracy. */
 static const double FINEST_M = 1e-9;
-/* What is beyond, as the cosine of its angle is less by this, is so whatever rounding does: ten times that. */
+/* Margin for rounding when cosines of angles are compared: ten times the rounding error. */
 static const double ROUNDING = 3e-14;
-/* Where the last step moved a place by no more than this, plane metres, it is known. */
+/* The iteration has converged if its last step is at most this, metres. */
 static const double KNOWN_M = 1e-6;
-/* Longer ways, radians, are bounded by the least and the largest radius alone. */
+/* Longer great circles, radians, are bounded by the smallest and the largest radius only. */
 static const double LONGEST = 2.9;
 static const double TURN = 0x1.921fb54442d18p2; /* 2 pi */
-/* Gauss and Legendre's rule for the mean radius along a way: nodes on [-1, 1] and weights. */
+/* Gauss-Legendre quadrature of the radius along a great circle: nodes on [-1, 1] and weights. */
 static const double NODES[6] = {-0.9324695142031519, -0.6612093864662645, -0.2386191860831969,
                                 0.2386191860831969,  0.6612093864662645,  0.9324695142031519};
 static const double WEIGHTS[6] = {0.17132449237917027, 0.3607615730481387, 0.46791393457269104,
                                   0.46791393457269104, 0.3607615730481387, 0.17132449237917027};
 
-/* A place, and an edge: longitude and psi of its start, and the way along it. */
+/* A place; an edge: longitude and psi of its start, and the vector along it. */
 typedef struct {
     double lon, psi;
 } Place;
@@ -58,15 +60,15 @@ typedef struct {
 
 static double polar_radius_m(const KernelPlane *earth) { return earth_conformal_radius(earth, 1.0); }
 
-/* By how much Simpson's rule for the mean radius is wrong, c theta^5 / 360, where it is used (nearby). */
+/* Error bound of Simpson's rule for the mean radius, c theta^5 / 360, for distances where it is used (NEARBY). */
 static double rule_error_m(const KernelPlane *earth, double distance_m) {
     double theta = distance_m / polar_radius_m(earth), near = least(theta, NEARBY);
     return earth->radius_m * earth->oblateness / 360.0 * near * near * near * near * theta;
 }
 
-/* How much longer than the shortest way may be what is found as the least distance: a way that gives way to smaller
- * radii saves c^2 (2 tan(theta / 2) - theta) / 2 to second order, here doubled for the rest; beyond `longest` radians,
- * no more than the largest radius is larger than the least. */
+/* How much a computed distance may exceed the shortest one: a path through smaller radii saves c^2 (2 tan(theta / 2) -
+ * theta) / 2 to second order, doubled here for higher orders; above `longest` radians at most the ratio of the radii.
+ */
 static double overstated_m(const KernelPlane *earth, double distance_m, double longest) {
     double c = earth->oblateness, theta = distance_m / polar_radius_m(earth), saved = 1.001 * c * theta;
     if (theta <= longest) saved = c * c * most(2.0 * tan(0.5 * theta) - theta, 0.0);
@@ -74,19 +76,19 @@ static double overstated_m(const KernelPlane *earth, double distance_m, double l
 }
 
 double mercator_distance_error_m(const KernelPlane *plane, double distance_m) {
-    /* What is stated as this far may have been found further than LONGEST, and lessened by all that saves. */
+    /* The distance may have been computed above LONGEST, and reduced by the largest saving. */
     double longest = LONGEST * (1.0 - 1.01 * plane->oblateness);
     return 1.01 * (overstated_m(plane, distance_m, longest) + rule_error_m(plane, distance_m));
 }
 
-/* The least distance of a vertex from an edge, where it is less than NEARBY in the plane; elsewhere too much. share: how
- * far along the edge, NaN where that is not known well. */
+/* The smallest distance of a vertex from an edge, if below NEARBY in the plane; elsewhere an overestimate. share: how
+ * far along the edge, NaN if not converged. */
 static double nearby_m(const KernelPlane *earth, Place point, Edge edge, double *share) {
     double length = hypot(edge.way.lon, edge.way.psi), divisor = length > 0.0 ? length : 1.0;
     double ux = edge.way.lon / divisor, uy = edge.way.psi / divisor;
     double wx = point.lon - edge.start.lon, wy = point.psi - edge.start.psi;
     double foot = wx * ux + wy * uy, off = wx * uy - wy * ux;
-    /* z / 6 along the edge, and how the radius of the conformal sphere shrinks. */
+    /* z / 6 along the edge, and the decrease of the conformal sphere's radius. */
     double slope = (ux * ux - uy * uy) / 6.0, level = (ux * wx - uy * wy) / 6.0, shrinks = 2.0 * earth->oblateness;
     double along = least(most(foot, 0.0), length), before = along;
     for (int step = 0; step < STEPS; step++) {
@@ -101,7 +103,8 @@ static double nearby_m(const KernelPlane *earth, Place point, Edge edge, double 
     half = half < 1.0 ? half : 1.0;
     double angle = 2.0 * asin(half);
     if (!(earth->oblateness > 0.0)) return earth->radius_m * angle;
-    /* Simpson's rule for the radius along the great circle, whose middle has this latitude. */
+    /* Simpson's rule for the radius along the great circle; middle2 is the squared sine of the latitude in the middle.
+     */
     double sine1 = tanh(point.psi), sine2 = tanh(psi_foot), middle2 = 0.25 * (sine1 + sine2) * (sine1 + sine2);
     middle2 = half < 1.0 ? middle2 / (1.0 - half * half) : 0.0;
     double mean = earth_conformal_radius(earth, sine1 * sine1) + earth_conformal_radius(earth, sine2 * sine2);
@@ -109,9 +112,9 @@ static double nearby_m(const KernelPlane *earth, Place point, Edge edge, double 
     return mean / 6.0 * angle;
 }
 
-/* The length of the great circle of the conformal sphere on the earth: at least that of the shortest way. */
+/* Length on the earth of the great circle of the conformal sphere: at least that of the shortest line. */
 static double way_m(const KernelPlane *earth, Place a, Place b) {
-    /* Each with its own digits: on the other side of the earth those of a cosine are lost in a sine. */
+    /* Sine and cosine separately: near the antipode the digits of one are lost in the other. */
     double sine = hypot(sin(0.5 * (b.lon - a.lon)), sinh(0.5 * (b.psi - a.psi)));
     double cosine = hypot(cos(0.5 * (b.lon - a.lon)), sinh(0.5 * (a.psi + b.psi))), theta = 2.0 * atan2(sine, cosine);
     if (!(earth->oblateness > 0.0)) return earth->radius_m * theta;
@@ -125,15 +128,15 @@ static double way_m(const KernelPlane *earth, Place a, Place b) {
     return mean * theta;
 }
 
-/* A part of an edge, and the distances of a point from both its ends. */
+/* A part of an edge, with the distances of a point from both ends. */
 typedef struct {
     double low, high, first, last;
     int halvings;
 } Part;
 
-/* What the distance from a point is nowhere below on a part. No surface that curves like the earth lets it bend upwards
- * by more than v^2 / distance along a straight line of the plane, which itself bends by v tanh psi; v is metres per
- * radian of the plane. */
+/* Lower bound on the distance of a point from a part of an edge. On a surface curved like the earth it bends upwards by
+ * at most v^2 / distance along a straight line of the plane, which itself bends by v tanh psi; v is metres per radian
+ * of the plane. */
 static double least_between(const KernelPlane *earth, Edge edge, Part part) {
     double psi0 = edge.start.psi + part.low * edge.way.psi, psi1 = edge.start.psi + part.high * edge.way.psi;
     double nearest_equator = psi0 * psi1 > 0.0 ? least(fabs(psi0), fabs(psi1)) : 0.0;
@@ -144,17 +147,18 @@ static double least_between(const KernelPlane *earth, Edge edge, Part part) {
     return most(least_on_chord(part.first, part.last, bend * width * width / 8.0), nearest);
 }
 
-/* Whether all of a part of an edge is proven to be `far_m` or more from a point, on the sphere.
+/* Whether a whole part of an edge is proven to be at least far_m from a point, on the sphere.
  *
- * With the cosine k of that, F = cosh psi (cos theta - k) is T sinh psi - k cosh psi + S cos x at x radians of longitude from
- * the point, T = tanh and S = sech of its psi: along the edge exponentials and a cosine. F stays below zero where its series
- * about the middle does, to the third power, and what is left of that at most: of the fourth power of the part's length, not
- * of the second as what least_between leaves. */
+ * With k the cosine of far_m, F = cosh psi (cos theta - k) is T sinh psi - k cosh psi + S cos x at x radians of
+ * longitude from the point; T and S are tanh and sech of its psi. Along the edge these are exponentials and a cosine. F
+ * < 0 if its Taylor polynomial of degree 3 about the middle plus the remainder is negative: the remainder is of the
+ * fourth power of the part's length, where that of least_between is of the second.
+ */
 static bool is_sphere_beyond(const KernelPlane *earth, Place point, Edge edge, Part part, double far_m) {
     double middle = 0.5 * (part.low + part.high), half = 0.5 * (part.high - part.low);
     double psi = edge.start.psi + middle * edge.way.psi, x = edge.start.lon + middle * edge.way.lon - point.lon;
     double a = half * edge.way.psi, b = half * edge.way.lon, t = tanh(point.psi), k = cos(far_m / earth->radius_m);
-    /* Longer ones are halved; a longitude of more has lost the digits. */
+    /* Longer parts are halved; larger longitudes have lost their digits. */
     if (!(fabs(a) <= 1.0 && fabs(b) <= 1.0 && fabs(x) <= 2.0 * TURN)) return false;
     double tangent = tanh(psi), s = 1.0 / (cosh(point.psi) * cosh(psi)), even = t * tangent - k, odd = t - k * tangent;
     double cosine = s * cos(x), sine = s * sin(x);
@@ -165,20 +169,20 @@ static bool is_sphere_beyond(const KernelPlane *earth, Place point, Edge edge, P
     return largest + fabs(third) / 6.0 + rest / 24.0 < -ROUNDING;
 }
 
-/* A search for the least distance of a point from edges: `best` is the least that is found, `floor` what none is below.
- * A dozen halvings are usual; along an edge all of which is about as near, a hundred thousand. Where too few are left,
- * *parts_left is below 0, and nothing is told. patience: halvings until sharper bounds are tried, too. */
+/* Search for the smallest distance of a point from edges. best: the smallest distance found; floor: a lower bound on
+ * finished parts. A dozen bisections are usual; along an edge of nearly constant distance, a hundred thousand. When
+ * *parts_left falls below 0 the result is unknown. patience: bisections before sharper bounds are tried. */
 typedef struct {
     const KernelPlane *earth;
     double best, floor;
     int64_t *parts_left, patience;
 } Search;
 
-/* What is found to be as far as this or more, metres, is not looked at closer. */
+/* Parts at least this far, metres, are finished. */
 static double known_from(const Search *search) {
     double left = FINEST_M, known_m = search->best * (1.0 - SOLVED_SHARE);
     if (search->patience >= 0) return known_m;
-    /* The error of a rule that is not used far away is part of what distances may be understated by. */
+    /* Half of the quadrature error is part of the reported error bound already. */
     left = most(left, 0.5 * rule_error_m(search->earth, search->best));
     return least(known_m, search->best - left);
 }
@@ -218,8 +222,8 @@ static Place place_of(const KernelPlane *earth, const Polygon *polygon, int64_t 
     return (Place){polygon->x[i] / earth->radius_m, (polygon->y[i] + origin.y) / earth->radius_m};
 }
 
-/* The least distance nearby that is found, between what, and what is looked at: vertices and sides that are further apart
- * than `beyond` and at most `within` plane metres, as nothing that spans more at the largest scale is nearer. */
+/* State of the search for the smallest nearby distance: vertices and sides farther apart than `beyond` and at most
+ * `within` plane metres. Pairs that span more at the largest scale are not nearer. */
 typedef struct {
     const KernelPlane *earth;
     Vector origin;
@@ -227,7 +231,7 @@ typedef struct {
     Facing *facing;
 } Nearby;
 
-/* With a little more for rounding. */
+/* Enlarged by the rounding error bound. */
 static double reach_of(double span) { return span * (1.0 + 1e-9) + 1e-6; }
 
 static double look_nearby(void *of, const Polygon *vertices, Range range, const Polygon *sides, Range among) {
@@ -252,7 +256,7 @@ static double look_nearby(void *of, const Polygon *vertices, Range range, const 
     return nearby->within;
 }
 
-/* As many edges are searched as there are vertices times sides: of polygons that are more than NEARBY apart. */
+/* For polygons more than NEARBY apart: one search per vertex and side. */
 static void search_all(Search *search, const Polygon *vertices, const Polygon *sides, Vector origin, Facing *facing) {
     const KernelPlane *earth = search->earth;
     for (int64_t i = 0; i < vertices->count; i++)
@@ -271,15 +275,15 @@ double mercator_distance_m(const KernelPlane *plane, const Polygon *a, const Pol
     Extent extent = extent_none();
     extent_add(&extent, a, origin), extent_add(&extent, b, origin);
     double scale = plane_largest_scale(plane, &extent), width = (extent.east - extent.west) / plane->radius_m;
-    /* What is nearest in the plane first, with a little more for rounding; then all that might be nearer on the earth:
-     * nothing that spans more of the plane is. */
+    /* First the nearest places in the plane, then all that may be nearer on the earth: places that span more of the
+     * plane are not. */
     Nearby nearby = {plane, origin, scale, 0.0, reach_of(nearest), INFINITY, facing};
     double within = nearby.within;
     runs_visit(a, b, within, look_nearby, &nearby);
     nearby.beyond = within, nearby.within = reach_of(plane_span_m(plane, nearby.found, scale));
     if (nearby.within > within) runs_visit(a, b, nearby.within, look_nearby, &nearby);
     double found = nearby.found;
-    /* Known to be the least one where all that is as near lies nearby in the plane, and none across the seam. */
+    /* This is the minimum if all equally near places lie nearby in the plane, and none across the antimeridian. */
     if (plane_span_m(plane, found, scale) > NEARBY * plane->radius_m || width > TURN - NEARBY) {
         Search search = {plane, INFINITY, INFINITY, parts_left, PATIENCE};
         search_all(&search, a, b, origin, facing);

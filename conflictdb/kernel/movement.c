@@ -1,12 +1,12 @@
-/* What the motions promise, piece by piece: where vertices are, how fast the whole goes, and what bounds the rest. */
+/* Positions, reference points and bounds of single pieces as functions of time. */
 #include <stdlib.h>
 
 #include "motion.h"
 
-/* Numbers that a vertex on a great circle takes in a mover's frame. */
+/* Doubles per vertex of a mover's frame on a great circle. */
 enum { FRAME = 9 };
 
-/* Check rows, and tell how many vertices the largest of their pieces has. */
+/* Validate rows, and find the largest number of vertices of their pieces. */
 static KernelStatus check_rows(const Scene *scene, const KernelRows *rows, int64_t *largest) {
     if (!scene || !rows) return KERNEL_NULL;
     if (rows->count < 0) return KERNEL_BAD_COUNT;
@@ -21,7 +21,7 @@ static KernelStatus check_rows(const Scene *scene, const KernelRows *rows, int64
     return KERNEL_OK;
 }
 
-/* Set up the piece of a row; false where it cannot be, or has no instant to count from. */
+/* Set up the mover of a row; false if its piece or its zero is invalid. */
 static bool set_up(const Scene *scene, const KernelRows *rows, int64_t i, double *frame, Mover *mover) {
     const Body *body = scene->bodies + rows->piece[i];
     bool is_timed = rows->zero_us[i] >= -KERNEL_LATEST_US && rows->zero_us[i] <= KERNEL_LATEST_US;
@@ -71,7 +71,7 @@ KernelStatus kernel_references(const KernelScene *scene, const KernelRows *rows,
     return KERNEL_OK;
 }
 
-/* The most by which the offset of a vertex from the reference point differs at two instants. */
+/* The largest change of a vertex's offset from the reference point between two instants. */
 static double offset_change(const Mover *mover, double t0, double t1, Polygon *start, Polygon *end) {
     double change = 0.0;
     if (mover->body->motion == STANDS_STILL) return change;

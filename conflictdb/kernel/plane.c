@@ -2,13 +2,13 @@
 
 #include <math.h>
 
-/* Below this many metres the scale is the same all along, to a share of 1e-8 at 89 degrees of latitude. */
+/* Up to this many metres the scale is constant, to a relative 1e-8 at 89 degrees of latitude. */
 static const double SHORT_M = 1e-3;
-/* A distance is taken from gnomonic coordinates up to 1.1e7 m, rounded by 2e-9 m each. */
+/* Rounding error bound of distances from gnomonic coordinates of up to 1.1e7 m, rounded by 2e-9 m each. */
 static const double GNOMONIC_ROUNDING_M = 1e-8;
-/* The nearest place on a side is looked for about the nearest of so many, by so many steps of a golden section, which
- * shrink 1,000 km to less than a micrometre, until it is known to plane metres. With fewer places, the wrong one of two
- * minima may be found. J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS 4 (1953),
+/* The nearest place on a side: compare EDGE_PLACES places, then golden section search about the best one, at most
+ * EDGE_STEPS steps, which shrink 1,000 km to less than a micrometre, or until PLACE_M is reached. Fewer places: the
+ * wrong one of two minima may be found. J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS 4 (1953),
  * doi:10.1090/S0002-9939-1953-0055639-3. */
 enum { EDGE_PLACES = 9, EDGE_STEPS = 56 };
 static const double PLACE_M = 1e-6, GOLDEN = 0x1.3c6ef372fe95p-1;
@@ -34,7 +34,7 @@ Extent extent_within_reach(const KernelPlane *plane, const Extent *a, const Exte
                    most(a->furthest2, b->furthest2)};
     if (plane->projection != KERNEL_MERCATOR) return both;
     double south = most(a->south, b->south) - reach, north = least(a->north, b->north) + reach;
-    /* None where they are further apart: then it does not matter. */
+    /* Empty if they are farther apart: then the band does not matter. */
     if (south < north) both.south = most(both.south, south), both.north = least(both.north, north);
     return both;
 }
@@ -52,20 +52,21 @@ double plane_largest_scale(const KernelPlane *plane, const Extent *extent) {
 double plane_smallest_scale(const KernelPlane *plane, const Extent *extent) {
     if (plane->projection == KERNEL_MERCATOR)
         return mercator_scale(plane, most(most(extent->south, -extent->north), 0.0));
-    /* Across the way from the centre, at the nearest point of the box, and nearer by its diagonal for what moves. */
+    /* Perpendicular to the direction from the centre, at the nearest point of the box; nearer by its diagonal for
+     * moving polygons. */
     double x = most(most(extent->west, -extent->east), 0.0), y = most(most(extent->south, -extent->north), 0.0);
     double diagonal = hypot(extent->east - extent->west, extent->north - extent->south);
     double nearest = most(hypot(x, y) - diagonal, 0.0) / plane->radius_m;
     return sqrt(1.0 + nearest * nearest);
 }
 
-/* By what share the radius of the conformal sphere may change on a way of theta radians. */
+/* Largest relative change of the conformal sphere's radius over theta radians. */
 static double most_change(const KernelPlane *plane, double theta) { return 1.01 * plane->oblateness * least(theta, 1.0); }
 
-/* The most that the conformal sphere's radius adds to the scale and how it changes, as a share of tanh(psi). */
+/* Largest contribution of the conformal sphere's radius to the scale's rate of change, relative to tanh(psi). */
 static double shrinks(const KernelPlane *plane) { return 3.02 * plane->oblateness; }
 
-/* At least the highest conformal latitude of a shortest way whose ends have this scale, radians. */
+/* Upper bound on the conformal latitude along a shortest line whose ends have this scale, radians. */
 static double highest_on_way(const KernelPlane *plane, double distance_m, double scale) {
     return least(acos(1.0 / most(scale, 1.0)) + 0.505 * distance_m / plane->radius_m, HALF_PI);
 }
@@ -76,8 +77,8 @@ Scales plane_scales(const KernelPlane *plane, const Extent *extent) {
 
 double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
     if (plane->projection == KERNEL_GNOMONIC) return distance_m * scale;
-    /* On the sphere 2 asin(s) while s = cosh(psi) sin(theta / 2) < 1, and 2 hypot(pi / 2, acosh(s)) beyond; these
-     * bounds are convex in ln s. */
+    /* On the sphere 2 asin(s) for s = cosh(psi) sin(theta / 2) < 1, and 2 hypot(pi / 2, acosh(s)) above; these bounds
+     * are convex in ln s. */
     double theta = distance_m / plane->radius_m;
     double s = scale * (1.0 + most_change(plane, theta)) * sin(least(0.5 * theta, HALF_PI));
     if (s < 1.0) return plane->radius_m * (2.0 * s + (2.0 * HALF_PI - 2.0) * s * s * s);
@@ -91,9 +92,9 @@ double plane_least_m(const KernelPlane *plane, double span_m, double scale) {
     return plane->radius_m * theta / (1.0 + most_change(plane, 1.01 * theta));
 }
 
-/* Mercator: |grad ln(scale)|, which bounds the symbols of a conformal metric ds = |dz| / scale. Gnomonic: a velocity v at
- * x has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); of what v is on the earth, at least
- * |v| cos(c)^2 outward from the centre, x.v / (R sec(c)^2) is at most tan(c). */
+/* Mercator: |grad ln(scale)| bounds the symbols of a conformal metric ds = |dz| / scale. Gnomonic: a velocity v at x
+ * has the covariant acceleration -2 (x.v) / (R sec(c))^2 v, |x| = R tan(c); with v measured on the earth, at least |v|
+ * cos(c)^2 outward from the centre, x.v / (R sec(c)^2) is at most tan(c). */
 double plane_christoffel(const KernelPlane *plane, double scale) {
     if (plane->projection == KERNEL_GNOMONIC) return 2.0 * sqrt(scale - 1.0) / plane->radius_m;
     double tangent = scale * sin(highest_on_way(plane, 0.0, scale));
@@ -104,9 +105,9 @@ double plane_turn_m(const KernelPlane *plane) {
     return plane->projection == KERNEL_MERCATOR ? 4.0 * HALF_PI * plane->radius_m : INFINITY;
 }
 
-/* Mercator: the shortest way pulls at its ends with 1 / scale, and on the way that changes by tanh(psi) / radius a metre.
- * Gnomonic: with the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds by
- * at most 2 |x| v / R^2; in metres of the plane at the largest scale, A. */
+/* Mercator: the shortest line pulls at its ends with 1 / scale, which changes along it by tanh(psi) / radius per metre.
+ * Gnomonic: with the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds
+ * by at most 2 |x| v / R^2; in plane metres at the largest scale, A. */
 double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed) {
     if (plane->projection == KERNEL_GNOMONIC)
         return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
@@ -114,8 +115,8 @@ double plane_drift(const KernelPlane *plane, double distance_m, double scale, do
     return distance_m / plane->radius_m * (1.0 + shrinks(plane)) * sine * scale * speed;
 }
 
-/* Mercator: the shortest way turns in the plane by tan(latitude) / radius a metre. Gnomonic: the largest angle between a
- * step u and its gradient G u, G with the eigenvalues 1 / A and 1 / A^2. */
+/* Mercator: the shortest line turns in the plane by tan(latitude) / radius per metre. Gnomonic: the largest angle
+ * between a step u and its gradient G u, where G has the eigenvalues 1 / A and 1 / A^2. */
 double plane_slant(const KernelPlane *plane, double distance_m, double scale) {
     if (plane->projection == KERNEL_GNOMONIC) return atan(0.5 * (scale - 1.0) / sqrt(scale));
     double tangent = tan(least(highest_on_way(plane, distance_m, scale), HALF_PI - 1e-9));
@@ -128,7 +129,7 @@ double plane_distance_error_m(const KernelPlane *plane, double distance_m) {
 }
 
 double plane_short_m(const KernelPlane *plane) {
-    /* In a plane that does not keep angles they never are: only what touches is no nearer for that. */
+    /* In a plane that is not conformal they never are; only touches are no nearer. */
     return plane->projection == KERNEL_MERCATOR ? SHORT_M : KERNEL_TOUCH_M;
 }
 
@@ -181,7 +182,7 @@ static Vector along(Vector start, Vector side, double part) {
     return (Vector){start.x + part * side.x, start.y + part * side.y};
 }
 
-/* The place on a side that is nearest to a vertex: by golden section about the nearest of some places. */
+/* The place on a side nearest to a vertex (EDGE_PLACES). */
 static Vector place_on_side(const KernelPlane *plane, Vector vertex, Vector start, Vector side, Vector origin) {
     double step = 1.0 / (EDGE_PLACES - 1), nearest = INFINITY, ends = INFINITY, best = 0.0, end = 0.0;
     for (int k = 0; k < EDGE_PLACES; k++) {
