@@ -198,17 +198,21 @@ static void look_at_pair(Search *search, Part part) {
 static void search_group(Search *search) {
     int halved = 0;
     while (search->parts > 0 && search->least > KERNEL_TOUCH_M) {
+        /* No remaining part can be closer. */
         if (search->heap[0].bound > limit_of(search) + TIE_M) return;
         Part part = pop(search);
+        /* First visit: compute distances at the ends and in the middle. */
         if (!part.is_seen && !(part.bound >= search->least - search->aim)) {
             look_at_pair(search, part);
             continue;
         }
+        /* Accurate enough, as short as a timestamp, or out of budget. */
         bool is_done = part.bound >= limit_of(search) - search->aim || part.end - part.start <= SHORTEST_S;
         if (is_done || halved >= MAX_HALVED) {
             finish(search, part);
             continue;
         }
+        /* Bound both halves. */
         double middle = 0.5 * (part.start + part.end);
         bound_part(search, part.pair, part.start, middle, part.first, part.middle);
         bound_part(search, part.pair, middle, part.end, part.middle, part.last);

@@ -159,6 +159,7 @@ static void lay_out(Encounter *pair, double *memory, int64_t largest) {
 }
 
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
+    REQUIRE(i >= 0 && i < pairs->count && pairs->a[i] < scene->count && pairs->b[i] < scene->count);
     const Body *a = scene->bodies + pairs->a[i], *b = scene->bodies + pairs->b[i];
     double low = pairs->low_s[i], high = pairs->high_s[i];
     if (!a->is_sound || !b->is_sound) return false;

@@ -378,15 +378,18 @@ Contact certain_contact(Encounter *pair, double low, double high) {
     if (touches && departure <= KERNEL_TOUCH_M) return closed_form(pair, low, high, departure);
     encounter_set_closed_form(pair, false);
     for (int round = 1; round <= MAX_WINDOWS; round++) {
+        /* Compute both ends of the window, and the scales. */
         mover_focus(&pair->a, start, end), mover_focus(&pair->b, start, end);
         Reached scales = reached_during(pair, start, end);
         double h = end - start, touch = KERNEL_TOUCH_M * scales.all.largest;
         pair->work->windows++;
+        /* Fractions of the window outside which the pair is apart, not in contact, not deep. */
         Levels levels = levels_of(pair, bounds.acceleration * h * h / 8.0 + touch, scales);
         Shares shares = window_shares(pair, levels);
         if (is_none(shares.near)) return SEPARATED;
         /* Proven for the whole round's time, so also for the shorter ones that follow. */
         is_apart = is_apart || is_none(shares.touch), is_shallow = is_shallow || is_none(shares.deep);
+        /* Witness: the middle of the fraction in which it may be deepest. */
         Share likely = is_apart ? shares.near : is_shallow ? shares.touch : shares.deep;
         double witness = start + 0.5 * (likely.u + likely.v) * h;
         if (is_apart) {
@@ -399,6 +402,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
             shares.near = window_share_along(pair, seen.axis, levels.near, shares.near);
             if (is_none(shares.near)) return SEPARATED;
         } else {
+            /* In contact at the witness: solve for both ends, and certify. */
             Window window = {.low = low, .high = high, .touch = touch, .scales = scales};
             window.start = start + shares.touch.u * h, window.end = start + shares.touch.v * h, window.witness = witness;
             window.depth = depth_at(pair, witness, scales.near.smallest);
@@ -408,6 +412,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
                 return contact_in_window(pair, &window, depth);
             }
         }
+        /* Undecided: shrink the window and try again. */
         end = start + shares.near.v * h, start += shares.near.u * h;
     }
     return UNDECIDED;

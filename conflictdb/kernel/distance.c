@@ -117,6 +117,7 @@ static double upward(const Encounter *pair, const Course *course, Vector axis, d
 }
 
 During approach_during(Encounter *pair, double start, double end, double first, double last, double enough) {
+    REQUIRE(start <= end);
     Vector from, to;
     pair->work->windows++;
     encounter_place(pair, 0.5 * (start + end));
@@ -139,6 +140,7 @@ During approach_during(Encounter *pair, double start, double end, double first, 
 }
 
 double approach_at_least(Encounter *pair, double low, double high) {
+    REQUIRE(low <= high);
     encounter_place(pair, 0.5 * (low + high));
     Course course = course_during(pair, low, high);
     Extent a = extent_none(), b = extent_none();

@@ -116,6 +116,7 @@ static void conformal_rate(const KernelPlane *earth, double mu, int64_t terms, d
 /* psi' = sec(chi) chi', (sec chi)' = tan(chi) psi' and (tan chi)' = sec(chi) psi': each coefficient of the three power
  * series follows from the previous ones. */
 void earth_series(const KernelPlane *earth, double mu, int64_t terms, double series[EARTH_TERMS]) {
+    REQUIRE(terms > 0 && terms <= EARTH_TERMS);
     double rate[EARTH_TERMS], slope[EARTH_TERMS], secant[EARTH_TERMS + 1], tangent[EARTH_TERMS + 1];
     tangent[0] = tan(earth_conformal(earth, mu)), secant[0] = sqrt(1.0 + tangent[0] * tangent[0]);
     conformal_rate(earth, mu, terms, rate);

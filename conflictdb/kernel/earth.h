@@ -13,6 +13,7 @@
 #include <math.h>
 
 #include "kernel.h"
+#include "require.h"
 
 /* Terms of the longest power series of psi. */
 enum { EARTH_TERMS = 16 };

@@ -20,6 +20,7 @@ void encounter_set_closed_form(Encounter *pair, bool in_closed_form) {
 }
 
 void encounter_ask(Encounter *pair, double separation_m, double margin_m) {
+    REQUIRE(separation_m >= 0.0 && margin_m >= 0.0);
     pair->separation_m = separation_m, pair->margin_m = most(margin_m, KERNEL_TOUCH_M);
     pair->deep_m = pair->margin_m;
     if (separation_m > 0.0) pair->deep_m = most(pair->deep_m, encounter_certainty_margin_m(pair));
@@ -38,6 +39,7 @@ void encounter_place(Encounter *pair, double t) {
 }
 
 Bounds encounter_bounds(const Encounter *pair, double t0, double t1) {
+    REQUIRE(t0 <= t1);
     Bounds a = mover_bounds(&pair->a, t0, t1), b = mover_bounds(&pair->b, t0, t1);
     return (Bounds){a.acceleration + b.acceleration, a.spread + b.spread};
 }

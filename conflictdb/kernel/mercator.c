@@ -208,6 +208,7 @@ static void search_edge(Search *search, Place point, Edge edge) {
             search->floor = least(search->floor, bound);
             continue;
         }
+        REQUIRE(top <= MAX_HALVINGS);
         if (--search->patience < PATIENCE - MAX_PARTS) *search->parts_left = 0;
         if (--*search->parts_left < 0) return;
         double middle = 0.5 * (part.low + part.high);

@@ -1,6 +1,7 @@
 #include "motion.h"
 
 Mover mover_make(const Scene *scene, const Body *body, int64_t zero_us, Vector origin, double *frame) {
+    REQUIRE(body->is_sound && body->count > 0);
     Mover mover = {.scene = scene, .body = body, .origin = origin, .frame = frame};
     if (body->motion == STANDS_STILL) return mover;
     mover.into_s = (double)(zero_us - body->leg_start_us) / 1e6;
@@ -21,6 +22,7 @@ bool mover_is_there(const Mover *mover, double t0, double t1) {
 }
 
 void mover_focus(Mover *mover, double t0, double t1) {
+    REQUIRE(t0 <= t1);
     if (mover->body->motion == ON_RHUMB_LINE) rhumb_focus(mover, t0, t1);
 }
 

@@ -138,6 +138,7 @@ Vector mover_reference(const Mover *mover, double t);
 Sweep mover_sweep(const Mover *mover, double t0, double t1, double change);
 
 static inline const double *body_column(const Scene *scene, const Body *body, int column) {
+    REQUIRE(column >= 0 && column < (scene->plane.projection == KERNEL_MERCATOR ? RHUMB_COLUMNS : CIRCLE_COLUMNS));
     return scene->columns + column * scene->vertex_count + body->first;
 }
 

@@ -4,18 +4,18 @@
 
 #include "runs.h"
 
-/* A polygon is hardly wider than a line if it covers less than this of the square of its length: with less, rounding
- * decides where the centre of its area is. */
+/* A polygon is a sliver if it covers less than this fraction of its squared length. Smaller: rounding decides where its
+ * centroid is. */
 static const double SLIVER = 1e-8;
 
-/* Take the gaps along the normals of one polygon's edges where they are wider. sign: 1 where `mine` is the first. */
+/* Widen a gap by those along the normals of one polygon's edges. sign: 1 if `mine` is the first polygon. */
 static void widen_by_edges(Gap *widest, const Polygon *mine, const Polygon *other, double sign) {
     Ahead ahead = ahead_of(mine, other);
     for (int64_t step = ahead.step; step > 0; step = finer(step))
         for (int64_t k = 0; k < mine->count; k += step) {
             int64_t m = edge_end(mine, k);
             double nx = mine->y[m] - mine->y[k], ny = mine->x[k] - mine->x[m], square = nx * nx + ny * ny;
-            if (!(square > 0.0)) continue; /* no edge between vertices that coincide */
+            if (!(square > 0.0)) continue; /* coincident vertices have no edge */
             double length = sqrt(square), own = own_reach(nx, ny, mine, k);
             if (ahead.is_in_runs && (ahead_at(nx, ny, &ahead) - own) / length <= widest->gap) continue;
             double gap = (ahead_along(nx, ny, &ahead) - own) / length;
@@ -24,6 +24,7 @@ static void widen_by_edges(Gap *widest, const Polygon *mine, const Polygon *othe
 }
 
 Gap polygon_separation(const Polygon *a, const Polygon *b) {
+    REQUIRE(a->count > 0 && b->count > 0);
     Gap widest = {-INFINITY, {0.0, 0.0}};
     widen_by_edges(&widest, a, b, 1.0);
     widen_by_edges(&widest, b, a, -1.0);
@@ -37,7 +38,7 @@ static Vector middle_of(const Polygon *polygon) {
     return (Vector){sum.x / (double)polygon->count, sum.y / (double)polygon->count};
 }
 
-/* A polygon of two vertices is a line: its direction separates it from what lies ahead of it. */
+/* A polygon of two vertices is a line: its direction may separate it from what lies ahead of it. */
 static void widen_by_directions(Gap *widest, const Polygon *line, const Polygon *a, const Polygon *b) {
     for (int64_t k = 0; k < line->count; k++) {
         int64_t m = edge_end(line, k);
@@ -51,7 +52,7 @@ static void widen_by_directions(Gap *widest, const Polygon *line, const Polygon 
     }
 }
 
-/* A vertex and a side, by their numbers, and their squared distance. */
+/* A vertex and a side, by index, and their squared distance. */
 typedef struct {
     double square;
     int64_t vertex, side;
@@ -62,7 +63,7 @@ static Vector side_of(const Polygon *polygon, int64_t k) {
     return (Vector){polygon->x[m] - polygon->x[k], polygon->y[m] - polygon->y[k]};
 }
 
-/* Of a polygon's vertices and another's sides, and the other way round. */
+/* The nearest pair of a's vertices and b's sides, and of b's vertices and a's sides. */
 typedef struct {
     const Polygon *a;
     Nearest of_a, of_b;
@@ -84,7 +85,7 @@ static double look_nearer(void *of, const Polygon *vertices, Range range, const 
     return sqrt(nearer->of_a.square < nearer->of_b.square ? nearer->of_a.square : nearer->of_b.square);
 }
 
-/* The vertex, and the nearest place on the side. */
+/* The vertex, and the nearest point of the side. */
 static void points_of(const Polygon *vertices, const Polygon *sides, Nearest nearest, Vector *vertex, Vector *on) {
     Vector side = side_of(sides, nearest.side), start = {sides->x[nearest.side], sides->y[nearest.side]};
     *vertex = (Vector){vertices->x[nearest.vertex], vertices->y[nearest.vertex]};
@@ -95,6 +96,7 @@ static void points_of(const Polygon *vertices, const Polygon *sides, Nearest nea
 }
 
 double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {
+    REQUIRE(a->count > 0 && b->count > 0);
     Nearer nearer = {a, {INFINITY, 0, 0}, {INFINITY, 0, 0}};
     runs_visit(a, b, INFINITY, look_nearer, &nearer);
     bool is_of_a = nearer.of_a.square <= nearer.of_b.square;
@@ -104,6 +106,7 @@ double polygon_nearest(const Polygon *a, const Polygon *b, Vector *from, Vector 
 }
 
 Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *to) {
+    REQUIRE(a->count > 0 && b->count > 0);
     *from = middle_of(a), *to = middle_of(b);
     double x = to->x - from->x, y = to->y - from->y, length = sqrt(x * x + y * y);
     Gap widest = {0.0, length > 0.0 ? (Vector){x / length, y / length} : (Vector){1.0, 0.0}};
@@ -117,7 +120,7 @@ Gap polygon_distance(const Polygon *a, const Polygon *b, Vector *from, Vector *t
     if (!(widest.gap > 0.0)) return widest;
     double distance = polygon_nearest(a, b, from, to);
     if (!(distance > 0.0)) return widest;
-    /* The way between points that are close has hardly a direction: then that of an edge separates better. */
+    /* The line between close points hardly has a direction: then an edge's normal separates better. */
     Vector way = {(to->x - from->x) / distance, (to->y - from->y) / distance};
     if (gap_along(way, a, b) > widest.gap) widest.axis = way;
     widest.gap = distance;
@@ -141,8 +144,7 @@ bool polygon_clip(const Polygon *polygon, Vector start, Vector way, Polygon *kep
     return true;
 }
 
-/* The centre of area; of what is hardly wider than a line, the middle of its box. Areas count from the first vertex, so
- * that digits are kept. */
+/* The centroid; for a sliver, the middle of its box. Areas are relative to the first vertex, to keep digits. */
 static Vector centroid(const Polygon *polygon) {
     double x0 = polygon->x[0], y0 = polygon->y[0], west = 0.0, east = 0.0, south = 0.0, north = 0.0;
     double area = 0.0, sum_x = 0.0, sum_y = 0.0;
@@ -157,7 +159,7 @@ static Vector centroid(const Polygon *polygon) {
     return (Vector){x0 + 0.5 * (west + east), y0 + 0.5 * (south + north)};
 }
 
-/* Where two lines cross, or are nearest to each other. */
+/* The intersection of two lines, or the middle between their nearest points. */
 static Vector crossing_of(const Polygon *a, const Polygon *b) {
     Vector of_a = side_of(a, 0), of_b = side_of(b, 0), from, to;
     double turn = of_a.x * of_b.y - of_a.y * of_b.x;
@@ -169,6 +171,7 @@ static Vector crossing_of(const Polygon *a, const Polygon *b) {
 
 /* I. E. Sutherland, G. W. Hodgman, "Reentrant polygon clipping", Commun. ACM 17 (1974), doi:10.1145/360767.360802. */
 Polygon *polygon_common(const Polygon *a, const Polygon *b, Polygon *room, Polygon *spare) {
+    REQUIRE(a->count > 2 || b->count > 2 || (a->count > 0 && b->count > 0));
     const Polygon *whole = b->count < 3 ? b : a, *edges = b->count < 3 ? a : b;
     Polygon *kept = room, *next = spare;
     int64_t most = a->count + b->count + 2;
@@ -202,7 +205,7 @@ static void swap(Polygon *polygon, int64_t i, int64_t j) {
     polygon->x[j] = x, polygon->y[j] = y;
 }
 
-/* Let vertex i of a heap of so many sink to its place: none is before its children. */
+/* Heap sort: let vertex i sink below its larger children. */
 static void sink(Polygon *heap, int64_t i, int64_t count) {
     for (int64_t child = 2 * i + 1; child < count; i = child, child = 2 * i + 1) {
         if (child + 1 < count && is_before(heap, child, child + 1)) child++;
@@ -219,7 +222,7 @@ static void sort_vertices(Polygon *polygon) {
     }
 }
 
-/* Add vertex i to a chain of a hull that turns left, of which at least `fixed` stay. */
+/* Add vertex i to a hull chain that turns left, of which the first `fixed` vertices stay. */
 static void add_to_chain(Polygon *chain, int64_t fixed, const Polygon *polygon, int64_t i) {
     double x = polygon->x[i], y = polygon->y[i];
     for (; chain->count > fixed; chain->count--) {
@@ -231,12 +234,14 @@ static void add_to_chain(Polygon *chain, int64_t fixed, const Polygon *polygon, 
 }
 
 /* A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", Inf. Process. Lett. 9 (1979),
- * doi:10.1016/0020-0190(79)90072-3. What rounding leaves out lies out by less than 1e-16 of the polygon's size. */
+ * doi:10.1016/0020-0190(79)90072-3. Vertices dropped by rounding lie outside by less than 1e-16 of the polygon's size.
+ */
 void polygon_hull(Polygon *polygon, Polygon *spare) {
+    REQUIRE(polygon->count > 0);
     sort_vertices(polygon);
     spare->count = 0;
     for (int64_t i = 0; i < polygon->count; i++) add_to_chain(spare, 1, polygon, i);
-    int64_t lower = spare->count; /* and as many for the upper chain at most */
+    int64_t lower = spare->count; /* and at most as many for the upper chain */
     for (int64_t i = polygon->count - 2; i >= 0; i--) add_to_chain(spare, lower, polygon, i);
     /* The first vertex was added again, unless it is the only one. */
     polygon->count = spare->count > 1 ? spare->count - 1 : 1;

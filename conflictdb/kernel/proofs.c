@@ -1,13 +1,15 @@
-/* Apart: the gap along a fixed direction n, min(n.b) - max(n.a), is concave in time if all vertices move straight. So
- * over an interval of h seconds it is at least its chord, less M h^2 / 8 where accelerations are at most M. That is a
- * separating axis held over time, as in continuous collision detection (Redon et al.).
+/* Branch and bound over intervals of time.
  *
- * In contact: the signed separation of two polygons is convex in time if they move rigidly and evenly. So it is at most
- * its chord, plus K h where velocities differ by at most K (their spread).
+ * Apart: the gap along a fixed direction n, min(n.b) - max(n.a), is concave in time if all vertices move straight. Over
+ * h seconds it is at least its chord, minus M h^2 / 8 for accelerations of at most M. This is a separating axis held
+ * over time, as in continuous collision detection (Redon et al.).
  *
- * An interval for which neither is proved is halved, as interval methods do (Moore; Ratschek and Rokne; Snyder et al.),
- * but with bounds from derivatives (Von Herzen et al.) in the place of interval arithmetic. Short intervals are decided
- * as in conservative advancement (Mirtich): by the distance, and how fast it may shrink. Nothing is decided by sampling.
+ * In contact: the signed separation of two rigid polygons in uniform motion is convex in time. It is at most its chord,
+ * plus K h for velocities that differ by at most K (their spread).
+ *
+ * An interval for which neither is proven is halved, as in interval methods (Moore; Ratschek and Rokne; Snyder et al.),
+ * with bounds from derivatives (Von Herzen et al.) instead of interval arithmetic. Short intervals are decided by the
+ * distance and its rate, as in conservative advancement (Mirtich). Nothing is decided by sampling.
  *
  * References: R. E. Moore, "Interval Analysis" (1966). H. Ratschek, J. Rokne, "New Computer Methods for Global
  * Optimization" (1988). B. Von Herzen, A. H. Barr, H. R. Zatz, "Geometric collisions for time-dependent parametric
@@ -20,21 +22,21 @@
 
 #include "approach.h"
 
-/* A distance that is more than this above what is asked need not be known, metres: cheaper bounds will do. With less,
- * more intervals are split; with more, more distances are measured along geodesics. */
+/* Clearances need not be exact above the margin plus this, metres: cheaper bounds suffice. Smaller: more intervals are
+ * split; larger: more geodesic distances are computed. */
 static const double NEAR_M = 100.0;
-/* Intervals of a pair that are looked at before distances are bounded as for closest approaches, which costs three looks
- * more: pairs that glide past each other at just the distance wanted. With fewer, others cost more, too. */
+/* Intervals of a pair inspected before the bounds of closest approaches are tried, which cost three times as much: for
+ * pairs that pass at just the required separation. Smaller: other pairs cost more. */
 enum { CHEAP_LOOKS = 16 };
 
-/* Parts of an interval, as shares of it, outside of which the pair is proven apart: none where u > v. */
+/* Fractions of an interval outside which the pair is proven apart: throughout if u > v. */
 typedef struct {
     double u, v;
     double clearance_m; /* in the middle */
 } Window;
 
-/* The velocity of b against a in the middle of a time, the most that a vertex' differs from it, and the fastest of any
- * vertex: plane metres per second. */
+/* Plane metres per second: the speed of b relative to a in the middle of a time, plus the spread; and the largest speed
+ * of a vertex. */
 typedef struct {
     double relative, fastest;
 } Speeds;
@@ -44,14 +46,14 @@ static Speeds speeds_of(const Encounter *pair, double middle, Bounds bounds) {
     return (Speeds){hypot(b.x - a.x, b.y - a.y) + bounds.spread, most(norm(a), norm(b)) + bounds.spread};
 }
 
-/* Narrow a window by the gap along an axis, which at both ends of the time must exceed `away`. */
+/* Narrow a window by the gap along an axis: proven apart while it exceeds `away`. */
 static void narrow_along(Window *window, Vector axis, const Encounter *pair, double away) {
     double g0 = gap_along(axis, &pair->a0, &pair->b0) - away, g1 = gap_along(axis, &pair->a1, &pair->b1) - away;
     if (g0 > 0.0) window->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), window->u);
     else if (g1 > 0.0) window->v = least(g0 / (g0 - g1), window->v);
 }
 
-/* Whether a pair that is apart in the middle of a time is proven by its distances to be so throughout. */
+/* Whether a pair that is apart in the middle of a time is proven apart throughout, by lower bounds on its distance. */
 static bool stays_beyond(Encounter *pair, double start, double end, double wanted_m) {
     double first = approach_distance(pair, start), last = approach_distance(pair, end);
     return approach_during(pair, start, end, first, last, wanted_m + KERNEL_TOUCH_M).bound > wanted_m + KERNEL_TOUCH_M;
@@ -68,8 +70,8 @@ static Window window_of(Encounter *pair, double start, double end, double margin
     for (int k = 0; k < 3; k++) extent_add(&a, of_a[k], pair->a.origin), extent_add(&b, of_b[k], pair->a.origin);
     extent_add(&extent, &pair->a_now, pair->a.origin), extent_add(&extent, &pair->b_now, pair->a.origin);
     double largest = plane_largest_scale(pair->plane, &extent), smallest = plane_smallest_scale(pair->plane, &extent);
-    /* A depth in plane metres is least where the scale is. What is wanted takes up most where it is largest, of the places
-     * that are within reach of each other. */
+    /* A depth in plane metres is smallest at the smallest scale. The required separation is largest at the largest
+     * scale among places within reach of each other. */
     double wanted = wanted_m * smallest;
     if (wanted_m >= 0.0) {
         Extent near = extent_within_reach(pair->plane, &a, &b, plane_span_m(pair->plane, wanted_m, largest));
@@ -82,8 +84,8 @@ static Window window_of(Encounter *pair, double start, double end, double margin
     narrow_along(&window, now, pair, away);
     narrow_along(&window, last, pair, away);
     if (wanted_m > 0.0) {
-        /* At the largest scale the separation wanted is too large. So short intervals are decided by the distance in
-         * metres on the earth, and how fast it can change. Polygons that overlap have the distance 0. */
+        /* At the largest scale the separation is overestimated. Short intervals are decided by the distance on the
+         * earth and its largest rate. The distance of overlapping polygons is 0. */
         double distance_m = most(window.clearance_m + pair->separation_m, 0.0);
         Speeds speeds = speeds_of(pair, middle, bounds);
         double rate = speeds.relative + plane_drift(pair->plane, distance_m, largest, speeds.fastest);
@@ -92,12 +94,12 @@ static Window window_of(Encounter *pair, double start, double end, double margin
     return window;
 }
 
-/* Keep an interval that is undecided in the place of one that was looked at before. */
+/* Store an undecided interval, in place of one inspected before. */
 static void keep(Intervals *intervals, int64_t *kept, double start, double end, Reason reason) {
     intervals->items[(*kept)++] = (Interval){start, end, 0.5 * (start + end), reason};
 }
 
-/* Add both halves of what is left of an interval, to be looked at after all others; false where no room or work is left. */
+/* Append both halves of an interval to the end of the list; false if the list or the work budget is exhausted. */
 static bool split(const Encounter *pair, Intervals *intervals, double start, double end) {
     double middle = 0.5 * (start + end);
     if (intervals->count + 2 > intervals->most || pair->looks_left <= 0 || pair->parts_left < 0) return false;
@@ -107,19 +109,24 @@ static bool split(const Encounter *pair, Intervals *intervals, double start, dou
 }
 
 void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m) {
+    REQUIRE(intervals->count <= intervals->most);
     int64_t kept = 0;
     for (int64_t next = 0; next < intervals->count; next++) {
         double start = intervals->items[next].start, end = intervals->items[next].end, h = end - start;
+        /* Prove the pair apart outside a window of the interval; drop the interval if it is empty. */
         Window window = window_of(pair, start, end, margin_m);
         pair->looks_left--;
         if (window.u > window.v) continue;
+        /* Try the sharper, slower bounds on distances. */
         bool is_near = window.clearance_m <= margin_m;
         double wanted_m = pair->separation_m + margin_m;
         if (!is_near && wanted_m > 0.0 && next >= CHEAP_LOOKS && stays_beyond(pair, start, end, wanted_m)) continue;
+        /* Near in the middle: no proof exists. Keep the interval. */
         if (is_near) {
             keep(intervals, &kept, start, end, window.clearance_m <= KERNEL_TOUCH_M ? IN_CONTACT : NEARBY);
             continue;
         }
+        /* Halve the window; keep it if it is too short or the budget is exhausted. */
         if (h <= SHORTEST_INTERVAL_S || !split(pair, intervals, start + window.u * h, start + window.v * h))
             keep(intervals, &kept, start, end, BORDERLINE);
     }
@@ -127,11 +134,12 @@ void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m
 }
 
 void undecided_separation_in(Encounter *pair, Intervals *intervals, double start, double end, double margin_m) {
+    REQUIRE(start <= end && intervals->most > 0);
     intervals->items[0] = (Interval){start, end, 0.0, BORDERLINE}, intervals->count = 1;
     undecided_separation(pair, intervals, margin_m);
 }
 
-/* A bound from above on the clearance during an interval, plane metres; infinite where the pair is apart in the middle. */
+/* Upper bound on the clearance during an interval, plane metres; infinite if the pair is apart in the middle. */
 static double clearance_upper_bound(Encounter *pair, double start, double end) {
     double middle = 0.5 * (start + end), h = end - start, clearance_m = encounter_clearance_m(pair, middle, NEAR_M);
     if (clearance_m > KERNEL_TOUCH_M) return INFINITY;
@@ -141,7 +149,7 @@ static double clearance_upper_bound(Encounter *pair, double start, double end) {
         Extent extent = encounter_extent(pair, start, end);
         double largest = plane_largest_scale(pair->plane, &extent);
         double rate = speeds.relative + plane_drift(pair->plane, pair->separation_m, largest, speeds.fastest);
-        /* The scale is at least 1: a length in plane metres is a bound on the same length in metres on the earth. */
+        /* The scale is at least 1: a length in plane metres bounds the same length in metres on the earth. */
         return clearance_m + encounter_distance_error_m(pair, pair->separation_m) + 0.5 * rate * h;
     }
     double by_rate = encounter_plane_distance(pair, middle).gap + 0.5 * speeds.relative * h;
@@ -151,6 +159,7 @@ static double clearance_upper_bound(Encounter *pair, double start, double end) {
 }
 
 void undecided_contact(Encounter *pair, Intervals *intervals, double start, double end) {
+    REQUIRE(start <= end && intervals->most > 0);
     int64_t kept = 0;
     intervals->items[0] = (Interval){start, end, 0.0, BORDERLINE}, intervals->count = 1;
     for (int64_t next = 0; next < intervals->count; next++) {

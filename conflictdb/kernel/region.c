@@ -1,21 +1,22 @@
-/* Where pairs meet during a time: what both sweep meanwhile, and that in common.
+/* Regions in which pairs meet during a time: the intersection of both swept hulls.
  *
- * What a haven sweeps lies in the convex hull of its places at both ends of the time, grown by what vertices may leave
- * it between (mover_sweep) and by half of the distance at which pairs are wanted apart.
+ * The swept hull of a haven is the convex hull of its positions at both ends of the time, grown by the deviation of the
+ * vertices in between (mover_sweep) and by half of the separation.
  *
- * Where what is answered changes, EDITION of pipeline/regions.py goes up: databases then write regions anew.
+ * If regions change, raise EDITION of pipeline/regions.py: databases then rewrite them.
  */
 #include <stdlib.h>
 
 #include "border.h"
 #include "plane.h"
 
-/* Corners nearer than this are one, metres, and what is no wider counts for nothing: rounding to degrees, which moves
+/* Corners closer than this, metres, are merged, and narrower regions are empty: rounding to degrees, which moves
  * corners by 1e-8 m, must not make sides cross. Rings that may lose a corner are grown by as much. */
 static const double LEAST_SIDE_M = 1e-6;
 static const double PI = 0x1.921fb54442d18p1;
 
-/* Room for a pair: of its larger piece's vertices so many numbers each. */
+/* Doubles per vertex of a pair's larger piece: a frame, two positions, two swept hulls, three polygons for
+ * intersections. */
 enum { FRAME = 9, PLACE = 2, SWEPT = 2 * 8, KEPT = 2 * 20, PER_VERTEX = FRAME + 2 * PLACE + 2 * SWEPT + 3 * KEPT };
 
 typedef struct {
@@ -36,8 +37,8 @@ static void lay_out(Bench *bench, double *memory, int64_t largest) {
     }
 }
 
-/* Put what stands still, or what a haven sweeps during [low, high], into a polygon; grown if asked for, as what sweeps
- * always is. False where it is no number. */
+/* Compute the hull that a haven sweeps during [low, high], or the outline of a piece that stands still; grown if asked,
+ * as swept hulls always are. False if it is not finite. */
 static bool sweep(Bench *bench, const Body *body, const KernelPairs *pairs, int64_t i, bool grown, Polygon *swept) {
     const KernelPlane *plane = &bench->scene->plane;
     Mover mover = mover_make(bench->scene, body, pairs->zero_us[i], (Vector){0.0, 0.0}, bench->frame);
@@ -74,7 +75,7 @@ static bool sweep(Bench *bench, const Body *body, const KernelPairs *pairs, int6
     return true;
 }
 
-/* Leave out corners that are next to others; tells whether a polygon wider than rounding is left. */
+/* Merge close corners; returns whether the polygon is wider than rounding. */
 static bool tidy(Polygon *polygon) {
     int64_t count = 0;
     for (int64_t i = 0; i < polygon->count; i++) {
@@ -92,7 +93,7 @@ static bool tidy(Polygon *polygon) {
     return count > 2 && twice > LEAST_SIDE_M * around;
 }
 
-/* What two swept polygons have in common: NULL where that is not known, no vertices where it is nothing to speak of. */
+/* The intersection of both swept hulls; NULL if unknown, without vertices if empty. */
 static Polygon *common(Bench *bench, const KernelPairs *pairs, int64_t i, bool grown) {
     const Body *a = bench->scene->bodies + pairs->a[i], *b = bench->scene->bodies + pairs->b[i];
     if (!sweep(bench, a, pairs, i, grown, &bench->a) || !sweep(bench, b, pairs, i, grown, &bench->b)) return NULL;
@@ -101,7 +102,7 @@ static Polygon *common(Bench *bench, const KernelPairs *pairs, int64_t i, bool g
     return found;
 }
 
-/* Where a pair meets, and what that is; NULL where it is not known. */
+/* The region of a pair and its kind; NULL if unknown. */
 static Polygon *meet(Bench *bench, const KernelPairs *pairs, int64_t i, Encounter *pair, int8_t *what) {
     const Scene *scene = bench->scene;
     bool stand = scene->bodies[pairs->a[i]].motion == STANDS_STILL && scene->bodies[pairs->b[i]].motion == STANDS_STILL;
@@ -112,7 +113,7 @@ static Polygon *meet(Bench *bench, const KernelPairs *pairs, int64_t i, Encounte
     return *what == KERNEL_REGION_COMMON ? found : common(bench, pairs, i, true);
 }
 
-/* Write a ring, closed, moved east by so many metres; tells where it ends. */
+/* Write a closed ring, moved east by east_m; returns its end. */
 static double *write_ring(const KernelPlane *plane, const Polygon *polygon, double east_m, double *ring) {
     double *next = ring, half_m = PI * plane->radius_m;
     for (int64_t k = 0; k <= polygon->count; k++, next += 2) {
@@ -122,12 +123,12 @@ static double *write_ring(const KernelPlane *plane, const Polygon *polygon, doub
     return next;
 }
 
-/* Write the one or two rings of a polygon, which the seam of a Mercator plane may cut; ends: where both do. False where it
+/* Write one or two rings of a polygon, cut by the antimeridian of a Mercator plane; ends: the end of each. False if it
  * goes around the earth. */
 static bool write_rings(const KernelPlane *plane, Polygon *polygon, Polygon *room, double *ring, double *ends[2]) {
     double half_m = PI * plane->radius_m, west = INFINITY, east = -INFINITY;
     for (int64_t i = 0; i < polygon->count; i++) west = fmin(west, polygon->x[i]), east = fmax(east, polygon->x[i]);
-    /* A side along the seam may lie beyond it by rounding. */
+    /* Rounding may put a side on the antimeridian beyond it. */
     double home_m = -2.0 * half_m * floor((west + LEAST_SIDE_M + half_m) / (2.0 * half_m));
     if (polygon->count == 0) return true;
     if (plane->projection == KERNEL_GNOMONIC) {

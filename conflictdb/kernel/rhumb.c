@@ -1,27 +1,28 @@
-/* Havens that ride on rhumb lines, in the Mercator plane.
+/* Havens that move along rhumb lines, in the Mercator plane.
  *
- * A haven rides its line at constant speed. A vertex is found from the reference point by two rhumb steps (they do not
- * commute), f forward and then s to starboard of the heading (e, n): with S1 and S2 the divided differences of psi over
- * their latitudes, it is off by a (f S1 (e, n) + s S2 (n, -e)). No bearing needs a case of its own, and no digits
- * cancel. S1 and S2 depend on time only through the latitude of the reference point: they are power series in the
- * haven's size. Of a haven that changes, f and s are linear in time.
+ * A haven moves along its line at constant speed. A vertex is reached from the reference point by two rhumb steps
+ * (which do not commute): f forward, then s to starboard of the heading (e, n). With S1 and S2 the divided differences
+ * of psi over their latitudes, its offset is a (f S1 (e, n) + s S2 (n, -e)). No bearing is a special case, and no
+ * digits cancel. S1 and S2 depend on time only through the latitude of the reference point; they are power series in
+ * the haven's size. If the haven changes shape, f and s are linear in time.
  *
- * Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section III; but the image in the plane is not taken as rigid.
+ * Bienkowski, Sidoti, Pattipati, IEEE Access 2021, section III, except that the image in the plane is not treated as
+ * rigid.
  */
 #include <stddef.h>
 
 #include "motion.h"
 #include "plane.h"
 
-/* Bounds on curvature are written for the sphere. On WGS84 d chi / d mu differs from 1 by at most n = 0.0017 and its
+/* Bounds on curvature are derived for the sphere. On WGS84 d chi / d mu differs from 1 by at most n = 0.0017, and its
  * derivatives by at most 4 n relative to tan: (1 + n)^3 (1 + 4 n) (1 + 8 n) < 1.03, rounded up. */
 static const double ELLIPSOID_SLACK = 1.05;
-/* How large a haven may be over its distance to the pole for so many terms of the series, and a time with the haven about
- * its middle. With that share q, k terms leave out a q^(k + 1) / (k + 1), below 1e-10 m. Of a longer time the series is
- * made where the haven is; of a larger haven: the closed form. */
+/* Largest ratio q of size (of a haven, or of a time with the haven about its middle) to distance from the pole for each
+ * number of terms: k terms leave out q^(k + 1) / (k + 1), below 1e-10 m. For a longer time the series is computed at
+ * each instant; for a larger haven the closed form is used. */
 static const double REACH_OF[] = {0.0005, 0.002, 0.005, 0.01, 0.017, 0.026, 0.036, 0.048, 0.06, 0.075, 0.09, 0.105, 0.12};
 enum { REACHES = sizeof REACH_OF / sizeof *REACH_OF, FEWEST_TERMS = EARTH_TERMS + 1 - REACHES };
-/* A corner counts as one in the plane if it turns by so many times what its sides bend. */
+/* A corner stays convex in the plane if it turns by this multiple of what its sides bend. */
 static const double CORNER_SLACK = 4.0;
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
 static const double HALF_PI = 0x1.921fb54442d18p0;
@@ -43,8 +44,8 @@ static Extents extents_of(const double *shape, const Body *body, double unit_m) 
     return found;
 }
 
-/* Whether a corner might turn inwards in the plane. On the way along a side of length d the plane's axes turn against
- * the haven's, and its scale changes, by at most d tan(latitude). */
+/* Whether a corner may become reflex in the plane. Along a side of length d the plane's axes turn relative to the
+ * haven's, and the scale changes, by at most d tan(latitude). */
 static bool may_dent(const KernelPieces *pieces, const Body *body, double unit_m, double tangent) {
     if (body->count <= 3) return false;
     for (int64_t i = 0; i < body->count; i++) {
@@ -58,14 +59,14 @@ static bool may_dent(const KernelPieces *pieces, const Body *body, double unit_m
     return false;
 }
 
-/* How many terms serve what is so large, so far from the pole; 0 where none do. */
+/* Number of terms for a size and a distance from the pole; 0 if a series does not suffice. */
 static int64_t terms_for(double size, double to_pole) {
     for (int k = 0; k < REACHES; k++)
         if (size <= REACH_OF[k] * to_pole) return FEWEST_TERMS + k;
     return 0;
 }
 
-/* The rates of a haven that changes, and what they bound. */
+/* The rates of a haven that changes shape, and bounds on them. */
 static void prepare_change(const Scene *scene, const KernelPieces *pieces, Body *body, Extents at_start) {
     RhumbLeg *leg = &body->leg.rhumb;
     double unit_m = scene->plane.rectifying_m, own = leg->delta_mu / leg->leg_s;
@@ -85,7 +86,7 @@ static void prepare_change(const Scene *scene, const KernelPieces *pieces, Body 
     }
 }
 
-/* Make the terms of a series about where a leg is at an instant, seconds of the leg. */
+/* Compute the series about the leg's place at an instant, seconds of the leg. */
 static void make_series(const KernelPlane *earth, const RhumbLeg *leg, double at_s, RhumbSeries *about) {
     double gone = at_s / leg->leg_s, mu = leg->start_mu + gone * leg->delta_mu;
     double way = gone * earth_stretch(earth, leg->start_mu, mu);
@@ -133,7 +134,7 @@ bool rhumb_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piece
         double end_s = (double)(pieces->end_us[piece] - pieces->leg_start_us[piece]) / 1e6;
         make_series(earth, leg, 0.5 * (start_s + end_s), &leg->about_slice);
     }
-    /* No vertex or step may reach a pole: latitudes are linear in time, so at neither end of the leg. */
+    /* No vertex or step may reach a pole. Latitudes are linear in time, so checking both ends of the leg suffices. */
     double north = most(leg->start_mu + leg->up, end_mu + leg->up + leg->up_rate * leg->leg_s);
     double south = least(leg->start_mu + leg->down, end_mu + leg->down + leg->down_rate * leg->leg_s);
     bool is_off_poles = north < HALF_PI && south > -HALF_PI;
@@ -147,13 +148,13 @@ void rhumb_focus(Mover *mover, double t0, double t1) {
     double mu0 = leg->start_mu + first / leg->leg_s * leg->delta_mu, mu1 = leg->start_mu + last / leg->leg_s * leg->delta_mu;
     mover->near.terms = terms_for(0.5 * fabs(mu1 - mu0) + leg->size, HALF_PI - most(fabs(mu0), fabs(mu1)));
     if (mover->near.terms == 0) return;
-    /* Not fewer than the haven takes where the leg is nearest to the pole. */
+    /* At least the terms that the haven needs where the leg is nearest to the pole. */
     if (mover->near.terms < leg->order) mover->near.terms = leg->order;
     mover->near_s = half_s * (1.0 + 1e-9);
     make_series(&mover->scene->plane, leg, first + half_s, &mover->near);
 }
 
-/* The series that serves the instant t of a mover, if there is one. */
+/* The series valid at the instant t of a mover, or NULL. */
 static const RhumbSeries *series_at(const Mover *mover, double t) {
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     if (leg->about_slice.terms > 0) return &leg->about_slice;
@@ -161,8 +162,8 @@ static const RhumbSeries *series_at(const Mover *mover, double t) {
     return is_near ? &mover->near : NULL;
 }
 
-/* The divided difference over d of a power series, and its first coefficients about d: Horner's rule, again and again
- * on its own steps (Shaw, Traub, J. ACM 21 (1974), doi:10.1145/321812.321828). */
+/* The divided difference over d of a power series, and its first coefficients about d: repeated Horner's scheme (Shaw,
+ * Traub, J. ACM 21 (1974), doi:10.1145/321812.321828). */
 static double shifted(const RhumbSeries *about, double d, int64_t order, double found[EARTH_TERMS]) {
     int64_t last = about->terms - 1;
     found[last] = about->series[last];
@@ -173,7 +174,7 @@ static double shifted(const RhumbSeries *about, double d, int64_t order, double 
     return difference;
 }
 
-/* Where the reference point is at t, and the power series of psi there, where the leg has one. */
+/* The reference point at t, and the power series of psi there if the haven uses one. */
 static Vector place_reference(const Mover *mover, double t, double series[EARTH_TERMS]) {
     const KernelPlane *earth = &mover->scene->plane;
     const RhumbLeg *leg = &mover->body->leg.rhumb;
@@ -213,7 +214,7 @@ void rhumb_place(const Mover *mover, double t, Polygon *polygon) {
         if (body->changes) ahead += forward_rate[i] * into, aside += starboard_rate[i] * into;
         double d1 = ahead * leg->north, d2 = d1 - aside * leg->east;
         if (leg->order > 0) {
-            /* The series at 0 and d1, and with the steps of that the divided difference at 0, d1 and d2. */
+            /* The series at 0 and d1, and from its steps the divided difference at 0, d1 and d2. */
             first = second = series[leg->order - 1];
             for (int64_t k = leg->order - 2; k >= 0; k--) {
                 first = first * d1 + series[k];
@@ -239,8 +240,8 @@ Vector rhumb_velocity(const Mover *mover, double t) {
     return (Vector){rate * leg->rate_x, rate * earth->radius_m * leg->delta_mu};
 }
 
-/* What a haven reaches during a time: latitudes of the reference point at both ends, up, down and step (RhumbLeg) over
- * all of it, and the highest latitude, either way, of any vertex or step. All latitudes are linear in time. */
+/* Extremes of a haven during a time: latitudes of the reference point at both ends; up, down and step (RhumbLeg); and
+ * the highest latitude, north or south, of any vertex or step. All latitudes are linear in time. */
 typedef struct {
     double mu0, mu1, up, down, step, highest;
 } Reach;
@@ -264,18 +265,18 @@ static Reach reach_of(const Mover *mover, double t0, double t1) {
 
 bool rhumb_is_there(const Mover *mover, double t0, double t1) { return reach_of(mover, t0, t1).highest < HALF_PI; }
 
-/* A bound on the second derivative of what steps go to the east or west, plane m/s^2. */
+/* A bound on the second derivative of the steps east or west, plane m/s^2. */
 static double step_acceleration(const Mover *mover, const Reach *reach, double secant, double tangent) {
     double w = mover->body->leg.rhumb.fastest, widen = mover->body->leg.rhumb.widen;
     return mover->scene->plane.radius_m *
            (w * w * reach->step * secant * (1.0 + 2.0 * tangent * tangent) + 2.0 * widen * w * secant * tangent);
 }
 
-/* All latitudes are linear in time, and the bounds increase with them: those of the highest one that is reached.
+/* All latitudes are linear in time, and the bounds increase with latitude: evaluate them at the highest latitude.
  * Acceleration: y = a psi(mu) has y'' = a mu'^2 sec tan, the reference point x'' = rate_x mu' sec tan / leg_s, and a
- * step f goes x = a f D with (f D)'' = 2 f' D' + f D'', |D'| <= w sec tan, |D''| <= w^2 sec (1 + 2 tan^2).
- * Spread: the offset of a vertex changes by at most a w step sec tan in x and a w max(up, -down) sec tan in y, and by
- * a sec times what its steps and latitude grow; the velocity in the middle by half of the acceleration's time. */
+ * step f moves x = a f D with (f D)'' = 2 f' D' + f D'', |D'| <= w sec tan, |D''| <= w^2 sec (1 + 2 tan^2).
+ * Spread: the offset of a vertex changes by at most a w step sec tan in x and a w max(up, -down) sec tan in y, plus a
+ * sec times the growth of its steps and latitude; plus the acceleration times half of the time. */
 Bounds rhumb_bounds(const Mover *mover, double t0, double t1) {
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     double radius_m = mover->scene->plane.radius_m;
@@ -291,9 +292,9 @@ Bounds rhumb_bounds(const Mover *mover, double t0, double t1) {
     return (Bounds){acceleration, spread + 0.5 * acceleration * (t1 - t0)};
 }
 
-/* A bound on the second derivative of the north of any vertex against the reference point, plane m/s^2: of
- * a (psi(mu2) - psi(mu)) it is a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most
- * a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1 + 2 tan^2)), d the vertex's latitude against mu. */
+/* A bound on the second derivative of any vertex's northing relative to the reference point, plane m/s^2: that of a
+ * (psi(mu2) - psi(mu)) is a (mu2'^2 psi''(mu2) - mu'^2 psi''(mu)), at most a (|mu2' - mu'| 2 w sec tan + mu'^2 d sec (1
+ * + 2 tan^2)), d the vertex's latitude minus mu. */
 static double north_acceleration(const Mover *mover, const Reach *reach, double secant, double tangent) {
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     double own = leg->delta_mu / leg->leg_s, d = most(reach->up, -reach->down);
@@ -301,7 +302,7 @@ static double north_acceleration(const Mover *mover, const Reach *reach, double 
     return mover->scene->plane.radius_m * secant * y;
 }
 
-/* The reference point has x'' = rate_x mu' psi'' / leg_s and y'' = a mu'^2 psi'', and psi''' <= sec (1 + 2 tan^2). */
+/* The reference point has x'' = rate_x mu' psi'' / leg_s and y'' = a mu'^2 psi''; psi''' <= sec (1 + 2 tan^2). */
 Acceleration rhumb_acceleration(const Mover *mover, double t0, double t1) {
     const KernelPlane *earth = &mover->scene->plane;
     const RhumbLeg *leg = &mover->body->leg.rhumb;
@@ -315,11 +316,11 @@ Acceleration rhumb_acceleration(const Mover *mover, double t0, double t1) {
     return (Acceleration){{x * curve, y * curve}, ELLIPSOID_SLACK * (hypot(east, north) + 0.5 * (t1 - t0) * jerk)};
 }
 
-/* How far the vertices of a haven that does not change leave the hull of its ends. The reference point runs straight.
- * With p its psi, a vertex's offset o(p) leaves its chord by at most max |o''(p)| (p1 - p0)^2 / 8: d/dp is cos(mu) d/dmu,
- * and with c the largest cos(mu) and M the highest latitude of a vertex, the offset in x, a step sec, has
- * |o''| <= a step (c^2 sec M (1 + 2 tan(M)^2) + c sec M tan M), that in y, a (psi(mu + d) - psi(mu)),
- * |o''| <= a c sin d sec(M)^2. */
+/* Deviation of the vertices of a haven of constant shape from the hull of its ends. The reference point moves straight.
+ * With p its psi, a vertex's offset o(p) leaves its chord by at most max |o''(p)| (p1 - p0)^2 / 8, where d/dp is
+ * cos(mu) d/dmu. With c the largest cos(mu) and M the highest latitude of a vertex: the offset in x, a step sec, has
+ * |o''| <= a step (c^2 sec M (1 + 2 tan(M)^2) + c sec M tan M); that in y, a (psi(mu + d) - psi(mu)), |o''| <= a c sin
+ * d sec(M)^2. */
 static double bent_m(const Mover *mover, const Reach *reach, double secant, double tangent) {
     const KernelPlane *earth = &mover->scene->plane;
     double way = (reach->mu1 - reach->mu0) * earth_stretch(earth, reach->mu0, reach->mu1);
@@ -329,9 +330,9 @@ static double bent_m(const Mover *mover, const Reach *reach, double secant, doub
     return earth->radius_m * hypot(x, y) * way * way / 8.0;
 }
 
-/* The same of one that changes, in time: an offset leaves its chord by at most |o''| h^2 / 8. The share of its way that
- * the reference point has gone differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8: that
- * moves the chord by as much of how far the offset changes. */
+/* The same for changing shape, in time: an offset leaves its chord by at most |o''| h^2 / 8. The fraction of the path
+ * covered differs from that of the time by at most (mu1 - mu0)^2 psi'' / (psi1 - psi0) / 8, which moves the chord by
+ * that fraction of the offset's change. */
 static double bent_on_the_way_m(const Mover *mover, const Reach *reach, double h, double secant, double tangent,
                                 double change) {
     const KernelPlane *earth = &mover->scene->plane;
@@ -348,7 +349,7 @@ Sweep rhumb_sweep(const Mover *mover, double t0, double t1, double change) {
     double tangent = tan(reach.highest), secant = sqrt(1.0 + tangent * tangent);
     double bent = mover->body->changes ? bent_on_the_way_m(mover, &reach, t1 - t0, secant, tangent, change)
                                        : bent_m(mover, &reach, secant, tangent);
-    /* No two offsets of a vertex differ by more: of what bends a lot on a leg that is too short to be cut. */
+    /* Two offsets of a vertex never differ by more: for strongly curved legs that are too short to be cut. */
     double whole = 2.0 * earth->radius_m * secant * hypot(reach.step, most(reach.up, -reach.down));
     return (Sweep){ELLIPSOID_SLACK * least(bent, whole), mercator_scale(earth, earth->radius_m * earth_isometric(earth, reach.highest))};
 }

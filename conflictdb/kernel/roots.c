@@ -1,31 +1,31 @@
-/* The secant through the last two instants, where that leads between the ends of the bracket; else regula falsi
- * (M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364), and bisection where
- * neither narrows the bracket much, as where the measure only just falls below zero. */
+/* Root finding: secant steps through the last two instants if they stay inside the bracket; else regula falsi (M.
+ * Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364); and bisection if
+ * neither narrows the bracket much, as for functions that only just fall below zero. */
 #include "roots.h"
 
 #include <math.h>
 
-/* Steps of one search. Bisection takes 60 to the last digit, and every fourth step is one at worst: with fewer,
- * brackets stay wide and pairs are undecided. */
+/* Steps of one search. Bisection takes 60 to the last digit, and at worst every fourth step is one. Smaller: brackets
+ * stay wide and pairs are undecided. */
 enum { MAX_STEPS = 300 };
-/* Steps that may fail to halve a bracket before it is bisected. */
+/* Consecutive steps that may fail to halve a bracket before a bisection. */
 enum { SLOW_STEPS = 3 };
-/* An end is beyond doubt where the measure is between one and so many times what rounding is worth. */
+/* An end is certified if abs(f) is between 1 and MOST_TOUCHES rounding error bounds. */
 static const double MOST_TOUCHES = 3.0;
-/* Instants nearer to each other than so many spacings of float64 are not told apart. */
+/* Instants within this many float64 spacings are equal. */
 static const double RESOLVED_SPACINGS = 4.0;
 
-/* Crossings are bracketed to this, seconds: a hundredth of what a timestamp can tell. With more, ends may be rounded to
- * other microseconds. */
+/* Width of crossings, seconds: a hundredth of a timestamp's resolution. Larger: ends may round to other microseconds.
+ */
 static const double BRACKET_S = 1e-8;
 
-/* Instants between which a measure falls, and its values there. */
+/* Two instants between which a function falls, and its values there. */
 typedef struct {
     double outside, gap, inside, depth;
 } Bracket;
 
-/* What is left of a bracket; an instant with the value that was looked for, else the inner end. is_wide: the steps were
- * used up; if it is neither, the bracket is as narrow as instants can be. */
+/* The remaining bracket, and the instant with the requested value, or else the inner end. is_wide: the steps were
+ * exhausted; if neither, the bracket is as narrow as float64 allows. */
 typedef struct {
     Bracket left;
     double at, value;
@@ -38,14 +38,15 @@ static bool resolved(double a, double b) {
     return fabs(b - a) > RESOLVED_SPACINGS * (nextafter(larger, INFINITY) - larger);
 }
 
-/* Narrow a bracket until the measure is between `low` and `high` at an instant. guess: where to look first, or NaN. */
+/* Narrow a bracket until the function is between `low` and `high` at an instant. guess: the first instant to try, or
+ * NaN. */
 static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low, double high, double guess) {
     double a = bracket.outside, fa = bracket.gap, b = bracket.inside, fb = bracket.depth, aim = 0.5 * (low + high);
     if (fa < high) return (Narrowed){bracket, a, fa, true, false};
     if (fb > low) return (Narrowed){bracket, b, fb, true, false};
-    /* What counts at the ends; of an end that stays twice only half, so that the other comes over. */
+    /* Values at the ends; an end that stays twice counts half, so that the other one moves. */
     double ga = fa - aim, gb = fb - aim;
-    /* The last two. */
+    /* The last two instants and their values. */
     double now = b, f_now = fb, before = a, f_before = fa;
     int side = 0, slow = 0;
     for (int step = 0; step < MAX_STEPS; step++) {
@@ -54,7 +55,7 @@ static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low
         if (!((x - a) * (x - b) < 0.0)) x = a + (b - a) * (ga / (ga - gb));
         if (!((x - a) * (x - b) < 0.0) || slow >= SLOW_STEPS) x = 0.5 * (a + b);
         double f = measure(of, x);
-        /* After a guess: the end it was made from. */
+        /* After a guess the secant starts at the end from which it was made. */
         before = step == 0 && isfinite(guess) ? a : now, f_before = step == 0 && isfinite(guess) ? fa : f_now;
         now = x, f_now = f;
         if (f > low && f < high) return (Narrowed){{a, fa, b, fb}, x, f, true, false};
@@ -70,7 +71,7 @@ static Narrowed narrowed(Measure *measure, void *of, Bracket bracket, double low
     return (Narrowed){{a, fa, b, fb}, b, fb, false, resolved(a, b)};
 }
 
-/* Seconds that a metre takes about an instant of a bracket with this value, by the nearer end. */
+/* Seconds per metre at an instant of a bracket, from the nearer end. */
 static double pace_at(double at, double value, Bracket bracket) {
     double before = (bracket.outside - at) / (bracket.gap - value), after = (at - bracket.inside) / (value - bracket.depth);
     bool is_before = bracket.outside != at && fabs(bracket.outside - at) < fabs(at - bracket.inside);
@@ -82,7 +83,7 @@ Root root_between(Measure *measure, void *of, double outside, double gap, double
     double aim = 0.5 * (1.0 + MOST_TOUCHES) * touch;
     Bracket whole = {outside, gap, inside, depth};
     Narrowed outer = narrowed(measure, of, whole, touch, MOST_TOUCHES * touch, outside + pace * (aim - gap));
-    /* Where instants are too few to reach that, the bracket itself is left. */
+    /* If float64 cannot reach that, the bracket remains. */
     Bracket rest = outer.left;
     if (outer.is_found) rest.outside = outer.at, rest.gap = outer.value;
     if (!(rest.depth < -touch)) rest.inside = inside, rest.depth = depth;
@@ -101,7 +102,8 @@ Crossing crossing_between(Measure *measure, void *of, double level, double outsi
     if (!(above > 0.0)) return (Crossing){outside, outside};
     int side = 0;
     for (int step = 0; step < MAX_STEPS && fabs(outside - inside) > BRACKET_S && resolved(outside, inside); step++) {
-        /* Every third step is bisection; the others step over by less than a bracket, so that the other end follows. */
+        /* Every third step is a bisection; the others overstep by less than BRACKET_S, so that the other end follows.
+         */
         double width = inside - outside, share = step % 3 < 2 ? above / (above - below) : 0.5;
         if (!isfinite(share)) share = 0.5;
         else if (step % 3 < 2) share += 0.4 * BRACKET_S / fabs(width) * (side > 0 ? 1.0 : -1.0);

@@ -1,10 +1,10 @@
-/* Bytes of rows, made of those of their parts, and digests of them. */
+/* Concatenate rows of bytes from their parts, and compute digests of them. */
 #include <stdbool.h>
 #include <string.h>
 
 #include "kernel.h"
 
-/* Where the bytes of a part of row i begin, and how many they are; false where they are not within the part. */
+/* The bytes of row i of a part; false if they exceed the part. */
 static bool find(const KernelPart *part, int64_t i, int64_t *from, int64_t *width) {
     if (part->offset) {
         *from = part->offset[i];
@@ -41,8 +41,8 @@ KernelStatus kernel_interleave(const KernelPart *parts, int64_t part_count, int6
     return done == size ? KERNEL_OK : KERNEL_BAD_OFFSET;
 }
 
-/* SipHash-2-4 (Aumasson and Bernstein 2012, doi:10.1007/978-3-642-34931-7_28): four words, and the bytes of a word that is
- * not full yet. */
+/* SipHash-2-4 (Aumasson and Bernstein 2012, doi:10.1007/978-3-642-34931-7_28): four state words, and the bytes of an
+ * incomplete word. */
 typedef struct {
     uint64_t v[4], word;
     uint64_t length;
@@ -72,7 +72,7 @@ static Sip sip_begin(const uint64_t key[2]) {
                   key[1] ^ 0x7465646279746573}, 0, 0};
 }
 
-/* The first so many of 8 bytes as a word, the first byte lowest. */
+/* The first `count` of 8 bytes as a little-endian word. */
 static uint64_t word_of(const uint8_t *bytes, int count) {
     uint64_t word = 0;
     for (int i = 0; i < count; i++) word |= (uint64_t)bytes[i] << 8 * i;

@@ -4,35 +4,35 @@
 
 #include "earth.h"
 
-/* The shortest runs are of 2^5 sides, and 2^3 runs make a longer one. */
+/* The shortest runs have 2^5 sides; 2^3 runs form a longer one. */
 enum { RUN_BITS = 5, FAN_BITS = 3, FAN = 1 << FAN_BITS };
-/* Polygons of fewer vertices are looked at whole: that takes less time than their runs. */
+/* Polygons of fewer vertices are not divided: comparing all sides takes less time. */
 enum { LARGE = 96 };
-/* What lies this share of the largest coordinate apart, twice what a reach along an axis is rounded by, is as far: the
- * vertices of one straight side. 4e-10 m within 1000 km. With less, straight sides of many vertices are looked at whole. */
+/* Projections within this fraction of the largest coordinate are equal: twice their rounding error, 4e-10 m within 1000
+ * km. Smaller: straight sides of many vertices are inspected vertex by vertex. */
 static const double SLACK = 0x1p-51;
 
-/* Run i of those of a level, 0 the shortest. */
+/* Run i of a level, 0 the shortest. */
 typedef struct {
     int level;
     int64_t i;
 } Run;
 
-/* Sides of a run, and runs of a level. */
+/* Sides of a run, and number of runs of a level. */
 static int64_t length_of(int level) { return INT64_C(1) << (RUN_BITS + FAN_BITS * level); }
 
 static int64_t runs_of(const Polygon *polygon, int level) {
     return (polygon->count + length_of(level) - 1) >> (RUN_BITS + FAN_BITS * level);
 }
 
-/* Where its bend is kept. */
+/* Index of a run's bend. */
 static int64_t place_of(const Polygon *polygon, Run run) {
     int64_t place = run.i;
     for (int level = 0; level < run.level; level++) place += runs_of(polygon, level);
     return place;
 }
 
-/* Its vertices, those at both ends among them, and its sides but for the last of the range. */
+/* The vertices of a run, ends included; its sides are all but the last. */
 static Range range_of(const Polygon *polygon, Run run) {
     int64_t length = length_of(run.level), first = run.i * length, end = first + length;
     return (Range){first, end < polygon->count ? end : polygon->count};
@@ -73,7 +73,7 @@ void runs_make(Polygon *a, Polygon *b) {
     if (a->count >= LARGE && b->count >= LARGE) make(a), make(b);
 }
 
-/* What is looked for along a vector, and the least that was found. */
+/* A projection, and the smallest value found. */
 typedef struct {
     const Polygon *polygon;
     double nx, ny, length, slack, least;
@@ -110,6 +110,7 @@ static void descend(Along *along, Run run) {
 }
 
 double runs_least_along(double nx, double ny, const Polygon *polygon, int64_t *vertex) {
+    REQUIRE(polygon->is_in_runs);
     double length = sqrt(nx * nx + ny * ny);
     Along along = {polygon, nx, ny, length, SLACK * polygon->largest * length, INFINITY, 0};
     descend(&along, root_of(polygon));
@@ -117,7 +118,7 @@ double runs_least_along(double nx, double ny, const Polygon *polygon, int64_t *v
     return along.least < INFINITY ? along.least : NAN;
 }
 
-/* Two polygons, which is looked at, and within what distance others matter. */
+/* Two polygons, the callback, and the distance within which others matter. */
 typedef struct {
     const Polygon *a, *b;
     Look *look;
@@ -129,7 +130,7 @@ static Vector vertex_of(const Polygon *polygon, int64_t i) { return (Vector){pol
 static Vector way(Vector from, Vector to) { return (Vector){to.x - from.x, to.y - from.y}; }
 static double turn(Vector a, Vector b) { return a.x * b.y - a.y * b.x; }
 
-/* The distance of two segments: that of an end of one from the other, unless they cross. */
+/* The distance of two segments: from an end of one to the other, or 0 if they cross. */
 static double between(Vector a, Vector a_end, Vector b, Vector b_end) {
     Vector of_a = way(a, a_end), of_b = way(b, b_end);
     bool crosses_a = (turn(of_a, way(a, b)) < 0.0) != (turn(of_a, way(a, b_end)) < 0.0);
@@ -140,7 +141,7 @@ static double between(Vector a, Vector a_end, Vector b, Vector b_end) {
     return sqrt(square);
 }
 
-/* What two runs are apart at least. */
+/* Lower bound on the distance of two runs. */
 static double apart(const Visit *visit, Run a, Run b) {
     Range in_a = range_of(visit->a, a), in_b = range_of(visit->b, b);
     double chords = between(vertex_of(visit->a, in_a.first), vertex_of(visit->a, home(visit->a, in_a.end)),
@@ -155,7 +156,7 @@ static void meet(Visit *visit, Run a, Run b) {
         visit->reach = visit->look(visit->of, visit->b, in_b, visit->a, in_a);
         return;
     }
-    /* The longer one is taken apart, and what is nearest first. */
+    /* Divide the longer run, and visit its nearest part first. */
     bool is_a = a.level > b.level || (a.level == b.level && bend(visit->a, a) >= bend(visit->b, b));
     Run *taken = is_a ? &a : &b;
     int64_t all = runs_of(is_a ? visit->a : visit->b, --taken->level), first = taken->i * FAN;

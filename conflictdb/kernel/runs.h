@@ -1,25 +1,26 @@
-/* Large polygons in runs of sides, runs of runs and so on, so that not every side meets every vertex. Plane metres.
+/* Large polygons as runs of sides, runs of runs and so on, so that not every side is compared with every vertex. Plane
+ * metres.
  *
- * Of each run its bend is known: how far its vertices are from its chord at most. A run of a smooth outline bends with the
- * square of its length: what is extreme, or near, is in few runs of every length. Nothing needs outlines to be convex.
+ * The bend of a run is the largest distance of its vertices from its chord. It shrinks with the square of the length
+ * for a smooth outline, so extreme or near vertices are in few runs of each length. Outlines need not be convex.
  */
 #ifndef CONFLICTDB_RUNS_H
 #define CONFLICTDB_RUNS_H
 
 #include "polygon.h"
 
-/* Bends that a polygon of so many vertices has at most. */
+/* Most bends of a polygon of `count` vertices. */
 static inline int64_t runs_room(int64_t count) { return count / 16 + 16; }
 
-/* Put two polygons in runs if both are large: the sides of a large one and the few of another take less time as they are. */
+/* Divide two polygons into runs if both are large: otherwise comparing all sides takes less time. */
 void runs_make(Polygon *a, Polygon *b);
 
-/* The least that vertices reach along a vector, and the vertex that does: to SLACK (runs.c) of the largest coordinate where
- * several reach as far but for rounding. */
+/* The smallest projection of vertices onto a vector, and its vertex; within SLACK (runs.c) of the largest coordinate.
+ */
 double runs_least_along(double nx, double ny, const Polygon *polygon, int64_t *vertex);
 
-/* What lies ahead of the edges of a polygon: another, and of two in runs the vertex of it that was nearest last,
- * which tells of most edges that they need not be looked at closer. Some edges, `step` apart, come before all others. */
+/* Projections of another polygon onto edge normals. For two polygons in runs: the vertex nearest at the last edge,
+ * which rules out most edges; some edges, `step` apart, come first. */
 typedef struct {
     const Polygon *other;
     bool is_in_runs;
@@ -33,29 +34,30 @@ static inline Ahead ahead_of(const Polygon *mine, const Polygon *other) {
 
 static inline int64_t finer(int64_t step) { return step > 1 ? 1 : 0; }
 
-/* How far the other polygon reaches along a vector at most, and exactly. */
+/* An upper bound on the other polygon's smallest projection onto a vector, and its exact value. */
 static inline double ahead_at(double nx, double ny, const Ahead *ahead) {
     return nx * ahead->other->x[ahead->vertex] + ny * ahead->other->y[ahead->vertex];
 }
 
 static inline double ahead_along(double nx, double ny, Ahead *ahead) {
     if (!ahead->is_in_runs) return least_along(nx, ny, ahead->other);
-    int64_t vertex; /* of its own: what others may write to is read again for every edge */
+    int64_t vertex; /* a local copy: the compiler would reload a shared one for every edge */
     double found = runs_least_along(nx, ny, ahead->other, &vertex);
     ahead->vertex = vertex;
     return found;
 }
 
-/* Of vertices [first, end) of a polygon; beyond its last one its first comes. */
+/* Vertices [first, end) of a polygon, cyclic. */
 typedef struct {
     int64_t first, end;
 } Range;
 
-/* Look at some vertices of one polygon and some sides of another. Return within what distance others matter. */
+/* Callback: inspect ranges of vertices of one polygon and sides of another. Returns the distance within which others
+ * matter. */
 typedef double Look(void *of, const Polygon *vertices, Range i, const Polygon *sides, Range k);
 
-/* Let all vertices and sides of two polygons be looked at, of a and b first, that may be within reach of each other; not
- * those that are apart by as much, to SLACK of the largest coordinate. Others may be looked at, too. */
+/* Call `look` for all vertices and sides of two polygons (a's vertices first) that may be within `reach` of each other,
+ * to SLACK of the largest coordinate. More may be passed. */
 void runs_visit(const Polygon *a, const Polygon *b, double reach, Look *look, void *of);
 
 #endif

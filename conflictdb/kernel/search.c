@@ -1,12 +1,12 @@
-/* What is certain of a pair at once (contact.c) is told; any other pair is searched:
+/* Contacts of one pair by search, for pairs that contact.c cannot decide:
  *
- * 1. Times at which the pair is proven apart are left out.
- * 2. The first and the last contact are bracketed on the true motion: by an instant at which the pair is apart, and one
- *    at which it is in contact. A guess may say where to look.
- * 3. The pair is proven apart before the first contact and after the last; where it is not, the search goes on there.
- * 4. The contact is proven to hold throughout; where the pair is apart in between, it is cut in two.
- * 5. A pair whose least clearance is within the margin of zero is grazing. A pair that stays undecided is unresolved: it
- *    is reported with the time in which it might meet.
+ * 1. Prove the pair apart at most times; the rest is undecided.
+ * 2. Bracket the first and the last contact on the true motion, between an instant apart and one in contact. A guess
+ *    may say where to look.
+ * 3. Prove the pair apart before the first contact and after the last; where that fails, search farther out.
+ * 4. Prove that the contact lasts; cut it in two where the pair is apart in between.
+ * 5. Decide the verdict: conflict, or grazing if the smallest clearance is within the margin of zero. A pair that stays
+ *    undecided is unresolved, for the time in which contact is possible.
  */
 #include "search.h"
 
@@ -14,25 +14,25 @@
 #include "proofs.h"
 #include "roots.h"
 
-/* Where a contact ends the pair is this far apart on the outer side, metres on the earth: clear of a touch beyond
- * rounding. With less, an end may lie within rounding; with more, contacts are stated longer than they are. */
+/* Clearance at the outer end of a contact, metres on the earth: certainly no touch. Smaller: an end may lie within
+ * rounding; larger: contacts are reported too long. */
 static const double CLEAR_M = 3.0 * KERNEL_TOUCH_M;
-/* A contact that begins this close to an instant that no longer belongs to the span counts only if it is beyond doubt at
- * that instant, seconds: half a microsecond, since it would be rounded to it. */
+/* A contact that begins within this of an excluded end of the span counts only if it is certain at that end, seconds:
+ * half a microsecond, as it would be rounded to the end. */
 static const double END_RESOLUTION_S = 5e-7;
-/* A guess is bracketed within these steps, seconds; failing that, within the whole time. They decide the cost alone. */
+/* Half widths of the brackets tried around a guess, seconds, before the whole time. They change the work only. */
 static const double GUESS_BRACKETS_S[] = {1e-3, 0.1, 10.0};
 enum { GUESS_BRACKETS = sizeof GUESS_BRACKETS_S / sizeof *GUESS_BRACKETS_S };
-/* How often the search moves to a contact further out that it passed over, and how often it cuts the contacts of a pair.
- * With fewer, the bounds of pairs that meet many times are wider. */
+/* Most contacts farther out that the search moves to, and most cuts of a pair's contacts. Smaller: wider bounds for
+ * pairs that meet many times. */
 enum { MAX_ROUNDS = 16, MAX_CUTS = 32 };
-/* Intervals that are looked at for how deep a contact is. With fewer, more that are hardly as deep as the tolerance are
+/* Intervals inspected for the depth of a contact. Smaller: more contacts hardly deeper than the tolerance are
  * conflicts. */
 enum { DEPTH_INTERVALS = 64 };
-/* By how much steps from the end of a contact grow, until one is certain: with more, short contacts are passed over. */
+/* Growth of the steps from a contact's end to a certain instant. Larger: short contacts are passed over. */
 static const double STEP_GROWTH = 4.0;
 
-/* The first and the last instant of something. */
+/* The first and the last of some instants. */
 typedef struct {
     double first, last;
 } Span;
@@ -43,7 +43,7 @@ static void extend(Span *span, double first, double last) {
     span->first = least(span->first, first), span->last = most(span->last, last);
 }
 
-/* What all intervals lie in, and the instants `at` of those of a reason. */
+/* The hull of all intervals; and of the instants `at` with a given reason. */
 static Span hull_of(const Intervals *intervals) {
     Span hull = NEVER;
     for (int64_t i = 0; i < intervals->count; i++) extend(&hull, intervals->items[i].start, intervals->items[i].end);
@@ -59,21 +59,20 @@ static Span witnesses_of(const Intervals *intervals, Reason reason) {
 
 static bool is_seen(Span span) { return span.first <= span.last; }
 
-/* An end of a contact: all contact lies inside of `outer`; in contact at `witness`. */
+/* An end of a contact: no contact beyond `outer`; in contact at `witness`. */
 typedef struct {
     double outer, witness;
 } OuterEnd;
 
-/* A contact: all of it lies in [start, end]; it is in contact at first and last, and beyond doubt from start_error after
- * its start to end_error before its end. */
+/* A contact: within [start, end]; in contact at first and last; certain from start + start_error to end - end_error. */
 typedef struct {
     double start, end, first, last, start_error, end_error;
 } Found;
 
-/* What is measured where contacts end: only what is close to contact matters. */
+/* The clearance as a function of time for root finding: exact only near contact. */
 static double clearance(void *pair, double t) { return encounter_clearance_m(pair, t, CLEAR_M); }
 
-/* Instants around a guess of the extreme contact; the whole way to the limit without one. */
+/* A bracket around a guess of the extreme contact; without one, from the limit to the witness. */
 static Span bracket(Encounter *pair, const Guess *guess, double limit, double witness, bool is_last) {
     double low = least(limit, witness), high = most(limit, witness), out = is_last ? 1.0 : -1.0;
     double at = guess && guess->ask ? guess->ask(guess->of, guess->pair, low, high, is_last) : NAN;
@@ -85,7 +84,7 @@ static Span bracket(Encounter *pair, const Guess *guess, double limit, double wi
     return (Span){limit, witness};
 }
 
-/* The first (or last) instant of contact, given that all of it lies between a limit and beyond the witness. */
+/* The first (or last) instant of contact, given that no contact lies beyond the limit. */
 static OuterEnd outer_end(Encounter *pair, const Guess *guess, double limit, double witness, bool is_last) {
     OuterEnd end = {limit, witness};
     if (!(clearance(pair, limit) > CLEAR_M)) return end;
@@ -99,27 +98,28 @@ static OuterEnd outer_end(Encounter *pair, const Guess *guess, double limit, dou
             if (rest.reason == IN_CONTACT) {
                 end.witness = is_last ? most(end.witness, rest.at) : least(end.witness, rest.at), is_further = true;
             } else {
-                /* An interval next to the contact that is within rounding of a touch belongs to the contact. */
+                /* An interval next to the contact within rounding of a touch belongs to the contact. */
                 end.outer = is_last ? most(end.outer, rest.end) : least(end.outer, rest.start);
             }
         }
         if (!is_further) return end;
         if (pair->looks_left <= 0) break;
     }
-    /* The work is used up, and each found a contact further out: all times up to the limit are reported. */
+    /* The budget is exhausted, and each round found a contact farther out: report all times up to the limit. */
     end.outer = limit;
     return end;
 }
 
-/* Seconds from the outer end of a contact to where it is certain; its whole duration where it is so nowhere.
+/* Seconds from the outer end of a contact to where it is certain; its whole duration if nowhere.
  *
- * It is certain where the clearance is at most minus the certainty margin: coordinates are rounded by less than
- * KERNEL_TOUCH_M, and distances are too short by at most their error. */
+ * Certain: the clearance is at most minus the certainty margin. Coordinates are rounded by less than KERNEL_TOUCH_M,
+ * and distances are understated by at most their error.
+ */
 static double uncertain_s(Encounter *pair, const Found *found, double outer, double witness) {
     double length = found->end - found->start, deep = -encounter_certainty_margin_m(pair);
     double inward = outer == found->start ? 1.0 : -1.0;
     if (clearance(pair, outer) <= deep) return 0.0;
-    /* Near the end first: what is certain further in may be of another contact. */
+    /* Near the end first: a certain instant farther in may belong to another contact. */
     for (double step = SHORTEST_INTERVAL_S; step < length; step *= STEP_GROWTH) {
         double at = outer + inward * step;
         if (clearance(pair, at) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, at).inner - outer);
@@ -138,19 +138,20 @@ static void state_errors(Encounter *pair, Found *found) {
     found->end_error = uncertain_s(pair, found, found->end, found->last);
 }
 
-/* Whether a contact is within the span, not only at the first instant after it. */
+/* Whether a contact is within the span, not only at the excluded instant at its end. */
 static bool is_within_span(Encounter *pair, const Found *found, double beyond) {
     if (!(found->start > 0.0 && found->end >= beyond)) return true;
-    /* Only the beginning of a contact decides: one that lasts since the span began is within it. */
+    /* Only the start of the contact matters: one that lasts since the span began is within it. */
     double then = clearance(pair, beyond), begins = crossing_between(clearance, pair, 0.0, found->start, beyond).inner;
     if (then <= 0.0 && begins < beyond - END_RESOLUTION_S) return true;
     return then < -encounter_certainty_margin_m(pair);
 }
 
-/* Whether the pair is nowhere deeper than it must be to be in conflict.
+/* Whether the pair is nowhere deep enough to be in conflict.
  *
- * What is certain to be in contact may be called a conflict where that is not shown soon: the depth in plane metres tells
- * that on the earth no better than the scale varies along the polygons, and no split of the time helps there. */
+ * A certain contact may become a conflict if its depth is not decided soon: depth in plane metres determines that on
+ * the earth only up to the variation of the scale along the polygons, and splitting the time does not help.
+ */
 static bool is_shallow(Encounter *pair, double start, double end, bool is_certain) {
     if (encounter_clearance_m(pair, 0.5 * (start + end), 0.0) < -pair->deep_m) return false;
     Intervals looks = pair->spare_time;
@@ -163,20 +164,20 @@ static bool is_shallow(Encounter *pair, double start, double end, bool is_certai
     return true;
 }
 
-/* Where distances are not known to the tolerance, shallow contact may be none. */
+/* If distances are not known to the tolerance, a shallow contact may be none. */
 static KernelVerdict shallow_verdict(const Encounter *pair) {
     return pair->deep_m == pair->margin_m ? KERNEL_GRAZING : KERNEL_UNRESOLVED;
 }
 
-/* Add a contact, cut where the pair is apart. Each part is proven to hold throughout, except where the pair only
- * touches, within rounding. */
+/* Add a contact, cut where the pair is apart. Each part is proven to last, except while the pair only touches, within
+ * rounding. */
 static void add_cut(Encounter *pair, Found whole, KernelVerdict verdict, Answers *answers) {
     Found stack[MAX_CUTS + 1] = {whole};
     int top = 1, cuts = 0;
     while (top > 0) {
         Found found = stack[--top];
         double error = most(found.start_error, found.end_error);
-        /* The uncertain seconds at either end are stated as the error. */
+        /* The uncertain seconds at either end are reported as the error. */
         double first = found.start + found.start_error, last = most(found.end - found.end_error, first), at = NAN;
         undecided_contact(pair, &pair->spare_time, first, last);
         for (int64_t i = 0; i < pair->spare_time.count; i++)
@@ -194,21 +195,20 @@ static void add_cut(Encounter *pair, Found whole, KernelVerdict verdict, Answers
         Found later = {.start = after.outer, .end = found.end, .first = after.witness, .last = last};
         state_errors(pair, &earlier);
         state_errors(pair, &later);
-        /* The earlier one is taken first. */
+        /* The earlier contact is popped first. */
         stack[top++] = later;
         stack[top++] = earlier;
     }
 }
 
-/* Add a pair that is not seen in contact, but comes within the margin in some intervals, or touches: it is grazing, or
- * unresolved. */
+/* Add a pair that is not seen in contact, but comes within the margin, or touches: grazing or unresolved. */
 static void add_close(Encounter *pair, const Intervals *intervals, bool touches, Answers *answers) {
     if (intervals->count == 0) return;
     Span hull = hull_of(intervals), seen = witnesses_of(intervals, NEARBY);
     Intervals *rest = &pair->spare_time;
     bool is_unresolved = false;
-    /* An interval of a microsecond that is undecided lies within rounding of the margin: grazing. A longer one was given
-     * up for want of work: grazing if its clearance is proven to be above minus the margin. */
+    /* An undecided interval of a microsecond lies within rounding of the margin: grazing. A longer one exhausted the
+     * budget: grazing if its clearance is proven above minus the margin. */
     rest->count = 0;
     for (int64_t i = 0; i < intervals->count; i++) {
         Interval one = intervals->items[i];
@@ -217,7 +217,7 @@ static void add_close(Encounter *pair, const Intervals *intervals, bool touches,
     undecided_separation(pair, rest, -pair->margin_m);
     if (rest->count > 0) is_unresolved = true;
     if (pair->separation_m > 0.0) {
-        /* Does it come within the margin, although distances have an error? */
+        /* Check that it comes within the margin despite the error of distances. */
         double error_m = encounter_distance_error_m(pair, pair->separation_m + pair->margin_m);
         rest->count = 0;
         for (int64_t i = 0; i < intervals->count; i++) rest->items[rest->count++] = intervals->items[i];
@@ -230,16 +230,18 @@ static void add_close(Encounter *pair, const Intervals *intervals, bool touches,
     answers_add(answers, hull.first, hull.last, error, is_unresolved ? KERNEL_UNRESOLVED : KERNEL_GRAZING, touches);
 }
 
-/* Add a pair that meets: seen are the first and last instants of contact that are known, all of them lie in the hull. */
+/* Add a pair in contact. hull: contains all contacts; seen: first and last known instants of contact. */
 static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, const Guess *guess, Answers *answers) {
+    /* Find both outer ends. */
     OuterEnd start = outer_end(pair, guess, hull.first, seen.first, false);
     OuterEnd end = outer_end(pair, guess, hull.last, seen.last, true);
     Found found = {.start = start.outer, .end = end.outer, .first = start.witness, .last = end.witness};
     if (!is_within_span(pair, &found, beyond)) {
-        /* It meets only at the first instant after the span: within it it is close. */
+        /* It meets only at the excluded instant; within the span it is close. */
         if (pair->margin_m > KERNEL_TOUCH_M) add_close(pair, &pair->undecided, false, answers);
         return;
     }
+    /* Bound the errors, decide the verdict, and prove that the contact lasts. */
     state_errors(pair, &found);
     bool is_certain = found.start_error < found.end - found.start;
     KernelVerdict verdict = is_shallow(pair, found.start, found.end, is_certain) ? shallow_verdict(pair) : KERNEL_CONFLICT;
@@ -249,29 +251,30 @@ static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, c
 static void search_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
     Intervals *undecided = &pair->undecided, *deeper = &pair->deeper;
     pair->work->searched_pairs++;
+    /* Prove the pair apart at most times. */
     undecided_separation_in(pair, undecided, low, high, pair->margin_m);
     Span seen = witnesses_of(undecided, IN_CONTACT);
     deeper->count = 0;
     if (!is_seen(seen)) {
-        /* Only closeness was found: look for contact within those intervals. */
+        /* Only closeness was found: search those intervals for contact. */
         for (int64_t i = 0; i < undecided->count; i++) deeper->items[deeper->count++] = undecided->items[i];
         undecided_separation(pair, deeper, 0.0);
         seen = witnesses_of(deeper, IN_CONTACT);
     }
     if (is_seen(seen)) add_contacts(pair, hull_of(undecided), seen, beyond, guess, answers);
-    /* A pair that is neither proven apart nor seen in contact may touch for an instant. All others are only close. */
+    /* Neither proven apart nor seen in contact: it may touch for an instant. Other pairs are only close. */
     else if (deeper->count > 0) add_close(pair, deeper, true, answers);
     else add_close(pair, undecided, false, answers);
 }
 
-/* Add what is certain at once; false where that is not all. */
+/* Add what method `exact` proves without a search; false if that is not everything. */
 static bool add_certain(Encounter *pair, double low, double high, double beyond, Answers *answers) {
     Contact contact = certain_contact(pair, low, high);
     if (contact.outcome == IS_SEPARATED) return true;
-    /* What begins where the span ends may not belong to it. */
+    /* A contact that begins at the end of the span may not belong to it. */
     if (contact.outcome == IS_UNDECIDED || !(contact.start < beyond - 2.0 * END_RESOLUTION_S)) return false;
     if (contact.outcome == IS_CLOSE) {
-        /* Within rounding of a touch it might be one. */
+        /* Within rounding of a touch it may be one. */
         if (pair->margin_m <= KERNEL_TOUCH_M) return false;
         answers_add(answers, contact.start, contact.end, contact.error, KERNEL_GRAZING, false);
         return true;

@@ -1,13 +1,12 @@
-/* All contacts of any pair, with their verdicts. */
+/* All contacts of any pair. */
 #ifndef CONFLICTDB_SEARCH_H
 #define CONFLICTDB_SEARCH_H
 
 #include "answers.h"
 #include "encounter.h"
 
-/* Add the contacts of a pair whose pieces can be, during [low, high], in the order of time.
- *
- * beyond: the first instant that is no longer in the span; infinite where the last one is */
+/* Add the contacts of a pair of valid pieces during [low, high], in order of time. beyond: first instant after the
+ * span, which excludes it; infinite: the span includes its last instant */
 void find_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers);
 
 #endif

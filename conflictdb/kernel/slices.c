@@ -1,15 +1,15 @@
-/* Padded hulls of what pieces sweep: what stages 1 and 2 compare. */
+/* Padded swept hulls of pieces, which stages 1 and 2 compare. */
 #include <stdlib.h>
 
 #include "border.h"
 #include "plane.h"
 
-/* A corner of two grown edges is taken while it is no further than so many paddings, along either axis, and while the
- * edges turn by this sine at least, so that it keeps its digits. Right angles have it within 2. */
+/* The corner of two grown edges replaces the squares' corners if it is within this many paddings along either axis, and
+ * if the edges turn by at least this sine, so that it keeps its digits. Right angles are within 2. */
 static const double FURTHEST_CORNER = 2.5, LEAST_TURN = 0.1;
 
-/* Room for the piece that is at hand: a scene of that piece alone, its places at both ends of its slice, the hull of
- * these, and what making one needs. */
+/* Memory for the current piece: a scene of that piece alone, its positions at both ends of its slice, their hull, and
+ * spare room. */
 typedef struct {
     Scene alone;
     Body body;
@@ -17,8 +17,7 @@ typedef struct {
     Polygon start, end, both, spare;
 } Bench;
 
-/* Numbers that a vertex takes: of the columns, of a frame, and of the polygons, the last two of twice the vertices, the
- * spare one of four times. */
+/* Doubles per vertex: columns, a frame, and polygons; the last two polygons have two and four times the vertices. */
 enum { FRAME = 9, PER_VERTEX = CIRCLE_COLUMNS + FRAME + 2 * (1 + 1 + 2 + 4) };
 
 static void lay_out(Bench *bench, double *memory, int64_t largest) {
@@ -34,7 +33,7 @@ static void lay_out(Bench *bench, double *memory, int64_t largest) {
     }
 }
 
-/* Piece i as the only one of its arrays. offset: room for two. */
+/* Piece i as the only piece of its arrays. offset: room for two. */
 static KernelPieces alone_of(const KernelPieces *pieces, int64_t i, int64_t offset[2]) {
     int64_t first = pieces->shape_offset[i];
     KernelPieces one = {.count = 1, .vertex_count = pieces->shape_offset[i + 1] - first};
@@ -67,8 +66,8 @@ static void append(Polygon *polygon, const Polygon *more) {
         polygon->x[polygon->count] = more->x[i], polygon->y[polygon->count] = more->y[i];
 }
 
-/* Put a haven where it is at both ends of its slice; tells the bounds on what is between, and how far its vertices are
- * from the reference point. */
+/* Compute a haven's positions at both ends of its slice; returns bounds on the motion in between, and the largest
+ * distance of its vertices from the reference point. */
 static Sweep sweep_haven(Bench *bench, const KernelPieces *one, double *reach) {
     Mover mover = mover_make(&bench->alone, &bench->body, one->start_us[0], (Vector){0.0, 0.0}, bench->frame);
     double duration = (double)(one->end_us[0] - one->start_us[0]) / 1e6, change = 0.0;
@@ -103,7 +102,7 @@ static Vector edge_of(const Polygon *polygon, int64_t k) {
 
 static const Vector CORNERS[4] = {{1.0, 1.0}, {-1.0, 1.0}, {-1.0, -1.0}, {1.0, -1.0}};
 
-/* The corner of a square that lies furthest outward of an edge, the latter of two. They follow each other as edges turn
+/* The corner of a square farthest outward of an edge, the later one of two. Corners follow each other as edges turn
  * left. */
 static int furthest_corner(Vector edge) {
     if (edge.y > 0.0 && edge.x <= 0.0) return 0;
@@ -111,16 +110,16 @@ static int furthest_corner(Vector edge) {
     return edge.y < 0.0 ? 2 : 3;
 }
 
-/* By how many corners a grown ring turns at a vertex: from the latter that is furthest outward of the edge that comes in
- * to the first that is of the edge that goes out. */
+/* Number of corners by which a grown ring turns at a vertex: from the later corner of the incoming edge to the first of
+ * the outgoing one. */
 static int corners_between(Vector in, Vector out) {
     bool is_along_axis = out.x == 0.0 || out.y == 0.0;
     int steps = (furthest_corner(out) - is_along_axis - furthest_corner(in) + 8) % 4;
-    /* Half a turn at most: three steps are one back, of edges that are one by rounding. */
+    /* At most half a turn: three steps mean one step back, for edges equal to rounding. */
     return steps < 3 ? steps : 0;
 }
 
-/* Where two edges that are grown by squares of half side 1 meet, from the vertex between them; false where that is far. */
+/* Intersection of two edges grown by squares of half side 1, relative to the vertex between them; false if far away. */
 static bool grown_corner(Vector in, Vector out, Vector *corner) {
     double turn = cross(in, out), squares = (in.x * in.x + in.y * in.y) * (out.x * out.x + out.y * out.y);
     if (!(turn > 0.0) || !(turn * turn > LEAST_TURN * LEAST_TURN * squares)) return false;
@@ -134,7 +133,7 @@ static double *add_vertex(double *ring, const Polygon *hull, int64_t k, Vector f
     return ring + 2;
 }
 
-/* Write the closed ring of a convex hull grown by squares of half side pad; tells where it ends. */
+/* Write the closed ring of a convex hull grown by squares of half side pad; returns its end. */
 static double *grow(const Polygon *hull, double pad, double *ring) {
     double *next = ring;
     Vector in = edge_of(hull, hull->count - 1);
@@ -151,7 +150,7 @@ static double *grow(const Polygon *hull, double pad, double *ring) {
     return next + 2;
 }
 
-/* Write the ring of piece i, and what is known of it; tells where it ends, at its start where the piece cannot be. */
+/* Write the hull of piece i and its bounds; returns its end, or `ring` if the piece is invalid. */
 static double *hull_of(Bench *bench, const KernelPieces *pieces, int64_t i, double reach_m, double *ring, Sweep *sweep,
                        double *reach) {
     int64_t offset[2];
@@ -165,7 +164,7 @@ static double *hull_of(Bench *bench, const KernelPieces *pieces, int64_t i, doub
     if (!isfinite(pad) || !is_polygon_finite(&bench->both)) return ring;
     polygon_hull(&bench->both, &bench->spare);
     double *end = grow(&bench->both, pad, ring);
-    /* Where they are grown beyond all numbers there is no hull. */
+    /* No hull if padding exceeds the range of doubles. */
     return is_ring_finite(ring, end) ? end : ring;
 }
 

@@ -1,28 +1,28 @@
-/* Whether pairs meet deeper than a margin in the whole of an area, of which a piece is a convex part.
+/* Decide whether pairs meet deeper than a margin in an area, of which one piece is a convex part.
  *
- * A place inside is as deep as it is far from the border. Cells of what a pair has in common are halved until a place is
- * seen that is deep, or each cell is proven to have none. The distance from a side, or from two, is convex; so it is
- * largest at a corner of a cell, and no place of the cell is deeper
+ * The depth of a place inside is its distance from the border. Branch and bound: cells of the pair's intersection are
+ * halved until a deep place is found, or each cell is proven to have none. The distance from one side, and the sum of
+ * distances from two, are convex; so they are largest at a corner of a cell, and no place of the cell is deeper
  *
- * 1. than its middle and what the cell reaches around that,
- * 2. than it is far from the side that is nearest to the middle,
- * 3. than half of what it is far from that one and from a side across, together: a strip is no deeper than half its width.
+ * 1. than its middle plus the radius of the cell around it,
+ * 2. than its distance from the side nearest to the middle,
+ * 3. than half of the sum of its distances from that side and a side across: a strip is no deeper than half its width.
  *
- * As in A. Meister's search for the place furthest from a border, with bounds of cells: J. Garcia-Castellanos,
- * U. Lombardo, "Poles of inaccessibility", Scott. Geogr. J. 123 (2007), doi:10.1080/14702540801897809.
+ * As the search for the pole of inaccessibility, with bounds per cell: J. Garcia-Castellanos, U. Lombardo, "Poles of
+ * inaccessibility", Scott. Geogr. J. 123 (2007), doi:10.1080/14702540801897809.
  */
 #include <stdlib.h>
 
 #include "border.h"
 
-/* Cells of a pair that are looked at at an instant: beyond it, it is not known. */
+/* Most cells of a pair inspected per instant; beyond it the depth is unknown. */
 enum { MAX_LOOKS = 1024 };
-/* Cells that wait: each is one of the halves of another. */
+/* Most waiting cells, each a half of another cell. */
 enum { MAX_WAITING = 128 };
-/* Cells of which nothing reaches further than this share of the margin around their middle are not halved: what is deeper
- * by less is not told. */
+/* Cells within this fraction of the margin around their middle are not halved: depths that exceed the margin by less
+ * may be missed. */
 static const double RESOLUTION = 0x1p-10;
-/* A contact is looked at where it begins, in its middle and where it ends. */
+/* A contact is inspected at its start, middle and end. */
 static const double SHARES[] = {0.0, 0.5, 1.0};
 enum { INSTANTS = sizeof SHARES / sizeof *SHARES };
 
@@ -40,11 +40,11 @@ typedef struct {
     double west, east, south, north;
 } Box;
 
-/* What is known of a cell: no place of it is deep, there is no border in it, its middle is far from the border, none of
- * these, or it has no numbers. What is far from the border is deep, unless it is outside. */
+/* State of a cell: no deep place; no border in it; its middle is farther than the margin from the border; undecided;
+ * not finite. Places farther than the margin from the border are deep if they are inside. */
 typedef enum { IS_SHALLOW, IS_WITHOUT_BORDER, IS_FAR_IN_THE_MIDDLE, IS_OPEN, IS_NOWHERE } CellDepth;
 
-/* Sides of the border that a depth may be measured from, and room for polygons. */
+/* The nearby sides of a border, and memory for polygons. */
 typedef struct {
     double margin;
     Side *sides;
@@ -57,7 +57,7 @@ static double squared_from(const Side *side, Vector place) {
     return squared_distance((Vector){place.x - side->start.x, place.y - side->start.y}, side->way);
 }
 
-/* The way from a place to what is nearest of a side. */
+/* The vector from a place to the nearest point of a side. */
 static Vector way_to(const Side *side, Vector place) {
     Vector way = {side->start.x - place.x, side->start.y - place.y}, along = side->way;
     double square = along.x * along.x + along.y * along.y, share = -(way.x * along.x + way.y * along.y);
@@ -65,7 +65,7 @@ static Vector way_to(const Side *side, Vector place) {
     return (Vector){way.x + share * along.x, way.y + share * along.y};
 }
 
-/* A circle about a place of a convex polygon that holds it. */
+/* A circle about a point of a convex polygon that contains it. */
 static Circle circle_around(const Polygon *polygon) {
     Circle circle = {{0.0, 0.0}, 0.0};
     for (int64_t i = 0; i < polygon->count; i++) circle.middle.x += polygon->x[i], circle.middle.y += polygon->y[i];
@@ -77,8 +77,8 @@ static Circle circle_around(const Polygon *polygon) {
 
 static bool is_somewhere(Circle circle) { return isfinite(circle.middle.x + circle.middle.y + circle.reach); }
 
-/* Keep the sides of an area, less an origin, that are within the margin of a circle: all others are further from what it
- * holds. False of an area without sides or a margin, or where something is of no numbers. */
+/* Collect the sides of an area, relative to an origin, within the margin of a circle; all others are farther from its
+ * places. False if the area has no sides, the margin is negative or NaN, or a number is not finite. */
 static bool keep_sides(Border *border, const KernelAreas *areas, int64_t area, Vector origin, const Circle *circle) {
     double reach = circle->reach + border->margin;
     bool has_sides = false;
@@ -96,7 +96,7 @@ static bool keep_sides(Border *border, const KernelAreas *areas, int64_t area, V
     return has_sides;
 }
 
-/* Whether a place that is no border is inside of an area, less an origin: of the sides those to its east are counted. */
+/* Whether a place off the border is inside an area, relative to an origin: counts the sides to its east. */
 static bool is_inside(const KernelAreas *areas, int64_t area, Vector origin, Vector place) {
     double x = place.x + origin.x, y = place.y + origin.y;
     bool is_odd = false;
@@ -109,7 +109,7 @@ static bool is_inside(const KernelAreas *areas, int64_t area, Vector origin, Vec
     return is_odd;
 }
 
-/* The most that a corner of a polygon is away from a side, or from two together. */
+/* Largest distance of a polygon's corner from a side, or sum of distances from two. */
 static double furthest_from(const Polygon *polygon, const Side *side, const Side *across) {
     double furthest = 0.0;
     for (int64_t i = 0; i < polygon->count; i++) {
@@ -120,7 +120,7 @@ static double furthest_from(const Polygon *polygon, const Side *side, const Side
     return furthest;
 }
 
-/* The side nearest to a place; those alone that are somewhere else than ahead, unless that is no way. */
+/* The side nearest to a place, excluding sides in direction `ahead` unless that is zero. */
 static const Side *nearest_side(const Border *border, Vector place, Vector ahead) {
     const Side *nearest = NULL;
     double least2 = INFINITY;
@@ -136,11 +136,11 @@ static const Side *nearest_side(const Border *border, Vector place, Vector ahead
     return nearest;
 }
 
-/* How deep a cell is about the middle of a circle that holds it. */
+/* State of a cell, from a circle that contains it. */
 static CellDepth depth_of(const Border *border, const Polygon *cell, Circle circle) {
     const Side *side = nearest_side(border, circle.middle, (Vector){0.0, 0.0});
     double margin = border->margin, depth = side ? sqrt(squared_from(side, circle.middle)) : INFINITY;
-    /* Nothing is told of what has no numbers. Without a side all that is kept is further than the margin. */
+    /* Not finite: undecided. No side within the margin: all places are farther from the border. */
     if (!is_somewhere(circle) || (!side && border->count > 0)) return IS_NOWHERE;
     if (depth > margin) return depth >= circle.reach ? IS_WITHOUT_BORDER : IS_FAR_IN_THE_MIDDLE;
     if (depth + circle.reach <= margin || circle.reach <= RESOLUTION * margin) return IS_SHALLOW;
@@ -158,7 +158,7 @@ static Box box_around(const Polygon *polygon) {
     return box;
 }
 
-/* What of a polygon is left of a line, into the room of another that lends it. */
+/* Clip a polygon by a line, using another polygon's memory. */
 static bool clip(Polygon *polygon, Polygon *room, Vector start, Vector way, int64_t most_corners) {
     bool is_clipped = polygon_clip(polygon, start, way, room, most_corners);
     Polygon kept = *room;
@@ -166,7 +166,7 @@ static bool clip(Polygon *polygon, Polygon *room, Vector start, Vector way, int6
     return is_clipped;
 }
 
-/* Put what a box holds of what is in common into the cell; false where there is no room for it. */
+/* Set the cell to the part of the intersection inside a box; false if it does not fit. */
 static bool cut_cell(Border *border, const Box *box) {
     Polygon *cell = &border->cell, *spare = &border->spare;
     cell->count = border->common.count;
@@ -177,7 +177,7 @@ static bool cut_cell(Border *border, const Box *box) {
            clip(cell, spare, (Vector){box->west, box->north}, (Vector){0.0, -1.0}, border->room);
 }
 
-/* Whether some place of what is in common is deep in an area. */
+/* Whether the intersection has a deep place in an area. */
 static KernelDepth search_cells(Border *border, const KernelAreas *areas, int64_t area, Vector origin) {
     Box waiting[MAX_WAITING];
     int64_t count = 0;
@@ -200,17 +200,18 @@ static KernelDepth search_cells(Border *border, const KernelAreas *areas, int64_
     return KERNEL_SHALLOW;
 }
 
-/* Keep what the pair has in common at an instant. */
+/* Compute the intersection of the pair at an instant. */
 static void meet_at(Border *border, Encounter *pair, double t) {
     encounter_place(pair, t);
-    /* One of them lends its room. */
+    /* The result is in one of the two; swap their memory. */
     Polygon *common = polygon_common(&pair->a_now, &pair->b_now, &border->common, &border->spare);
     if (common == &border->common) return;
     Polygon found = border->spare;
     border->spare = border->common, border->common = found;
 }
 
-/* How deep a pair is in area k, in which `origin` is what the pair counts from; `part` is the member that is a part. */
+/* Depth of a pair in area k; origin: the pair's origin in coordinates of the area; part: the mover that is a part of
+ * it. */
 static KernelDepth deepest(Border *border, Encounter *pair, const KernelAreas *areas, int64_t k, Vector origin,
                            const Mover *part, double low, double high) {
     KernelDepth found = KERNEL_SHALLOW;
@@ -218,7 +219,7 @@ static KernelDepth deepest(Border *border, Encounter *pair, const KernelAreas *a
     Circle circle = circle_around(&pair->a0);
     border->margin = areas->margin[k];
     if (!keep_sides(border, areas, k, origin, &circle)) return KERNEL_DEPTH_UNKNOWN;
-    /* Often nothing of the part is deep, wherever it is met. */
+    /* Often no place of the whole part is deep. */
     if (depth_of(border, &pair->a0, circle) == IS_SHALLOW) return KERNEL_SHALLOW;
     for (int i = 0; i < INSTANTS && found != KERNEL_DEEP; i++) {
         meet_at(border, pair, (1.0 - SHARES[i]) * low + SHARES[i] * high);
@@ -231,7 +232,7 @@ static KernelDepth deepest(Border *border, Encounter *pair, const KernelAreas *a
     return found;
 }
 
-/* Check areas, and tell how many vertices the largest has. */
+/* Validate areas, and find the largest number of vertices of one. */
 static KernelStatus check_areas(const KernelAreas *areas, int64_t *largest) {
     *largest = 0;
     if (areas->count < 0 || areas->ring_count < 0 || areas->vertex_count < 0) return KERNEL_BAD_COUNT;
@@ -250,7 +251,7 @@ static KernelStatus check_areas(const KernelAreas *areas, int64_t *largest) {
     return KERNEL_OK;
 }
 
-/* The most vertices that what some pair has in common may have, cut to a box. */
+/* Largest number of vertices of a pair's intersection, clipped to a box. */
 static int64_t most_in_common(const Scene *scene, const KernelPairs *pairs) {
     int64_t found = 0;
     for (int64_t i = 0; i < pairs->count; i++) {

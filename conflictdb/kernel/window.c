@@ -1,5 +1,5 @@
-/* Along a fixed direction the gap of polygons whose vertices move along their chords is concave in time: its chord says
- * when the pair is apart. The directions are the normals of the edges of both. */
+/* Along a fixed direction the gap of polygons whose vertices move along their chords is concave in time, so its chord
+ * proves when the pair is apart. The directions are the edge normals of both polygons. */
 #include "window.h"
 
 #include "runs.h"
@@ -18,7 +18,7 @@ static void narrow_all(Shares *shares, double g0, double g1, double length, Leve
 
 static bool are_same(Share one, Share other) { return one.u == other.u && one.v == other.v; }
 
-/* Whether gaps that are no narrower than the true ones leave shares as they are: then those do. */
+/* Whether upper bounds on gaps leave all fractions unchanged; then the gaps themselves do. */
 static bool are_kept(const Shares *shares, double g0, double g1, double length, Levels levels) {
     Shares narrowed = *shares;
     narrow_all(&narrowed, g0, g1, length, levels);
@@ -26,7 +26,7 @@ static bool are_kept(const Shares *shares, double g0, double g1, double length, 
            are_same(narrowed.near, shares->near);
 }
 
-/* Narrow by the normals of the edges of `mine`; the polygons are those of both ends of the time. */
+/* Narrow by the edge normals of `mine`; 0 and 1: the polygons at both ends of the time. */
 static void narrow_by_edges(Shares *shares, const Polygon *mine0, const Polygon *mine1, const Polygon *other0,
                             const Polygon *other1, bool stands_still, Levels levels) {
     int64_t n = mine0->count;
@@ -43,7 +43,7 @@ static void narrow_by_edges(Shares *shares, const Polygon *mine0, const Polygon 
                 double g0 = ahead_at(nx, ny, &ahead0) - own0, g1 = ahead_at(nx, ny, &ahead1) - own1;
                 if (!(most(g0, g1) > levels.deep * length) || are_kept(shares, g0, g1, length, levels)) continue;
             }
-            /* The edge itself is the furthest of what stands still. */
+            /* For a polygon that stands still the edge itself is its extreme. */
             if (!stands_still || n == 2) {
                 own0 = -ahead_along(-nx, -ny, &own_ahead0), own1 = -ahead_along(-nx, -ny, &own_ahead1);
             }

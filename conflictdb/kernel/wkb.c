@@ -1,4 +1,4 @@
-/* Rings of polygons as well-known binary has them (OGC 06-103r4, 8.2). */
+/* Rings of polygons from well-known binary (OGC 06-103r4, 8.2). */
 #include <stdbool.h>
 #include <string.h>
 
@@ -6,7 +6,7 @@
 
 enum { POLYGON = 3, MULTIPOLYGON = 6, HEAD = 5, COUNT = 4, VERTEX = 16 };
 
-/* What is left of the bytes of a shape. */
+/* The unread bytes of a shape. */
 typedef struct {
     const uint8_t *next, *end;
 } Reader;
@@ -18,14 +18,14 @@ static uint64_t read_number(Reader *reader, int bytes) {
     return number;
 }
 
-/* A byte order, which is little-endian, a type, and a count of what follows; false where that is not there. */
+/* Read byte order (little-endian), type, and count of what follows; false if invalid. */
 static bool read_head(Reader *reader, uint64_t *type, uint64_t *count) {
     if (reader->end - reader->next < HEAD + COUNT || read_number(reader, 1) != 1) return false;
     *type = read_number(reader, 4), *count = read_number(reader, COUNT);
     return true;
 }
 
-/* The one ring of a polygon whose head is read; false where there is no room for it, or it is not whole. */
+/* Read the ring of a polygon, after its head; false if it is truncated or does not fit. */
 static bool read_ring(Reader *reader, double *xy, int64_t *vertices, int64_t room) {
     if (reader->end - reader->next < COUNT) return false;
     int64_t count = (int64_t)read_number(reader, COUNT);

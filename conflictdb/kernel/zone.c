@@ -1,15 +1,16 @@
-/* Closing in: the distance changes one way only. That is cheap to tell, where polygons meet at a speed.
+/* Proofs in the zone: closing in (the distance changes in one direction only), apart, and near. Closing in is cheap to
+ * prove for polygons that meet at a speed.
  *
- * Apart: the distance is nowhere below its chord less what it may bend upwards (distance.c).
+ * Apart: the distance is at least its chord, minus its largest upward bend (distance.c).
  *
- * Near: the distance is at most that of two places, one that moves with each polygon. Let theta be the angle that they
- * are apart, u and w their speeds on the earth, a1 and a2 their accelerations. The second variation of arc length is
- * least for a Jacobi field, so where the curvature is at most K their distance d has
+ * Near: the distance is at most that of two places, one moving with each polygon. Let theta be the angle between them,
+ * u and w their speeds on the earth, a1 and a2 their accelerations. The second variation of arc length is smallest for
+ * a Jacobi field, so for curvature of at most K their distance d has
  *
  *     d'' >= -sqrt(K) (u^2 + w^2) tan(sqrt(K) d / 2) - a1 - a2 = -A.
  *
- * So between two instants h seconds apart it is nowhere above its chord by more than A s (1 - s) h^2 / 2 at a share s of
- * the time. That stays below the distance wanted if it is so at the first instant, and by A h^2 / 2 at the second.
+ * Between two instants h seconds apart it exceeds its chord by at most A s (1 - s) h^2 / 2 at a fraction s of the time.
+ * It stays below the separation if it is below it at the first instant, and by A h^2 / 2 at the second.
  *
  * Reference: M. do Carmo, "Riemannian Geometry" (1992), chapters 9 and 10 (the index lemma).
  */
@@ -17,19 +18,19 @@
 
 #include "approach.h"
 
-/* Times that are looked at: each proof takes one or two. With fewer, more pairs are searched. */
+/* Times inspected per proof, usually one or two. Smaller: more pairs are searched. */
 enum { MAX_PARTS = 24 };
-/* Polygons that are far apart may have several shortest ways, as a share of the earth's radius. */
+/* Distant polygons may have several shortest lines: limit as a fraction of the earth's radius. */
 static const double FURTHEST_SHARE = 0.5;
-/* The largest curvature of any figure of the earth is at most that of a sphere with so much of the equator's radius. */
+/* The curvature of any figure of the earth is at most that of a sphere with this fraction of the equator's radius. */
 static const double LEAST_RADIUS_SHARE = 0.99;
 static const double HALF_PI = 0x1.921fb54442d18p0;
 
-/* Let p and q be nearest on the earth at some instant. They are no further apart than what is nearest in the plane then,
- * and so in the plane at most `ratio` times the least distance at the end: their direction is within acos(1 / ratio) of
- * its axis n, and that in which their distance shrinks within the plane's slant of it. With the sum s of both they close
- * in at |n.V| cos s - |V across| sin s or more, V the velocity that both polygons' vertices depart from by at most K,
- * less K for each and less what the scale changes on the way. */
+/* Let p and q be nearest on the earth at some instant. They are at most as far apart as the nearest places in the plane
+ * then, and so in the plane at most `ratio` times the smallest distance at the end: their direction is within acos(1 /
+ * ratio) of its axis n, and the direction in which their distance shrinks is within the plane's slant of that. With s
+ * the sum of both angles, they close in at |n.V| cos s - |V across| sin s or faster, V the relative velocity, minus the
+ * spread K of both and minus the change of the scale along the line. */
 bool zone_closes_in(Encounter *pair, double limit, double end, Scales scales) {
     double first = least(limit, end), last = most(limit, end), length = last - first, middle = 0.5 * (first + last);
     Vector va = mover_velocity(&pair->a, middle), vb = mover_velocity(&pair->b, middle);
@@ -39,7 +40,7 @@ bool zone_closes_in(Encounter *pair, double limit, double end, Scales scales) {
     if (!(at_end.gap > 0.0)) return false;
     double closing = (limit < end ? -1.0 : 1.0) * (at_end.axis.x * v.x + at_end.axis.y * v.y);
     double across = fabs(at_end.axis.x * v.y - at_end.axis.y * v.x), speed = most(norm(va), norm(vb)) + spread;
-    /* What is nearest, in the plane or on the earth, lies where each is within reach of the other. */
+    /* The nearest places, in the plane or on the earth, lie where each polygon is within reach of the other. */
     double furthest = most(at_limit, at_end.gap) + 2.0 * spread * length;
     Scales near = encounter_scales_within(pair, plane_span_m(pair->plane, furthest / scales.smallest, scales.largest));
     double furthest_m = furthest / near.smallest, turned = norm(v) * spread * length / at_end.gap;
@@ -73,7 +74,7 @@ bool zone_is_apart(Encounter *pair, double from, double to) {
     return true;
 }
 
-/* A place on a side of a polygon: so much of the way from vertex `side` to the next. */
+/* A place on a side of a polygon, as a fraction of the way from vertex `side` to the next. */
 typedef struct {
     int64_t side;
     double share;
@@ -100,7 +101,7 @@ static Vector point_at(const Polygon *polygon, Place place) {
                     polygon->y[k] + place.share * (polygon->y[m] - polygon->y[k])};
 }
 
-/* A of the head of this file, during a time in which places stay at most so far apart. */
+/* A of the file's head, during a time in which places stay within distance_m of each other. */
 static double downward(const Encounter *pair, double start, double end, const Extent *extent, double distance_m) {
     const KernelPlane *plane = pair->plane;
     Bounds a = mover_bounds(&pair->a, start, end), b = mover_bounds(&pair->b, start, end);
@@ -124,7 +125,7 @@ bool zone_is_near(Encounter *pair, double from, double to) {
         plane_nearest(plane, &pair->a_now, &pair->b_now, origin, &a, &b, &pair->parts_left);
         Place on_a = place_of(&pair->a_now, a), on_b = place_of(&pair->b_now, b);
         if (!(plane_way_m(plane, point_at(&pair->a_now, on_a), point_at(&pair->b_now, on_b), origin) < wanted_m)) return false;
-        /* Go on with half of the step where it is too long for these places. */
+        /* Halve the step while it is too long for these places. */
         for (bool is_near = false; !is_near; parts++) {
             if (parts >= MAX_PARTS) return false;
             double then = fabs(to - now) <= fabs(step) ? to : now + step, h = fabs(then - now);
