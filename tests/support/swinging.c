@@ -34,6 +34,10 @@ Bounds mover_bounds(const Mover *mover, double t0, double t1) {
     return (Bounds){acceleration, 0.5 * (t1 - t0) * acceleration};
 }
 
+Acceleration mover_acceleration(const Mover *mover, double t0, double t1) {
+    return (Acceleration){{0.0, 0.0}, mover_bounds(mover, t0, t1).acceleration};
+}
+
 void answers_add(Answers *answers, double start, double end, double error, KernelVerdict verdict, bool touches) {
     if (answers->count == ROOM) abort();
     answers->items[answers->count++] = (KernelContact){0, start, end, error, verdict, touches};
