@@ -408,9 +408,9 @@ static KernelStatus check_groups(const KernelPairs *pairs, const KernelGroups *g
     return groups->offset[groups->count] == pairs->count ? KERNEL_OK : KERNEL_BAD_OFFSET;
 }
 
-KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
-                               int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
-                               double *b_deg, KernelWork *work) {
+KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups, int64_t *pair,
+                               double *at_s, double *distance_m, double *error_m, double *a_deg, double *b_deg,
+                               KernelWork *work) {
     double *memory;
     int64_t largest;
     if (!scene || !pairs || !groups || !work) return KERNEL_NULL;

@@ -72,8 +72,8 @@ static bool prepare_still(const Scene *scene, const KernelPieces *pieces, int64_
 
 static bool is_leg_sound(const KernelPieces *pieces, int64_t i) {
     const double *start = pieces->leg_start_deg + 2 * i, *end = pieces->leg_end_deg + 2 * i;
-    bool is_timed = is_instant(pieces->start_us[i]) && is_instant(pieces->end_us[i]) &&
-                    is_instant(pieces->leg_start_us[i]) && is_instant(pieces->leg_end_us[i]);
+    bool is_timed = is_instant(pieces->start_us[i]) && is_instant(pieces->end_us[i]) && is_instant(pieces->leg_start_us[i]) &&
+                    is_instant(pieces->leg_end_us[i]);
     bool is_placed = fabs(start[1]) <= 90.0 && fabs(end[1]) <= 90.0 && fabs(start[0]) <= 1e6 && fabs(end[0]) <= 1e6;
     return is_timed && is_placed && fabs(pieces->bearing_deg[i]) <= 1e6 && pieces->leg_end_us[i] > pieces->leg_start_us[i];
 }
@@ -140,9 +140,7 @@ static KernelStatus check_pairs(const Scene *scene, const KernelPairs *pairs, in
 }
 
 /* Doubles that an encounter needs for polygons of up to `largest` vertices. */
-static size_t numbers_of(int64_t largest) {
-    return NUMBERS * (size_t)largest + POLYGONS * (size_t)runs_room(largest);
-}
+static size_t numbers_of(int64_t largest) { return NUMBERS * (size_t)largest + POLYGONS * (size_t)runs_room(largest); }
 
 /* Divide the memory of an encounter among its polygons. */
 static void lay_out(Encounter *pair, double *memory, int64_t largest) {

@@ -108,19 +108,40 @@ typedef struct {
 
 static Node alone(const KernelBoxes *rows, int64_t i) {
     const double *box = rows->boxes + 4 * i;
-    return (Node){box[0], box[1], box[2], box[3], rows->floor_m[i], rows->ceiling_m[i], rows->start_us[i], rows->end_us[i],
-                  rows->object[i], i, i + 1, 0, rows->is_copy[i] != 0};
+    return (Node){
+        .low_x = box[0],
+        .low_y = box[1],
+        .high_x = box[2],
+        .high_y = box[3],
+        .floor_m = rows->floor_m[i],
+        .ceiling_m = rows->ceiling_m[i],
+        .start_us = rows->start_us[i],
+        .end_us = rows->end_us[i],
+        .object = rows->object[i],
+        .first = i,
+        .end = i + 1,
+        .next = 0,
+        .is_copy = rows->is_copy[i] != 0,
+    };
 }
 
 /* Union of two nodes. fmin and fmax skip NaN: a row of NaN intersects nothing, and leaves the bounds of its node valid.
  */
 static Node joined(Node a, Node b) {
     return (Node){
-        fmin(a.low_x, b.low_x), fmin(a.low_y, b.low_y), fmax(a.high_x, b.high_x), fmax(a.high_y, b.high_y),
-        fmin(a.floor_m, b.floor_m), fmax(a.ceiling_m, b.ceiling_m),
-        a.start_us < b.start_us ? a.start_us : b.start_us, a.end_us > b.end_us ? a.end_us : b.end_us,
-        a.object > b.object ? a.object : b.object, a.first, b.end, 0,
-        a.is_copy && b.is_copy,
+        .low_x = fmin(a.low_x, b.low_x),
+        .low_y = fmin(a.low_y, b.low_y),
+        .high_x = fmax(a.high_x, b.high_x),
+        .high_y = fmax(a.high_y, b.high_y),
+        .floor_m = fmin(a.floor_m, b.floor_m),
+        .ceiling_m = fmax(a.ceiling_m, b.ceiling_m),
+        .start_us = a.start_us < b.start_us ? a.start_us : b.start_us,
+        .end_us = a.end_us > b.end_us ? a.end_us : b.end_us,
+        .object = a.object > b.object ? a.object : b.object,
+        .first = a.first,
+        .end = b.end,
+        .next = 0,
+        .is_copy = a.is_copy && b.is_copy,
     };
 }
 

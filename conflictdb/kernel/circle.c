@@ -118,8 +118,8 @@ static bool prepare_vertex(const Scene *scene, const CircleLeg *leg, double angl
     double *column = scene->columns + i, s = column[STARBOARD * scene->vertex_count], f = column[FORWARD * scene->vertex_count];
     Vector3 p = sum(cos(s) * cos(f), leg->start, cos(s) * sin(f), leg->heading);
     Vector3 q = sum(cos(s) * cos(f), leg->heading, -cos(s) * sin(f), leg->start);
-    double numbers[9] = {p.x, p.y, p.up, q.x, q.y, q.up,
-                         sin(s) * leg->starboard.x, sin(s) * leg->starboard.y, sin(s) * leg->starboard.up};
+    double numbers[9] = {
+        p.x, p.y, p.up, q.x, q.y, q.up, sin(s) * leg->starboard.x, sin(s) * leg->starboard.y, sin(s) * leg->starboard.up};
     for (int k = 0; k < 9; k++) column[(P + k) * scene->vertex_count] = numbers[k];
     /* The height is a cosine of time: its minimum is at one of the ends. */
     return p.up + numbers[8] > 0.0 && cos(angle) * p.up + sin(angle) * q.up + numbers[8] > 0.0;
@@ -259,7 +259,8 @@ static Reach vertex_reach(const Mover *mover, int64_t i, double t0, double t1) {
     Vector reach0 = ahead_across(mover, i, t0), reach1 = ahead_across(mover, i, t1);
     double nearest = reach0.y * reach1.y <= 0.0 ? 0.0 : least(fabs(reach0.y), fabs(reach1.y));
     Reach reach = {most(fabs(reach0.x), fabs(reach1.x)), most(fabs(reach0.y), fabs(reach1.y)), cos(nearest), 0.0};
-    reach.up = least(vertex_at(mover, i, t0, cos(theta0), sin(theta0)).up, vertex_at(mover, i, t1, cos(theta1), sin(theta1)).up);
+    reach.up =
+        least(vertex_at(mover, i, t0, cos(theta0), sin(theta0)).up, vertex_at(mover, i, t1, cos(theta1), sin(theta1)).up);
     if (mover->body->changes) {
         double turn = (mover->leg.rate + body_column(mover->scene, mover->body, FORWARD_RATE)[i]) * (t1 - t0);
         double across = body_column(mover->scene, mover->body, STARBOARD_RATE)[i] * (t1 - t0);
@@ -337,7 +338,8 @@ static double offset_bend(const Mover *mover, int64_t i, const Reach *reach, con
     /* 0 for constant shape. */
     double f_rate = fabs(body_column(mover->scene, mover->body, FORWARD_RATE)[i]);
     double s_rate = fabs(body_column(mover->scene, mover->body, STARBOARD_RATE)[i]);
-    double reference_up = least(on_leg(&mover->leg, theta_at(mover, way->t0)).up, on_leg(&mover->leg, theta_at(mover, way->t1)).up);
+    double reference_up =
+        least(on_leg(&mover->leg, theta_at(mover, way->t0)).up, on_leg(&mover->leg, theta_at(mover, way->t1)).up);
     /* Between the reference point and the vertex, as in `vertex_reach`. */
     double up = least(reach->up, reference_up) - sag(reach->ahead, reach->across, s), scale = 1.0 / (up * up);
     double outward = 2.0 * sqrt(most(scale - 1.0, 0.0)), mixed = scale * (s + outward);
@@ -378,8 +380,8 @@ Sweep circle_sweep(const Mover *mover, double t0, double t1, double change) {
     double u = sin(way.phi1 - way.phi0) / (cos(way.phi0) * cos(way.phi1));
     for (int64_t i = 0; i < mover->body->count; i++) {
         Reach reach = vertex_reach(mover, i, t0, t1);
-        double own = mover->body->changes ? offset_bend(mover, i, &reach, &way) * h * h
-                                          : vertex_bend(mover, &reach, &way) * u * u;
+        double own =
+            mover->body->changes ? offset_bend(mover, i, &reach, &way) * h * h : vertex_bend(mover, &reach, &way) * u * u;
         bend = most(bend, own), up = least(up, reach.up);
     }
     double deviation = mover->scene->plane.radius_m * bend / 8.0;

@@ -225,9 +225,7 @@ static Contact contact_in_window(Encounter *pair, const Window *window, Depth de
 }
 
 /* A plane distance up to which a pair is within the margin anywhere. */
-static double margin_level(const Encounter *pair, double smallest) {
-    return (pair->separation_m + pair->margin_m) * smallest;
-}
+static double margin_level(const Encounter *pair, double smallest) { return (pair->separation_m + pair->margin_m) * smallest; }
 
 /* A pair proven apart, but within the margin at the witness, and at other times only from start to end. Its error comes
  * from one look at either end: closer looks would make near misses more expensive than contacts. */
@@ -395,8 +393,7 @@ Contact certain_contact(Encounter *pair, double low, double high) {
         if (is_apart) {
             double level = margin_level(pair, scales.near.smallest);
             Gap seen = encounter_plane_distance(pair, witness);
-            if (seen.gap <= level)
-                return close_in(pair, start + shares.near.u * h, start + shares.near.v * h, witness, level);
+            if (seen.gap <= level) return close_in(pair, start + shares.near.u * h, start + shares.near.v * h, witness, level);
             /* Apart at the witness: corners are farther apart than edge normals show. Try the direction of the
              * connecting line. */
             shares.near = window_share_along(pair, seen.axis, levels.near, shares.near);

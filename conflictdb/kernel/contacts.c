@@ -23,7 +23,9 @@ static void lay_out_intervals(Encounter *pair, Interval *memory) {
 /* Set the work budget of a pair. */
 static void share_work(Encounter *pair, int64_t pairs_of_objects) {
     int64_t share = MAX_INTERVALS / (pairs_of_objects > 1 ? pairs_of_objects : 1), most = share;
-    most = most < MIN_INTERVALS_PER_PAIR ? MIN_INTERVALS_PER_PAIR : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : most;
+    most = most < MIN_INTERVALS_PER_PAIR   ? MIN_INTERVALS_PER_PAIR
+           : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR
+                                           : most;
     pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
     pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
     int64_t parts = PLANE_MAX_PARTS / (pairs_of_objects > 1 ? pairs_of_objects : 1);

@@ -108,8 +108,7 @@ static double across_way(const Encounter *pair, const Course *course, Vector axi
  * of these bounds, each d - C t^2 / 2 is concave, and so is their minimum. M. do Carmo, "Riemannian Geometry" (1992),
  * chapter 9.
  */
-static double upward(const Encounter *pair, const Course *course, Vector axis, double distance, double gap,
-                     double least_m) {
+static double upward(const Encounter *pair, const Course *course, Vector axis, double distance, double gap, double least_m) {
     double v1 = course->fastest_a / course->smallest, v2 = course->fastest_b / course->smallest;
     double curving = plane_christoffel(pair->plane, course->largest) * (v1 * v1 + v2 * v2);
     double w = across_way(pair, course, axis, distance, gap, v1, v2);

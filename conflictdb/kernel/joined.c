@@ -66,8 +66,7 @@ KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64
     double *memory = malloc(4 * POLYGONS * (size_t)most * sizeof *memory);
     if (!memory) return KERNEL_NO_MEMORY;
     Polygon polygon[POLYGONS];
-    for (int k = 0; k < POLYGONS; k++)
-        polygon[k] = (Polygon){.x = memory + 4 * k * most, .y = memory + (4 * k + 2) * most};
+    for (int k = 0; k < POLYGONS; k++) polygon[k] = (Polygon){.x = memory + 4 * k * most, .y = memory + (4 * k + 2) * most};
     Polygon *held = &polygon[0], *hull = &polygon[1], *next = &polygon[2], *room = &polygon[3], *spare = &polygon[4];
     Joined joined = {joined_ring, joined_offset, joined_owner, 0};
     joined_offset[0] = 0;

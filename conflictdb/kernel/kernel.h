@@ -374,8 +374,8 @@ KERNEL_API KernelStatus kernel_hulls(const KernelPlane *plane, const KernelPiece
  * a, b : (count,) indices of hulls
  * apart : (count,) 1 or 0
  */
-KERNEL_API KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset,
-                                     int64_t hull_count, const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
+KERNEL_API KernelStatus kernel_apart(const double *hull, int64_t vertex_count, const int64_t *hull_offset, int64_t hull_count,
+                                     const int64_t *a, const int64_t *b, int64_t count, uint8_t *apart);
 
 /* Group the pieces of objects into bundles, which are stored and looked up as one row.
  *

@@ -70,8 +70,17 @@ typedef struct {
 /* Columns of vertex data, (vertex_count,) each. Standing still: x and y, plane metres. Rhumb lines: forward and
  * starboard at the leg's start, and their rates, radians. Great circles: the same, and for constant shape p, q and s
  * (x, y, up each): the vertex is at cos(theta) p + sin(theta) q + s. */
-enum { FORWARD, STARBOARD, FORWARD_RATE, STARBOARD_RATE, RHUMB_COLUMNS, P = RHUMB_COLUMNS, Q = P + 3, S = Q + 3,
-       CIRCLE_COLUMNS = S + 3 };
+enum {
+    FORWARD,
+    STARBOARD,
+    FORWARD_RATE,
+    STARBOARD_RATE,
+    RHUMB_COLUMNS,
+    P = RHUMB_COLUMNS,
+    Q = P + 3,
+    S = Q + 3,
+    CIRCLE_COLUMNS = S + 3
+};
 
 struct KernelScene {
     KernelPlane plane;

@@ -50,8 +50,7 @@ double plane_largest_scale(const KernelPlane *plane, const Extent *extent) {
 }
 
 double plane_smallest_scale(const KernelPlane *plane, const Extent *extent) {
-    if (plane->projection == KERNEL_MERCATOR)
-        return mercator_scale(plane, most(most(extent->south, -extent->north), 0.0));
+    if (plane->projection == KERNEL_MERCATOR) return mercator_scale(plane, most(most(extent->south, -extent->north), 0.0));
     /* Perpendicular to the direction from the centre, at the nearest point of the box; nearer by its diagonal for
      * moving polygons. */
     double x = most(most(extent->west, -extent->east), 0.0), y = most(most(extent->south, -extent->north), 0.0);
@@ -109,8 +108,7 @@ double plane_turn_m(const KernelPlane *plane) {
  * Gnomonic: with the metric ds^2 = |dx|^2 / A - (x.dx)^2 / (R A)^2, A = sec(c)^2, a shift of x at speed v changes ln ds
  * by at most 2 |x| v / R^2; in plane metres at the largest scale, A. */
 double plane_drift(const KernelPlane *plane, double distance_m, double scale, double speed) {
-    if (plane->projection == KERNEL_GNOMONIC)
-        return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
+    if (plane->projection == KERNEL_GNOMONIC) return distance_m * 2.0 * sqrt(scale - 1.0) * scale / plane->radius_m * speed;
     double sine = sin(highest_on_way(plane, distance_m, scale));
     return distance_m / plane->radius_m * (1.0 + shrinks(plane)) * sine * scale * speed;
 }

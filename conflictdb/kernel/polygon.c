@@ -155,7 +155,8 @@ static Vector centroid(const Polygon *polygon) {
         west = fmin(west, x), east = fmax(east, x), south = fmin(south, y), north = fmax(north, y);
     }
     double width = east - west, height = north - south;
-    if (area > SLIVER * (width * width + height * height)) return (Vector){x0 + sum_x / (3.0 * area), y0 + sum_y / (3.0 * area)};
+    if (area > SLIVER * (width * width + height * height))
+        return (Vector){x0 + sum_x / (3.0 * area), y0 + sum_y / (3.0 * area)};
     return (Vector){x0 + 0.5 * (west + east), y0 + 0.5 * (south + north)};
 }
 

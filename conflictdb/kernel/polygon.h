@@ -48,9 +48,7 @@ static inline double least_along(double nx, double ny, const Polygon *polygon) {
     return least;
 }
 
-static inline double most_along(double nx, double ny, const Polygon *polygon) {
-    return -least_along(-nx, -ny, polygon);
-}
+static inline double most_along(double nx, double ny, const Polygon *polygon) { return -least_along(-nx, -ny, polygon); }
 
 /* The largest projection of a convex polygon onto the normal of its own edge from vertex k. */
 static inline double own_reach(double nx, double ny, const Polygon *mine, int64_t k) {

@@ -168,7 +168,8 @@ void undecided_contact(Encounter *pair, Intervals *intervals, double start, doub
         pair->looks_left--;
         if (upper < 0.0) continue;
         if (upper == INFINITY) keep(intervals, &kept, from, to, NEARBY);
-        else if (to - from <= SHORTEST_INTERVAL_S || !split(pair, intervals, from, to)) keep(intervals, &kept, from, to, BORDERLINE);
+        else if (to - from <= SHORTEST_INTERVAL_S || !split(pair, intervals, from, to))
+            keep(intervals, &kept, from, to, BORDERLINE);
     }
     intervals->count = kept;
 }

@@ -249,8 +249,12 @@ typedef struct {
 static Reach reach_of(const Mover *mover, double t0, double t1) {
     const RhumbLeg *leg = &mover->body->leg.rhumb;
     double first = mover->into_s + t0, last = mover->into_s + t1;
-    Reach reach = {leg->start_mu + first / leg->leg_s * leg->delta_mu, leg->start_mu + last / leg->leg_s * leg->delta_mu,
-                   leg->up, leg->down, leg->step, 0.0};
+    Reach reach = {leg->start_mu + first / leg->leg_s * leg->delta_mu,
+                   leg->start_mu + last / leg->leg_s * leg->delta_mu,
+                   leg->up,
+                   leg->down,
+                   leg->step,
+                   0.0};
     double north = most(reach.mu0, reach.mu1) + leg->up, south = least(reach.mu0, reach.mu1) + leg->down;
     if (mover->body->changes) {
         north = most(reach.mu0 + (leg->up + leg->up_rate * first), reach.mu1 + (leg->up + leg->up_rate * last));
@@ -351,5 +355,6 @@ Sweep rhumb_sweep(const Mover *mover, double t0, double t1, double change) {
                                        : bent_m(mover, &reach, secant, tangent);
     /* Two offsets of a vertex never differ by more: for strongly curved legs that are too short to be cut. */
     double whole = 2.0 * earth->radius_m * secant * hypot(reach.step, most(reach.up, -reach.down));
-    return (Sweep){ELLIPSOID_SLACK * least(bent, whole), mercator_scale(earth, earth->radius_m * earth_isometric(earth, reach.highest))};
+    return (Sweep){ELLIPSOID_SLACK * least(bent, whole),
+                   mercator_scale(earth, earth->radius_m * earth_isometric(earth, reach.highest))};
 }

@@ -68,8 +68,10 @@ static void sip_word(Sip *sip, uint64_t word) {
 }
 
 static Sip sip_begin(const uint64_t key[2]) {
-    return (Sip){{key[0] ^ 0x736f6d6570736575, key[1] ^ 0x646f72616e646f6d, key[0] ^ 0x6c7967656e657261,
-                  key[1] ^ 0x7465646279746573}, 0, 0};
+    return (Sip){
+        {key[0] ^ 0x736f6d6570736575, key[1] ^ 0x646f72616e646f6d, key[0] ^ 0x6c7967656e657261, key[1] ^ 0x7465646279746573},
+        0,
+        0};
 }
 
 /* The first `count` of 8 bytes as a little-endian word. */
@@ -102,8 +104,7 @@ static uint64_t sip_end(Sip *sip) {
     return sip->v[0] ^ sip->v[1] ^ sip->v[2] ^ sip->v[3];
 }
 
-KernelStatus kernel_digests(const KernelPart *parts, int64_t part_count, int64_t count, const uint64_t *key,
-                            uint64_t *digest) {
+KernelStatus kernel_digests(const KernelPart *parts, int64_t part_count, int64_t count, const uint64_t *key, uint64_t *digest) {
     KernelStatus status = check_parts(parts, part_count, count);
     if (status != KERNEL_OK) return status;
     if (!key || (count > 0 && !digest)) return KERNEL_NULL;

@@ -124,8 +124,7 @@ static double uncertain_s(Encounter *pair, const Found *found, double outer, dou
         double at = outer + inward * step;
         if (clearance(pair, at) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, at).inner - outer);
     }
-    if (clearance(pair, witness) <= deep)
-        return fabs(crossing_between(clearance, pair, deep, outer, witness).inner - outer);
+    if (clearance(pair, witness) <= deep) return fabs(crossing_between(clearance, pair, deep, outer, witness).inner - outer);
     undecided_separation_in(pair, &pair->spare_time, found->start, found->end, deep);
     Span certain = witnesses_of(&pair->spare_time, IN_CONTACT);
     if (!is_seen(certain)) return length;

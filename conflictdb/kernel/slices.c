@@ -142,7 +142,8 @@ static double *grow(const Polygon *hull, double pad, double *ring) {
         bool is_point = in.x == 0.0 && in.y == 0.0;
         int from = furthest_corner(in), steps = is_point ? 3 : corners_between(in, out);
         if (steps > 0 && grown_corner(in, out, &corner)) next = add_vertex(next, hull, k, corner, pad);
-        else for (int step = 0; step <= steps; step++) next = add_vertex(next, hull, k, CORNERS[(from + step) % 4], pad);
+        else
+            for (int step = 0; step <= steps; step++) next = add_vertex(next, hull, k, CORNERS[(from + step) % 4], pad);
         in = out;
         if (is_point) break;
     }

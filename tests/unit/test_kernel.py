@@ -299,7 +299,14 @@ def test_another_platform_has_another_fingerprint() -> None:
 
 def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     """Any access outside an array (each is a block of its own), undefined operation or broken precondition ends it."""
-    sanitize = ("-DKERNEL_DEBUG", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{build.HERE}")
+    sanitize = (
+        "-DKERNEL_DEBUG",
+        "-g",
+        "-O1",
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
+        f"-I{build.HERE}",
+    )
     driver = Path(__file__).parents[1] / "support" / "hostile_kernel.c"
     program = tmp_path / "hostile_kernel"
     files = [driver, *(path for path in build.sources() if path.suffix == ".c")]
