@@ -67,7 +67,7 @@ typedef struct {
     Part *heap;
     int64_t parts;
     Seen *seen; /* by pair minus first_pair */
-    double wanted, aim, least, floor;
+    double limit, accuracy, least, floor;
     Way way; /* the shortest one inspected at coarse accuracy */
 } Search;
 
@@ -116,10 +116,10 @@ static void see(Search *search, int64_t i, double t, double distance, double hal
 }
 
 /* Distances above this need not be known. */
-static double limit_of(const Search *search) { return least(search->least, search->wanted); }
+static double limit_of(const Search *search) { return least(search->least, search->limit); }
 
 /* Whether the required accuracy is coarser than APPROACH_M. */
-static bool is_coarse(const Search *search) { return search->aim > APPROACH_M; }
+static bool is_coarse(const Search *search) { return search->accuracy > APPROACH_M; }
 
 static void finish(Search *search, Part part) {
     Seen *seen = search->seen + (part.pair - search->first_pair);
@@ -130,7 +130,7 @@ static void finish(Search *search, Part part) {
 /* Bound the part [start, end] of a pair, given the distances at its ends, and push it. */
 static void bound_part(Search *search, int64_t i, double start, double end, double first, double last) {
     meet(search, i);
-    During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - search->aim);
+    During during = approach_during(&search->pair, start, end, first, last, limit_of(search) - search->accuracy);
     see(search, i, 0.5 * (start + end), during.middle, 0.5 * (end - start));
     push(search, (Part){during.bound, start, end, first, during.middle, last, i, true});
 }
@@ -155,7 +155,7 @@ static Way way_at(Search *search, int64_t i, double t) {
     double gap = polygon_distance(&pair->a_now, &pair->b_now, &way.from, &way.to).gap;
     if (!(gap > 0.0)) return way;
     way.length = plane_way_m(pair->plane, way.from, way.to, pair->a.origin);
-    if (way.length - least_of_gap(pair, gap) <= WAY_SHARE * search->aim) return way;
+    if (way.length - least_of_gap(pair, gap) <= WAY_SHARE * search->accuracy) return way;
     Vector origin = pair->a.origin;
     int64_t *left = &pair->parts_left;
     way.length = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap, way.from, way.to, left);
@@ -170,11 +170,11 @@ static bool is_known_by_middle(Search *search, Part *part) {
     Way way = way_at(search, part->pair, 0.5 * (part->start + part->end));
     if (way.length < search->way.length) search->way = way;
     see(search, way.pair, way.at, way.length, 0.5 * (part->end - part->start));
-    if (part->bound >= limit_of(search) - search->aim) return true;
-    During during = approach_during(&search->pair, part->start, part->end, 0.0, 0.0, limit_of(search) - search->aim);
+    if (part->bound >= limit_of(search) - search->accuracy) return true;
+    During during = approach_during(&search->pair, part->start, part->end, 0.0, 0.0, limit_of(search) - search->accuracy);
     see(search, part->pair, 0.5 * (part->start + part->end), during.middle, 0.5 * (part->end - part->start));
     part->bound = most(part->bound, during.bound);
-    return part->bound >= limit_of(search) - search->aim;
+    return part->bound >= limit_of(search) - search->accuracy;
 }
 
 static void look_at_pair(Search *search, Part part) {
@@ -202,12 +202,12 @@ static void search_group(Search *search) {
         if (search->heap[0].bound > limit_of(search) + TIE_M) return;
         Part part = pop(search);
         /* First visit: compute distances at the ends and in the middle. */
-        if (!part.is_seen && !(part.bound >= search->least - search->aim)) {
+        if (!part.is_seen && !(part.bound >= search->least - search->accuracy)) {
             look_at_pair(search, part);
             continue;
         }
         /* Accurate enough, as short as a timestamp, or out of budget. */
-        bool is_done = part.bound >= limit_of(search) - search->aim || part.end - part.start <= SHORTEST_S;
+        bool is_done = part.bound >= limit_of(search) - search->accuracy || part.end - part.start <= SHORTEST_S;
         if (is_done || halved >= MAX_HALVED) {
             finish(search, part);
             continue;
@@ -329,10 +329,10 @@ static Moment group_passage(Search *search) {
     Moment moment = {-1, 0, 0.0};
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
         const Seen *seen = search->seen + (i - search->first_pair);
-        bool is_near = seen->least <= limit_of(search) + search->aim && seen->half > 0.0;
-        if (is_near && seen->least - seen->floor > (is_coarse(search) ? search->aim : TIE_M)) polish(search, i);
+        bool is_near = seen->least <= limit_of(search) + search->accuracy && seen->half > 0.0;
+        if (is_near && seen->least - seen->floor > (is_coarse(search) ? search->accuracy : TIE_M)) polish(search, i);
     }
-    if (search->least > search->wanted) return moment;
+    if (search->least > search->limit) return moment;
     for (int64_t i = search->first_pair; i < search->last_pair; i++) {
         const Seen *seen = search->seen + (i - search->first_pair);
         double low = search->pairs->low_s[i], level = search->least + TIE_M, at = seen->at;
@@ -345,9 +345,9 @@ static Moment group_passage(Search *search) {
 }
 
 /* Start the search with the pairs of a group; false if one of them is invalid. */
-static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double wanted, double aim) {
+static bool begin_group(Search *search, int64_t first_pair, int64_t last_pair, double limit, double accuracy) {
     search->first_pair = first_pair, search->last_pair = last_pair, search->parts = 0;
-    search->wanted = wanted, search->aim = most(aim, APPROACH_M), search->least = INFINITY, search->floor = INFINITY;
+    search->limit = limit, search->accuracy = most(accuracy, APPROACH_M), search->least = INFINITY, search->floor = INFINITY;
     search->way = (Way){.pair = -1, .length = INFINITY};
     for (int64_t i = first_pair; i < last_pair; i++) {
         double low = search->pairs->low_s[i], high = search->pairs->high_s[i];
@@ -427,16 +427,16 @@ KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pair
         if (!search.heap || !search.seen) status = KERNEL_NO_MEMORY;
     }
     for (int64_t g = 0; status == KERNEL_OK && g < groups->count; g++) {
-        const Stated untold = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
-        Stated stated = untold;
+        const Stated unknown = {{-1, 0, 0.0}, NAN, NAN, {NAN, NAN}, {NAN, NAN}};
+        Stated stated = unknown;
         search.pair.parts_left = PLANE_MAX_PARTS;
         if (begin_group(&search, groups->offset[g], groups->offset[g + 1], groups->limit_m[g], groups->accuracy_m[g])) {
             search_group(&search);
             for (int64_t k = 0; k < search.parts; k++) finish(&search, search.heap[k]);
             /* Without a limit, and no distance seen, the answer is unknown. */
-            bool is_told = search.least < INFINITY || search.wanted < INFINITY || search.first_pair == search.last_pair;
-            if (is_told) stated = state_group(&search);
-            if (search.pair.parts_left < 0) stated = untold;
+            bool is_known = search.least < INFINITY || search.limit < INFINITY || search.first_pair == search.last_pair;
+            if (is_known) stated = state_group(&search);
+            if (search.pair.parts_left < 0) stated = unknown;
         }
         pair[g] = stated.moment.pair, at_s[g] = stated.moment.at;
         distance_m[g] = stated.distance, error_m[g] = stated.error;

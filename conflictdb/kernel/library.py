@@ -16,14 +16,14 @@ from conflictdb.waiting import answer_of
 # KERNEL_ABI of kernel.h.
 ABI: Final = 19
 _STATUS: Final = {
-    1: "no memory is left",
-    2: "an array is missing",
-    3: "a count is negative, or too large",
-    4: "there is no such plane",
-    5: "the offsets of vertices do not begin at 0, decrease, or do not end with the vertices",
-    6: "the number of a pair's piece is none of the pieces', or that of its area none of the areas'",
-    7: "a separation or tolerance is negative, or no number",
-    8: "a range of pieces is not within them",
+    1: "out of memory",
+    2: "a required array is missing",
+    3: "a count is negative or too large, or a result does not fit",
+    4: "the plane is unknown, or its earth is not finite and positive",
+    5: "offsets do not begin at 0, decrease, or do not end at the number of items",
+    6: "an index of a piece, area, bundle, hull or row is out of range",
+    7: "a separation or tolerance is negative, NaN or infinite",
+    8: "a range of pieces is out of range",
 }
 _POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
 # Argument types of each function of kernel.h, which returns a status unless _RETURNS names another type.

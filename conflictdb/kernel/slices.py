@@ -65,6 +65,6 @@ def apart(xy: Floats, offset: NDArray[np.int64], a: PieceRows, b: PieceRows) -> 
     xy, offset = np.ascontiguousarray(xy, np.float64), np.ascontiguousarray(offset, np.int64)
     a, b = (PieceRows(np.ascontiguousarray(rows, np.int64)) for rows in (a, b))
     found = np.empty(len(a), np.bool_)
-    hulls, where, first, second, told = (array.ctypes.data for array in (xy, offset, a, b, found))
-    check(library().kernel_apart(hulls, len(xy), where, len(offset) - 1, first, second, len(a), told))
+    hulls, where, first, second, result = (array.ctypes.data for array in (xy, offset, a, b, found))
+    check(library().kernel_apart(hulls, len(xy), where, len(offset) - 1, first, second, len(a), result))
     return found

@@ -140,7 +140,7 @@ def test_pairs_of_pieces_that_there_are_not_are_refused(row: int) -> None:
     plane, pieces, pairs = batch(HIGH_LATITUDE)
     a = pairs[0].copy()
     a[-1] = row
-    with pytest.raises(ValueError, match="none of the pieces"):
+    with pytest.raises(ValueError, match="an index of a piece"):
         found_of(Scene(plane, pieces), (a, *pairs[1:]))
 
 

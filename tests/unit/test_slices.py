@@ -147,7 +147,7 @@ def test_hulls_that_touch_are_not_apart() -> None:
 def test_hulls_that_are_not_there_are_refused() -> None:
     xy, offset = rings_of(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0)]))
     here, there = PieceRows(np.array([0])), PieceRows(np.array([1]))
-    with pytest.raises(ValueError, match="none of the pieces"):
+    with pytest.raises(ValueError, match="an index of a piece"):
         kernel.apart(xy, offset, here, there)
     with pytest.raises(ValueError, match="end with the vertices"):
         kernel.apart(xy[:-1], offset, here, here)
