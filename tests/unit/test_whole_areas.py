@@ -169,7 +169,7 @@ def test_areas_of_another_count_than_their_columns_are_refused() -> None:
     ring = shapely.get_coordinates(square(0.0, 0.0, 1000.0))
     with pytest.raises(ValueError, match="offsets of areas"):
         depth_of_squares(replace(area_of(ring, 1.0), margin=np.ones(2)), square(0.0, 0.0, 9.0), square(0.0, 0.0, 9.0))
-    with pytest.raises(ValueError, match="offsets of vertices"):
+    with pytest.raises(ValueError, match="offsets do not begin"):
         depth_of_squares(
             replace(area_of(ring, 1.0), ring_offset=np.array([0, 9])), square(0.0, 0.0, 9.0), square(0.0, 0.0, 9.0)
         )
