@@ -1,5 +1,5 @@
--- Roles, shared by all databases of a server; what each may do is granted in 90_grants.sql.
--- Another database's upgrade may create them at the same time: whoever comes second has nothing left to do.
+-- Roles, shared by all databases of a server; 90_grants.sql grants their privileges.
+-- Concurrent upgrades of two databases may both create a role; the second one finds it and goes on.
 
 DO $$
 DECLARE
@@ -20,7 +20,7 @@ BEGIN
             END;
         END IF;
     END LOOP;
-    -- Each role can do what the one before it can.
+    -- Each role includes the privileges of the previous one.
     BEGIN
         IF NOT pg_has_role('conflictdb_editor', 'conflictdb_reader', 'MEMBER') THEN
             GRANT conflictdb_reader TO conflictdb_editor;

@@ -1,6 +1,5 @@
--- A routine whose name, parameters or results change cannot be replaced, and what depends on it (views, also those of
--- users) must not be dropped. So the old one steps aside under another name; 95_retired.sql drops it, when all are
--- bound to the new one.
+-- CREATE OR REPLACE cannot change a routine's name, parameters or results, and views of users may depend on the old
+-- routine. So it is renamed here; 95_retired.sql drops it once all views use the new one.
 
 DO $$
 DECLARE

@@ -1,24 +1,24 @@
--- How bad input is refused: one SQLSTATE per rule, class ZC.
+-- Invalid input raises one SQLSTATE per rule, class ZC.
 --
 -- ZC001 invalid_geometry        ZC002 time_not_increasing    ZC003 invalid_span
 -- ZC004 invalid_heights         ZC005 coordinate_out_of_range ZC006 invalid_outline
 -- ZC007 duplicate_key           ZC008 invalid_key            ZC009 invalid_setting
 -- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
--- ZC013 wrong_sequence (called out of order, or in a transaction where it cannot work)
--- ZC014 not_current (in time)   ZC015 not_answered (in time)
+-- ZC013 wrong_sequence (called out of order, or in an unsuitable transaction)
+-- ZC014 not_current (within the time limit)   ZC015 not_answered (within the time limit)
 -- ZC016 invalid_plan             ZC017 too_large
 --
--- What functions of SECURITY DEFINER call finds names where only the owner of conflictdb may put some: beside those of
--- PostGIS a user could define a function or an operator that fits better than the one that was meant.
+-- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
+-- could define a better-matching function or operator.
 --
--- What refuses is at most STABLE: an IMMUTABLE call may be made while a plan is made, also in a branch never taken.
+-- Checks are at most STABLE: the planner may evaluate IMMUTABLE calls early, even in a branch that never runs.
 
 CREATE OR REPLACE FUNCTION _refuse(
     p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    IF p_hint = '' THEN -- RAISE shows an empty hint, and takes no null.
+    IF p_hint = '' THEN -- RAISE would show an empty hint, and does not accept null.
         RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
             USING ERRCODE = p_state, TABLE = p_who, COLUMN = p_field, CONSTRAINT = p_constraint, SCHEMA = 'conflictdb';
     END IF;
@@ -28,7 +28,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
-'Raises SQLSTATE p_state. For programs, TABLE says which object, COLUMN which field, CONSTRAINT which rule by name.';
+'Raises SQLSTATE p_state. For programs, TABLE names the object, COLUMN the field and CONSTRAINT the rule.';
 
 CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -46,7 +46,7 @@ BEGIN
     RETURN v_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; refuses (ZC010) a name that is not known.';
+COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name.';
 
 CREATE OR REPLACE FUNCTION _require_snapshot() RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -58,4 +58,4 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _require_snapshot() IS
-'Refuses (ZC013) a transaction whose statements each see another state: marks and objects would not belong together.';
+'Raises ZC013 in a READ COMMITTED transaction, whose statements could see marks and objects of different states.';

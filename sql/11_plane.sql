@@ -1,12 +1,11 @@
--- The scene's plane: Mercator, on WGS84 (EPSG:3395) or on the sphere of mean radius, or gnomonic about the scene's
--- centre on the sphere. p_plane names it, as _plane makes it of a scene: 'wgs84' and 'sphere' are the Mercator planes,
--- anything else is what PROJ makes a gnomonic one of. p_earth is only ever a figure of the earth: 'wgs84' or 'sphere'.
+-- Projection to and from the scene's plane. p_plane is the result of _plane(): 'wgs84' (Mercator, EPSG:3395), 'sphere'
+-- (Mercator on the sphere of mean radius), or the PROJ string of a gnomonic plane about the scene's centre.
+-- p_earth is 'wgs84' or 'sphere'.
 --
--- ST_Transform wraps longitudes into +-180; objects across the seam must not be. Shifting longitude by c shifts x by
--- a * c exactly, so geometries are centred before and moved back after.
+-- ST_Transform wraps longitudes into +-180, which would break objects across the seam. So geometries are shifted to the
+-- middle first and back afterwards: shifting longitude by c shifts Mercator x by exactly a * c.
 --
--- All are single expressions, and not STRICT, so that they are inlined: a SQL function that is not inlined is set up
--- anew at every call, and one that is STRICT is not when it holds a CASE. Null gives null all the same.
+-- Most functions are single expressions and not STRICT, so that PostgreSQL inlines them. Null input gives null.
 
 CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -14,18 +13,19 @@ BEGIN ATOMIC
     SELECT CASE WHEN abs(p_m) < 1e-30 THEN 0 ELSE p_m END;
 END;
 COMMENT ON FUNCTION _not_tiny(double precision) IS
-'A number of metres or degrees, 0 below 1e-30: products of smaller ones may underflow, which PostgreSQL refuses.';
+'Returns metres or degrees, but 0 below 1e-30: PostgreSQL raises an error if a product underflows.';
 
 CREATE OR REPLACE FUNCTION _exact_numeric(p_number double precision) RETURNS numeric
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- A cast takes 15 digits; what it leaves is another number of 15 digits. Through text, extra_float_digits decides.
+    -- A cast to numeric keeps 15 digits; the cast of the remainder adds the rest. Text would need extra_float_digits.
     SELECT p_number::numeric + (p_number - p_number::numeric::double precision)::numeric;
 END;
 COMMENT ON FUNCTION _exact_numeric(double precision) IS
-'The number with all its digits: cast back it is the same number, whatever the session''s extra_float_digits.';
+'Returns the number with all digits, whatever extra_float_digits is: cast back it is identical.';
 
--- The size of the earth stands once in SQL: here (in Python: conflictdb/earth/geodesy.py). Numeric: its text is exact.
+-- The only definition of the earth's size in SQL (in Python: conflictdb/earth/geodesy.py). Numeric keeps its text
+-- exact.
 
 CREATE OR REPLACE FUNCTION _sphere_m() RETURNS numeric
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
@@ -46,16 +46,16 @@ LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT '+proj=longlat +R=' || _sphere_m()::text || ' +no_defs';
 END;
-COMMENT ON FUNCTION _globe() IS 'What PROJ makes longitude and latitude on the sphere of.';
+COMMENT ON FUNCTION _globe() IS 'Returns the PROJ string of longitude and latitude on the sphere.';
 
 CREATE OR REPLACE FUNCTION _plane(
     p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS text
--- Not in SQL: format, which is only stable, keeps that from becoming a part of queries, and it is planned at each call.
+-- Not LANGUAGE sql: format is STABLE, which prevents inlining, and the function would be planned at each call.
 LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_motion = 'great_circle' THEN
-        -- Without exponents, which PROJ takes for "east". A scene without objects has no centre yet.
+        -- No exponents: PROJ reads an "e" as "east". A scene without objects has no centre yet.
         RETURN format('+proj=gnom +lon_0=%s +lat_0=%s +R=%s +no_defs', _exact_numeric(coalesce(p_centre_lon, 0)),
                       _exact_numeric(coalesce(p_centre_lat, 0)), _sphere_m());
     END IF;
@@ -63,8 +63,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
-'The plane of a scene, where its tracks and edges are straight: the earth of a Mercator plane, or what PROJ makes a '
-'gnomonic one of.';
+'Returns the plane in which tracks and edges of a scene are straight: wgs84 or sphere for Mercator, else a PROJ string '
+'of a gnomonic projection.';
 
 CREATE OR REPLACE FUNCTION _radius_m(p_plane text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -72,14 +72,14 @@ BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN _wgs84_m() ELSE _sphere_m() END::double precision;
 END;
 COMMENT ON FUNCTION _radius_m(text) IS
-'Equatorial radius of the earth of a plane, metres: of a Mercator plane, x per radian.';
+'Equatorial radius of the plane''s earth, metres. On a Mercator plane this is x per radian of longitude.';
 
 CREATE OR REPLACE FUNCTION _plane_srid(p_plane text) RETURNS integer
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN 3395 ELSE 0 END;
 END;
-COMMENT ON FUNCTION _plane_srid(text) IS 'SRID of a plane: EPSG:3395 on WGS84, none on the sphere.';
+COMMENT ON FUNCTION _plane_srid(text) IS 'SRID of a plane: 3395 for wgs84, else 0 (none).';
 
 CREATE OR REPLACE FUNCTION _middle_x(p_geometry geometry, p_half_width double precision) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -88,9 +88,9 @@ BEGIN ATOMIC
                 ELSE (ST_XMin(p_geometry) + ST_XMax(p_geometry)) / 2 END;
 END;
 COMMENT ON FUNCTION _middle_x(geometry, double precision) IS
-'By how much to shift a geometry west so that it lies within +-p_half_width: 0 if it does already.';
+'Returns how far to shift a geometry west so that it lies within +-p_half_width (in its units); 0 if it already does.';
 
--- EPSG:3857 is the Mercator plane of a sphere that has the radius of the WGS84 equator; ours has another size.
+-- EPSG:3857 is Mercator on a sphere with the equatorial radius of WGS84; scaling changes it to the mean radius.
 
 CREATE OR REPLACE FUNCTION _to_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -108,14 +108,13 @@ BEGIN ATOMIC
     END;
 END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
-'Longitude and latitude (degrees, not wrapped, SRID 4326) to the plane of a scene (metres).';
+'Projects longitude and latitude (degrees, not wrapped, SRID 4326) to the scene''s plane (metres).';
 
 CREATE OR REPLACE FUNCTION _off_the_pole(p_part geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- At a pole every longitude is right: there the ring runs along it from the meridian it comes on to the one it
-    -- leaves on. Meridians of the cut get their own number again. PROJ takes an arc sine, which knows a pole to 0.1 m
-    -- only.
+    -- Longitude is arbitrary at a pole: the ring gets two vertices there, with the longitudes of its neighbours.
+    -- Longitudes within 1e-9 degrees of a cut meridian are rounded to it. PROJ knows a pole to 0.1 m (2e-6 degrees).
     WITH point AS (
         SELECT d.path[1] AS n, ST_Y(d.geom) AS lat,
                CASE WHEN abs(ST_X(d.geom) - 90 * round(ST_X(d.geom) / 90)) < 1e-9 THEN 90 * round(ST_X(d.geom) / 90)
@@ -140,13 +139,13 @@ BEGIN ATOMIC
     FROM ring r;
 END;
 COMMENT ON FUNCTION _off_the_pole(geometry) IS
-'A polygon in longitude and latitude (degrees) whose ring touches a pole, with a side along it.';
+'Replaces each pole vertex of a polygon (longitude and latitude, degrees) by a side along the pole.';
 
 CREATE OR REPLACE FUNCTION _from_gnomonic(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_globe CONSTANT text := _globe();
-    -- Sides are great circles, which longitude and latitude bend: 25 km of one leave the line by 50 m at 60 degrees.
+    -- Straight sides become curves in longitude and latitude: 25 km deviate by 50 m at 60 degrees latitude.
     c_side_m CONSTANT double precision := 25000;
     v_lat double precision := substring(p_plane from 'lat_0=([-0-9.]+)')::double precision;
     v_pole geometry := ST_MakePoint(0, _sphere_m() * sign(v_lat) / greatest(tand(abs(v_lat)), 1e-3));
@@ -156,12 +155,12 @@ BEGIN
         RETURN ST_SetSRID(p_geometry, 4326);
     END IF;
     IF ST_Dimension(p_geometry) < 2 OR v_lat = 0 OR NOT ST_DWithin(ST_ConvexHull(p_geometry), v_pole, 1e-6) THEN
-        -- It spans less than half a turn: longitudes run on from that of its middle.
+        -- It spans less than half a turn, so longitudes are wrapped about that of its centroid.
         v_middle := ST_X(ST_Transform(ST_Centroid(p_geometry), p_plane, c_globe));
         RETURN ST_SetSRID(ST_Transform(ST_Segmentize(p_geometry, c_side_m), p_plane,
                                        c_globe || format(' +lon_wrap=%s', v_middle::numeric)), 4326);
     END IF;
-    -- Around a pole: by quarters, so that the pole is a corner.
+    -- It contains a pole: cut it into quarters that have the pole as a corner.
     RETURN (
         WITH ray AS (
             SELECT lon, ST_Transform(ST_MakePoint(lon, sign(v_lat) * 89), c_globe, p_plane) AS point
@@ -185,8 +184,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _from_gnomonic(geometry, text) IS
-'A gnomonic plane (metres, see _plane) to longitude and latitude (degrees, not wrapped, SRID 4326), with points put on '
-'long sides; around a pole it runs along latitude 90.';
+'Projects a gnomonic plane (metres, see _plane) to longitude and latitude (degrees, not wrapped, SRID 4326). Long '
+'sides get additional points; around a pole the result runs along latitude 90.';
 
 CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -206,7 +205,7 @@ BEGIN ATOMIC
     END;
 END;
 COMMENT ON FUNCTION _from_plane(geometry, text) IS
-'The plane of a scene (metres) to longitude and latitude (degrees, not wrapped, SRID 4326).';
+'Projects the scene''s plane (metres) to longitude and latitude (degrees, not wrapped, SRID 4326).';
 
 CREATE OR REPLACE FUNCTION _wrapped(p_geometry geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -215,23 +214,23 @@ BEGIN ATOMIC
                 ELSE ST_WrapX(ST_WrapX(p_geometry, 180.0, -360.0), -180.0, 360.0) END;
 END;
 COMMENT ON FUNCTION _wrapped(geometry) IS
-'A geometry with longitudes within +-180 degrees, cut at the seam where it crosses it (RFC 7946).';
+'Returns a geometry with longitudes within +-180 degrees, split at the antimeridian (RFC 7946).';
 
 CREATE OR REPLACE FUNCTION _part_from_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Edges that all but touch may cross when they are rounded; a union of such parts would be refused by GEOS.
+    -- Rounding may make nearly touching edges cross; GEOS cannot unite invalid parts.
     SELECT CASE WHEN ST_IsValidReason(d.part) = 'Valid Geometry' THEN d.part ELSE ST_MakeValid(d.part) END
     FROM (SELECT _wrapped(_from_plane(p_geometry, p_plane)) AS part OFFSET 0) d;
 END;
 COMMENT ON FUNCTION _part_from_plane(geometry, text) IS
-'A part of a region (metres in the plane of a scene) to longitude and latitude, wrapped, valid: fit for a union.';
+'Projects part of a region (metres in the scene''s plane) to longitude and latitude, wrapped and valid for a union.';
 
 CREATE OR REPLACE FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Not in degrees, where the edges run elsewhere. By distance, which parts cut at the seam do not disturb; a
-    -- millimetre is more than going there and back rounds.
+    -- Compared in the plane, where edges are straight. A distance, not ST_Intersects, because parts split at the
+    -- antimeridian have a gap of rounding errors, less than a millimetre.
     SELECT EXISTS (SELECT FROM generate_series(-1, 1) turn
                    WHERE ST_DWithin(_to_plane(p_region, p_plane),
                                     ST_Translate(_to_plane(p_geometry, p_plane),
@@ -239,4 +238,4 @@ BEGIN ATOMIC
                      AND (turn = 0 OR p_plane IN ('wgs84', 'sphere')));
 END;
 COMMENT ON FUNCTION _meets(geometry, geometry, text) IS
-'Whether a region (within +-180 degrees) meets a geometry (longitude and latitude) where both have straight edges.';
+'Whether a region (longitudes within +-180 degrees) meets a geometry (longitude and latitude) in the scene''s plane.';

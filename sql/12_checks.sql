@@ -1,10 +1,10 @@
--- Rules of single objects, the same as those of conflictdb.model and conflictdb.pieces.cutting.check_plane; what calls
--- them is in 13_validation.sql.
+-- Rules of single objects, identical to conflictdb.model and conflictdb.pieces.cutting.check_plane. 13_validation.sql
+-- calls them.
 
 CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Instants are whole microseconds, so that an inclusive end is an exclusive one a microsecond later.
+    -- Instants are whole microseconds: an inclusive end equals an exclusive end one microsecond later.
     SELECT CASE WHEN isempty(p_span) THEN p_span ELSE tstzrange(
         CASE WHEN lower(p_span) = '-infinity' THEN NULL
              WHEN lower_inc(p_span) OR lower_inf(p_span) THEN lower(p_span)
@@ -14,24 +14,25 @@ BEGIN ATOMIC
              ELSE upper(p_span) END) END;
 END;
 COMMENT ON FUNCTION _half_open(tstzrange) IS
-'The same instants as [start, end); an infinite end becomes no end.';
+'Returns the same instants as [start, end): an inclusive end becomes an exclusive end one microsecond later. An '
+'infinite bound becomes no bound.';
 
 CREATE OR REPLACE FUNCTION _is_plain(p_properties jsonb) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- jsonb holds more than other programs read: numbers beyond a double's range, and thousands of levels.
+    -- jsonb accepts numbers outside the range of a double, and thousands of levels; many programs do not.
     SELECT jsonb_typeof(p_properties) = 'object'
            AND (p_properties = '{}' OR NOT jsonb_path_exists(p_properties, 'strict $.**{101 to last}')
                 AND NOT jsonb_path_exists(p_properties, 'strict $.** ? (@.type() == "number"
                     && (@ > 1.7976931348623157e308 || @ < -1.7976931348623157e308))'));
 END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
-'Whether properties are a JSON object of at most 100 levels whose numbers are those of a double.';
+'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
 CREATE OR REPLACE FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 DECLARE
-    -- What conflictdb.model takes too (MAX_POINTS).
+    -- MAX_POINTS in conflictdb.model.
     c_most CONSTANT integer := 1000000;
     v_name text := 'conflictdb.' || p_limit;
     v_given text := nullif(current_setting(v_name, true), '');
@@ -51,8 +52,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_size(text, text, bigint, text) IS
-'Refuses what has more points than a setting of the database or role says (conflictdb.max_vertices or '
-'conflictdb.max_waypoints), or than 1,000,000.';
+'Raises ZC017 for more than 1,000,000 points, or more than the setting conflictdb.max_vertices or '
+'conflictdb.max_waypoints (p_limit) of the database or role allows.';
 
 CREATE OR REPLACE FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
 RETURNS void
@@ -71,7 +72,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_heights(text, double precision, double precision) IS
-'Refuses heights (metres; null is unbounded) that are not finite, or without room between them.';
+'Raises ZC004 unless heights (metres; null: no limit) are finite and the ceiling is above the floor.';
 
 CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
                                          p_ceiling_m double precision, p_properties jsonb) RETURNS void
@@ -91,7 +92,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb) IS
-'Refuses what is wrong with the key, heights (metres) or properties of an object.';
+'Raises ZC004, ZC008 or ZC012 for an invalid key, heights (metres) or properties of an object.';
 
 CREATE OR REPLACE FUNCTION _check_leg_heights(
     p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision,
@@ -127,8 +128,8 @@ END
 $$;
 COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double precision, double precision[],
                                        double precision[]) IS
-'Refuses heights of legs (metres) that are not one per leg, not finite, or without room between them. Legs are counted '
-'from 1; of heights that are null the whole track''s holds.';
+'Raises ZC004 unless there is one height (metres) per leg, heights are finite or null, and ceilings are above floors. '
+'Legs count from 1. A null array means that the height of the whole track applies.';
 
 CREATE OR REPLACE FUNCTION _whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,
@@ -136,7 +137,7 @@ CREATE OR REPLACE FUNCTION _whole_height(
 ) RETURNS double precision
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- What stands there since before the heights of legs were changed is no contradiction.
+    -- A value left from before the heights of legs changed is not a contradiction.
     IF p_given_m IS DISTINCT FROM p_whole_m AND p_given_m IS NOT NULL
        AND NOT (p_is_changed AND p_given_m IS NOT DISTINCT FROM p_known_m) THEN
         PERFORM _refuse('ZC004', p_who, p_field,
@@ -147,7 +148,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _whole_height(text, text, double precision, double precision, double precision, boolean) IS
-'The height of a whole track whose legs have heights of their own (p_whole_m, metres); refuses another one.';
+'Returns p_whole_m, the height (metres) of a whole track derived from its legs; raises ZC004 if another one was given.';
 
 CREATE OR REPLACE FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
 RETURNS void
@@ -156,7 +157,7 @@ DECLARE
     v_latitude double precision := greatest(ST_YMax(p_geometry), -ST_YMin(p_geometry));
     v_longitude double precision := greatest(ST_XMax(p_geometry), -ST_XMin(p_geometry));
 BEGIN
-    -- The length of a line through a coordinate that is not finite is not finite either.
+    -- A line through a non-finite coordinate has a non-finite length.
     IF NOT ST_Length(ST_MakeLine(ARRAY(SELECT d.geom FROM ST_DumpPoints(p_geometry) d))) < 'infinity' THEN
         PERFORM _refuse('ZC001', p_who, p_field, 'coordinates must be finite numbers', 'coordinates_finite');
     END IF;
@@ -180,7 +181,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
-'Refuses longitudes and latitudes (degrees) that are not finite, out of range or beyond the scene''s plane.';
+'Raises ZC001 or ZC005 for longitudes or latitudes (degrees) that are not finite, out of range or outside the plane.';
 
 CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -190,12 +191,12 @@ DECLARE
 BEGIN
     IF p_plane LIKE '+proj=gnom%' AND (ST_XMax(p_footprint) >= 180 OR ST_XMin(p_footprint) <= -180
                                        OR greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)) >= 90) THEN
-        -- What is cut at the seam, or runs along a pole, is whole in this plane: its cuts are no fault.
+        -- It was split at the antimeridian or runs along a pole; it is whole in the gnomonic plane.
         RETURN;
     END IF;
     v_planar := _to_plane(p_footprint, p_plane);
     v_reason := ST_IsValidReason(v_planar);
-    -- A polygon narrower than the plane's rounding (metres) may look invalid without being so.
+    -- Ignore polygons narrower than the plane's rounding error (metres): they may only look invalid.
     IF v_reason <> 'Valid Geometry'
        AND ST_Area(ST_OrientedEnvelope(v_planar)) > 1e-6 * greatest(ST_Perimeter(v_planar), 1) THEN
         PERFORM _refuse('ZC001', p_who, 'footprint',
@@ -207,12 +208,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_planar(text, geometry, text) IS
-'Refuses a footprint that is valid on a map of degrees but not in the scene''s plane, where its edges are straight.';
+'Raises ZC001 for a footprint that is valid in degrees but not in the scene''s plane, where its edges are straight.';
 
 CREATE OR REPLACE FUNCTION _middle_of(p_geometry geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- The mean in space; of places all around the earth it has no direction, then the first one will do.
+    -- The mean in space. If it is near zero (points all around the earth), use the first point.
     WITH mean AS (
         SELECT avg(cosd(d.lat) * cosd(d.lon)) AS x, avg(cosd(d.lat) * sind(d.lon)) AS y, avg(sind(d.lat)) AS z
         FROM (SELECT _not_tiny(ST_X(v.geom)) AS lon, _not_tiny(ST_Y(v.geom)) AS lat
@@ -225,7 +226,7 @@ BEGIN ATOMIC
     SELECT ST_SetSRID(ST_SnapToGrid(ST_Force2D(p.place), 1e-6), 4326) FROM place p;
 END;
 COMMENT ON FUNCTION _middle_of(geometry) IS
-'The middle of the points of a geometry (longitude and latitude) on the sphere, to a millionth of a degree.';
+'Returns the mean of the points of a geometry (longitude and latitude) on the sphere, rounded to 1e-6 degrees.';
 
 CREATE OR REPLACE FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
 RETURNS double precision
@@ -237,7 +238,7 @@ BEGIN ATOMIC
     FROM ST_DumpPoints(p_geometry) d;
 END;
 COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
-'How far the points of a geometry (longitude and latitude) lie from a place at most: degrees of a great circle.';
+'Greatest distance of a geometry''s points (longitude and latitude) from a place, degrees along a great circle.';
 
 CREATE OR REPLACE FUNCTION _check_near_centre(
     p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
@@ -257,7 +258,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_near_centre(text, text, geometry, double precision, double precision) IS
-'Refuses what lies beyond 60 degrees from the centre of a scene with great circles, where the gnomonic plane ends.';
+'Raises ZC005 for a geometry beyond 60 degrees from the centre of a great-circle scene.';
 
 CREATE OR REPLACE FUNCTION _near_centre(
     p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
@@ -269,7 +270,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _near_centre(geometry, double precision, double precision) IS
-'A geometry (longitude and latitude), refused if it leaves the plane of a scene with great circles.';
+'Returns a geometry (longitude and latitude); raises ZC005 if it leaves the plane of a great-circle scene.';
 
 CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -297,12 +298,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
-'Refuses a path whose M (Unix seconds) is outside the years 1 to 9999 or does not increase by a microsecond at least.';
+'Raises ZC003 or ZC002 unless M (Unix seconds) lies in the years 1 to 9999 and increases by at least a microsecond.';
 
 CREATE OR REPLACE FUNCTION _max_speed_kn() RETURNS double precision
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 DECLARE
-    -- Faster than any aircraft in service; as in conflictdb.model (MAX_SPEED_KN).
+    -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.speeds.
     c_most_kn CONSTANT double precision := 2000;
     v_given text := nullif(current_setting('conflictdb.max_speed_kn', true), '');
 BEGIN
@@ -315,12 +316,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _max_speed_kn() IS
-'The speed that no track exceeds, knots: the setting conflictdb.max_speed_kn, else 2,000.';
+'Greatest speed accepted for a track, knots: the setting conflictdb.max_speed_kn, default 2,000.';
 
 CREATE OR REPLACE FUNCTION _check_speed(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- To this share, as in conflictdb.model (SPEED_SLACK).
+    -- Relative slack; SPEED_SLACK in conflictdb.speeds.
     c_slack CONSTANT double precision := 0.01;
     v_most_kn double precision := _max_speed_kn();
     v_bad record;
@@ -344,7 +345,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_speed(text, geometry) IS
-'Refuses a path (M: Unix seconds) with a leg that even on the shortest way is travelled faster than _max_speed_kn().';
+'Raises ZC002 for a path (M: Unix seconds) with a leg faster than _max_speed_kn() along its great circle.';
 
 CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -353,7 +354,7 @@ DECLARE
     v_right boolean;
     v_turns double precision;
 BEGIN
-    -- Corners as in conflictdb.model: rounding of the coordinates turns a straight one by the slack at most.
+    -- As in conflictdb.model: rounding of the coordinates bends a straight corner by at most the slack.
     WITH vertex AS (
         SELECT d.path[2] AS n, _not_tiny(ST_X(d.geom)) AS x, _not_tiny(ST_Y(d.geom)) AS y
         FROM ST_DumpPoints(p_outline) d WHERE d.path[2] < ST_NPoints(p_outline)
@@ -380,7 +381,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_outline(text, geometry, text) IS
-'Refuses an outline (starboard and forward metres) that turns both ways or more than once round.';
+'Raises ZC006 for an outline (metres to starboard and ahead) that is not convex or winds more than once.';
 
 CREATE OR REPLACE FUNCTION _check_growth(
     p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry
@@ -398,7 +399,7 @@ BEGIN
         PERFORM _refuse('ZC006', p_who, 'grow_mps', 'must not be given together with outlines',
                         'track_growth_given_once');
     END IF;
-    -- A corner of one degree runs 1 / sin(half of it) times as fast as the sides that meet there.
+    -- A mitred corner of angle a moves 1 / sin(a / 2) times as fast as its sides; the limit is one degree.
     IF p_grow_mps > 0 AND (SELECT bool_or((c.dx ^ 2 + c.dy ^ 2 <= 1 / sind(0.5) ^ 2) IS NOT TRUE)
                            FROM _corners(p_outline) c) THEN
         PERFORM _refuse('ZC006', p_who, 'outline', 'has a corner sharper than 1 degree, which would grow into a spike',
@@ -430,7 +431,8 @@ BEGIN
     END IF;
     PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
         WHERE 1e12 * abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > ST_Area(d.geom);
-    -- As conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time, by its Bernstein coefficients.
+    -- As in conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time; its Bernstein coefficients
+    -- bound it.
     WITH vertex AS (
         SELECT o.path[1] AS leg, v.path[2] AS n, _not_tiny(ST_X(v.geom)) AS x, _not_tiny(ST_Y(v.geom)) AS y
         FROM ST_Dump(p_outlines) o CROSS JOIN LATERAL ST_DumpPoints(o.geom) v
@@ -472,5 +474,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_growth(text, geometry, geometry, double precision, geometry) IS
-'Refuses an outward speed (metres per second) that is out of range or makes spikes, and outlines per waypoint that are '
-'no rings, unlike each other, or not convex at all times. Outlines are counted from 1.';
+'Raises ZC006 for an outward speed (m/s) that is out of range or makes spikes, and for outlines per waypoint that are '
+'not rings, differ in their number of vertices, or are not convex at all times. Outlines count from 1.';

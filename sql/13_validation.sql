@@ -1,5 +1,5 @@
--- Rows of scene, area and track must keep the rules, whoever writes them.
--- Rows are also brought into one form: spans half-open and unbounded rather than infinite.
+-- Triggers that check rows of scene, area and track, whoever writes them, and normalise them: spans become half-open,
+-- infinite bounds become unbounded.
 
 CREATE OR REPLACE FUNCTION _ensure_centre(
     p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
@@ -14,12 +14,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
-'Gives a scene of great circles without a centre the middle of its first object; returns the centre.';
+'Sets the centre of a great-circle scene without one to the middle of its first object; returns the centre (degrees).';
 
 CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- The sequence alone would do, but that a restore may set it back.
+    -- The sequence alone is not enough: a restore may set it back.
     RETURN greatest(
         nextval('version_seq'),
         1 + (SELECT max(p.version) FROM piece p WHERE p.object_kind = p_kind AND p.object_id = p_id),
@@ -28,9 +28,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _first_version(smallint, bigint) IS
-'The version of a new object: later than all that was computed of an object that had its number before it. Runs as its '
-'owner: that may have been in a scene which the caller cannot read. Restricted to one number of an object, of which it '
-'returns a number.';
+'Returns the version of a new object: greater than all stored versions of a former object with the same id. Runs as '
+'its owner, because the former object may belong to a scene that the caller cannot read. Restricted to the versions of '
+'one id; returns only a number.';
 
 CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -54,14 +54,14 @@ BEGIN
             RETURN NEW;
         END IF;
     END IF;
-    -- One test for the good row; only a bad one pays for finding out why.
+    -- One test for valid rows; only invalid rows pay for the detailed checks.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
         PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
     END IF;
-    -- A ring without a point is not empty to PostGIS, but not dumped either.
+    -- PostGIS does not report a ring without points as empty, but does not dump it either.
     IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
        OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
           < ST_NumGeometries(NEW.footprint) THEN
@@ -94,7 +94,7 @@ BEGIN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must hold at least one instant: end must be later than start',
                         'span_not_empty');
     END IF;
-    -- Of an end that is there both sides count: without the other end, one may begin after all time, or end before it.
+    -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
     IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
        OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
@@ -102,19 +102,19 @@ BEGIN
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(0::smallint, NEW.area_id);
-        -- A dump brings it along: conflicts that were restored stay those of this object.
+        -- A restore provides first_version, so that restored conflicts keep referring to this object.
         IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
             NEW.first_version := NEW.version;
         END IF;
     ELSE
-        -- Later than the one before, also if a restore set the sequence back.
+        -- Greater than the previous version, even if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
     END IF;
     RETURN NEW;
 END
 $$;
 COMMENT ON FUNCTION _area_before() IS
-'Trigger: refuses a bad area (SQLSTATE class ZC), brings its span into one form, gives changed content a new version.';
+'Trigger: checks an area (SQLSTATE class ZC), normalises its span, and sets a new version if its content changed.';
 
 CREATE OR REPLACE FUNCTION _track_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -172,7 +172,7 @@ BEGIN
     IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
         PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
     END IF;
-    -- X and M change places: the length of a line through a coordinate that is not finite is not finite either.
+    -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
     IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN
         PERFORM _refuse('ZC001', v_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
     END IF;
@@ -180,13 +180,13 @@ BEGIN
             AND ST_XMax(NEW.path) <= 360 AND ST_XMin(NEW.path) >= -360) THEN
         PERFORM _check_coordinates(v_who, 'path', NEW.path, NEW.scene_id);
     END IF;
-    -- Snapped to microseconds, waypoints that fall on one instant either vanish or stop M from increasing.
+    -- After snapping to microseconds, simultaneous waypoints are removed or make M non-increasing.
     v_times := ST_SnapToGrid(NEW.path, ST_MakePoint(0, 0), 0, 0, 0, 1e-6);
     IF ST_NPoints(v_times) < ST_NPoints(NEW.path) OR NOT ST_IsValidTrajectory(v_times)
        OR ST_M(ST_StartPoint(NEW.path)) < -62135596800 OR ST_M(ST_EndPoint(NEW.path)) >= 253402300800 THEN
         PERFORM _check_times(v_who, NEW.path);
     END IF;
-    -- A restore and a replica bring what was taken elsewhere, under whatever limit; only they give first_version.
+    -- A restore or replica brings tracks accepted elsewhere under another limit; only they provide first_version.
     IF current_setting('session_replication_role') <> 'replica'
        AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
                        ELSE NEW.path IS DISTINCT FROM OLD.path END) THEN
@@ -197,7 +197,7 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outline',
                         'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
     END IF;
-    -- The kernel's limit; the first vertex stands twice.
+    -- The kernel's limit; the ring repeats its first vertex.
     IF ST_NPoints(NEW.outline) > 10001 THEN
         PERFORM _refuse('ZC006', v_who, 'outline',
                         format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
@@ -210,7 +210,7 @@ BEGIN
         PERFORM _refuse('ZC006', v_who, 'outline', 'must lie within 20037508 m of the reference point: half round the '
                         'earth', 'outline_on_earth');
     END IF;
-    -- Not a part of the area: PostgreSQL refuses to multiply what then is no number but 0.
+    -- Not as a fraction of the area: PostgreSQL raises an error if a product underflows.
     IF 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > ST_Area(NEW.outline) THEN
         PERFORM _check_outline(v_who, NEW.outline);
     END IF;
@@ -228,26 +228,26 @@ BEGIN
         PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
         PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,
                                          NEW.grow_mps, NEW.outlines);
-    -- A degree of latitude has 110,574 m at least.
+    -- A degree of latitude is at least 110,574 m.
     ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
        + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
         PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(1::smallint, NEW.track_id);
-        -- A dump brings it along: conflicts that were restored stay those of this object.
+        -- A restore provides first_version, so that restored conflicts keep referring to this object.
         IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
             NEW.first_version := NEW.version;
         END IF;
     ELSE
-        -- Later than the one before, also if a restore set the sequence back.
+        -- Greater than the previous version, even if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
     END IF;
     RETURN NEW;
 END
 $$;
 COMMENT ON FUNCTION _track_before() IS
-'Trigger: refuses a bad track (SQLSTATE class ZC) and gives changed content a new version.';
+'Trigger: checks a track (SQLSTATE class ZC) and sets a new version if its content changed.';
 
 CREATE OR REPLACE FUNCTION _check_may_prune(p_who text, p_owner name) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -261,8 +261,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_may_prune(text, name) IS
-'Refuses (insufficient_privilege) to change how long history of a protected scene is kept, unless the current role '
-'owns it or detects.';
+'Raises insufficient_privilege unless the current role owns the protected scene, or is a worker: only they may change '
+'how long its history is kept.';
 
 CREATE OR REPLACE FUNCTION _scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -351,7 +351,7 @@ BEGIN
     RETURN NEW;
 END
 $$;
-COMMENT ON FUNCTION _scene_before() IS 'Trigger: refuses bad settings of a scene (SQLSTATE class ZC).';
+COMMENT ON FUNCTION _scene_before() IS 'Trigger: checks the settings of a scene (SQLSTATE class ZC).';
 
 CREATE OR REPLACE FUNCTION _scene_holds_objects() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -381,7 +381,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_holds_objects() IS
-'Trigger: refuses another motion or centre for a scene whose objects its plane would not hold.';
+'Trigger: refuses another motion or centre if an object of the scene would lie outside the new plane.';
 
 CREATE OR REPLACE TRIGGER scene_before BEFORE INSERT OR UPDATE ON scene
     FOR EACH ROW EXECUTE FUNCTION _scene_before();
@@ -389,12 +389,12 @@ CREATE OR REPLACE TRIGGER area_before BEFORE INSERT OR UPDATE ON area
     FOR EACH ROW EXECUTE FUNCTION _area_before();
 CREATE OR REPLACE TRIGGER track_before BEFORE INSERT OR UPDATE ON track
     FOR EACH ROW EXECUTE FUNCTION _track_before();
--- Also for what arrives as a replica: a row that a detection cannot work on is better refused there.
+-- Also for replicated rows: detection could not process an invalid row.
 ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_before;
 ALTER TABLE area ENABLE ALWAYS TRIGGER area_before;
 ALTER TABLE track ENABLE ALWAYS TRIGGER track_before;
 
--- At the end of the transaction, or of _load and create_scene: objects may change together with the settings.
+-- Checked at the end of the transaction, or of _load and create_scene: objects may change together with the settings.
 DROP TRIGGER IF EXISTS scene_holds_objects ON scene;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON scene DEFERRABLE INITIALLY DEFERRED
     FOR EACH ROW

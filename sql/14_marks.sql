@@ -1,38 +1,38 @@
--- Marks: every change of an object leaves a row in `change`, in the same transaction. The marks are the queue.
+-- Marks: every change of an object inserts a row into `change`, in the same transaction. The marks are the queue.
 --
---   made (is_covered = false) --pieces refreshed--> covered (true) --conflicts replaced--> deleted
---                                transaction 1                        transaction 2
+--   inserted (is_covered = false) --pieces recomputed--> covered (true) --conflicts replaced--> deleted
+--                                    transaction 1                         transaction 2
 --
--- Writers only insert marks and a detection only touches marks it saw: they never wait for, or fail, each other.
+-- Writers only insert marks, and a detection touches only marks it saw. So neither waits for or fails the other.
 
 CREATE OR REPLACE FUNCTION _notify(p_channel text, p_payload text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- PREPARE TRANSACTION fails in a transaction that has notified, and a full queue fails COMMIT: a mission's own
-    -- write must not. Workers look for marks by themselves, often where this stays silent (store.writers_notify).
+        -- PREPARE TRANSACTION fails after NOTIFY, and COMMIT fails if the queue is full: a user's write must not fail.
+        -- Workers poll for marks as well, more often if writers do not notify (store.writers_notify).
     IF current_setting('max_prepared_transactions') = '0' AND pg_notification_queue_usage() < 0.5 THEN
         PERFORM pg_notify(p_channel, p_payload);
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _notify(text, text) IS
-'Notifies a channel once the transaction commits, if the server allows no prepared transactions.';
+'Notifies a channel at commit. Does nothing if the server allows prepared transactions or the queue is half full.';
 
 CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
 DECLARE
-    -- Any number that others are not likely to use.
+    -- Arbitrary number.
     c_lock CONSTANT bigint := 7165063221046263924;
 BEGIN
-    -- PostgreSQL lets only one transaction that has notified commit at a time. So of several that write at once one
-    -- notifies; workers find what the others wrote by looking (EVERY_S of conflictdb.db.worker).
+    -- PostgreSQL commits notifying transactions one at a time. So only one of several concurrent writers notifies;
+    -- workers find the other changes by polling (EVERY_S in conflictdb.db.worker).
     IF pg_try_advisory_xact_lock(c_lock) THEN
         PERFORM _notify('conflictdb_request', '');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _wake_workers() IS
-'Wakes the workers once the transaction commits, unless another transaction does so at the same time.';
+'Wakes the workers at commit, unless a concurrent transaction already does.';
 
 CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -51,7 +51,7 @@ BEGIN
                                                         'AND n.key = o.key)' ELSE '' END, v_id);
     END IF;
     IF TG_OP = 'DELETE' THEN
-        -- When the scene itself goes, its marks go too.
+        -- If the scene was removed, its marks are removed too.
         EXECUTE format('INSERT INTO change (scene_id, object_kind, object_id, version) '
                        'SELECT o.scene_id, $1, o.%I, nextval(''version_seq'') FROM old_rows o '
                        'JOIN scene s ON s.scene_id = o.scene_id', v_id) USING v_kind;
@@ -66,7 +66,7 @@ BEGIN
         IF v_claimed < v_wanted THEN
             EXECUTE 'SELECT n.key FROM new_rows n JOIN object_key k ON k.scene_id = n.scene_id AND k.key = n.key '
                     'WHERE k.object_kind <> $1 ORDER BY n.key LIMIT 1' INTO v_taken USING v_kind;
-            -- A key of its own kind is its own, which a restore brought before it.
+            -- A key held by an object of the same kind is this object's own, inserted earlier by a restore.
             IF v_taken IS NOT NULL THEN
                 PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
                                 'is taken by another object of the scene', 'object_key_unique');
@@ -86,7 +86,7 @@ END
 $$;
 COMMENT ON FUNCTION _after_object_change() IS
 'Trigger, once per statement: marks changed objects, keeps keys unique in their scene, wakes workers. '
-'Arguments: kind (0 area, 1 track) and name of the id column. Runs as its owner: editors cannot touch marks. '
+'Arguments: kind (0 area, 1 track) and name of the id column. Runs as its owner: editors cannot write marks. '
 'Restricted to the rows that the statement changed.';
 
 CREATE OR REPLACE FUNCTION _mark_all(p_scene_id bigint) RETURNS bigint
@@ -101,7 +101,7 @@ BEGIN ATOMIC
     )
     SELECT count(*) FROM marked;
 END;
-COMMENT ON FUNCTION _mark_all(bigint) IS 'Marks every object of a scene as changed; returns how many.';
+COMMENT ON FUNCTION _mark_all(bigint) IS 'Marks every object of a scene as changed; returns their number.';
 
 CREATE OR REPLACE FUNCTION _cover_all(p_scene_id bigint) RETURNS void
 LANGUAGE sql VOLATILE PARALLEL UNSAFE
@@ -113,7 +113,7 @@ BEGIN ATOMIC
         SELECT p_scene_id, 1, t.track_id, nextval('version_seq'), true FROM track t WHERE t.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _cover_all(bigint) IS
-'Marks every object of a scene as changed, all marks covered: by a detection in full, which makes all pieces in the '
+'Marks every object of a scene as changed and covers all marks. For a full detection, which computes all pieces in the '
 'same transaction.';
 
 CREATE OR REPLACE FUNCTION _after_scene_change() RETURNS trigger
@@ -125,12 +125,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_change() IS
-'Trigger: other settings mean other pieces and other conflicts, so every object of the scene is marked. Restricted to '
+'Trigger: marks every object of a scene whose settings changed, as pieces and conflicts depend on them. Restricted to '
 'the scene that changed.';
 
--- Changes that arrive as replicas (logical replication, a restore under session_replication_role = replica) fire no
--- ordinary triggers, and those of logical replication none of statements at all. What follows fires by row, and for
--- replicas alone. Foreign keys do not act there either: a scene takes along what was made of it.
+-- Replicated changes (logical replication, or a restore under session_replication_role = replica) fire no ordinary
+-- triggers, no foreign keys and, in logical replication, no statement triggers. The following row triggers fire for
+-- them only.
 
 CREATE OR REPLACE FUNCTION _after_replicated_object() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -152,8 +152,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_replicated_object() IS
-'Trigger, once per row that arrives as a replica: what _after_object_change does for the rows of a statement. '
-'Restricted to that row.';
+'Trigger, once per replicated row: does the same as _after_object_change. Restricted to that row.';
 
 CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -171,8 +170,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_replicated_removal() IS
-'Trigger: removes what was made of a scene whose removal arrives as a replica, as foreign keys do otherwise. '
-'Restricted to the scene that was removed.';
+'Trigger: deletes derived rows of a scene whose removal was replicated, in place of foreign keys. Restricted to the '
+'scene that was removed.';
 
 CREATE OR REPLACE TRIGGER area_replicated AFTER INSERT OR UPDATE OR DELETE ON area
     FOR EACH ROW EXECUTE FUNCTION _after_replicated_object(0, area_id);
@@ -184,7 +183,7 @@ CREATE OR REPLACE TRIGGER scene_replicated AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal();
 ALTER TABLE scene ENABLE REPLICA TRIGGER scene_replicated;
 
--- A dump holds the keys that rows bring along when they are restored under these triggers.
+-- A dump contains the keys that restored rows also insert through these triggers.
 
 CREATE OR REPLACE FUNCTION _keep_restored_key() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -193,7 +192,7 @@ BEGIN
                              AND k.object_kind = NEW.object_kind) THEN NULL ELSE NEW END;
 END
 $$;
-COMMENT ON FUNCTION _keep_restored_key() IS 'Trigger: leaves out a key that its object brought along before.';
+COMMENT ON FUNCTION _keep_restored_key() IS 'Trigger: skips a restored key that its object has already inserted.';
 CREATE OR REPLACE TRIGGER object_key_restored BEFORE INSERT ON object_key
     FOR EACH ROW WHEN (pg_trigger_depth() = 0) EXECUTE FUNCTION _keep_restored_key();
 ALTER TABLE object_key ENABLE ALWAYS TRIGGER object_key_restored;

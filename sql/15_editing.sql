@@ -1,5 +1,5 @@
--- How users put scenes, areas and tracks in and take them out. Everything is an upsert by scene and key; what does not
--- change anything leaves no mark. The triggers of 13_validation.sql refuse what is wrong.
+-- Adding, replacing and removing scenes, areas and tracks. All are upserts by scene and key; without a change they
+-- leave no mark. The triggers of 13_validation.sql check the rows.
 
 CREATE OR REPLACE FUNCTION _set_scene(
     p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
@@ -8,7 +8,7 @@ CREATE OR REPLACE FUNCTION _set_scene(
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Great circles are on the sphere.
+    -- Great circles are defined on the sphere only.
     v_earth text := coalesce(p_earth, CASE p_motion WHEN 'great_circle' THEN 'sphere' END);
     v_scene_id bigint;
     v_turns integer := 0;
@@ -30,7 +30,7 @@ BEGIN
                   (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.nearest_m, n.centre_lon, n.centre_lat);
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
-            -- Row-level security lets updates pass over what is only to be read.
+            -- Under row-level security UPDATE silently skips a scene that is only readable.
             PERFORM _check_may_change(v_scene_id, p_name);
             RETURN v_scene_id;
         END IF;
@@ -47,13 +47,13 @@ BEGIN
         IF FOUND THEN
             RETURN v_scene_id;
         END IF;
-        -- Somebody else has created it just now: the next turn finds it.
+        -- Another session has just created it; the next turn finds it.
     END LOOP;
 END
 $$;
 COMMENT ON FUNCTION _set_scene(text, text, text, text, double precision, double precision, double precision,
                                double precision, double precision) IS
-'What create_scene does, but that objects may follow before they must fit the settings.';
+'As create_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
@@ -73,9 +73,9 @@ END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
                                  double precision, double precision) IS
-'Creates a scene, or changes the settings that are given of one that exists; returns its id. '
-'Left out, a new scene gets rhumb, wgs84 (great_circle: sphere), exact, tolerance 1 m, separation 0 m, nearest 0 m '
-'(none); the centre (degrees) of a scene with great_circle is the middle of the first objects.';
+'Creates a scene, or changes the given settings of an existing one; returns its id. Defaults of a new scene: motion '
+'rhumb, earth wgs84 (great_circle: sphere), method exact, tolerance 1 m, separation 0 m, nearest 0 m (none). Default '
+'centre (degrees) of a great_circle scene: the middle of its first object.';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
@@ -112,7 +112,7 @@ $$;
 COMMENT ON FUNCTION put_area(text, text, geometry, tstzrange, double precision, double precision, text, jsonb) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
-'left out is unbounded.';
+'null is unbounded.';
 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
@@ -165,12 +165,12 @@ COMMENT ON FUNCTION put_track(
     text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
     double precision[], double precision[]) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
-'Path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
-'Outline: the haven, a convex ring of (starboard, forward) metres about the reference point. '
-'A haven may change: every side moves outward at p_grow_mps (metres per second) from the first waypoint''s time on, or '
-'p_outlines is a MultiPolygon of one outline per waypoint (p_outline may be null then). '
-'Heights (metres above mean sea level) hold for the whole track, or p_floors_m and p_ceilings_m have one per leg, '
-'null where there is no limit (p_floor_m and p_ceiling_m are null then).';
+'p_path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
+'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '
+'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
+'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
+'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
+'give one per leg (p_floor_m and p_ceiling_m must then be null or agree).';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -187,7 +187,7 @@ END
 $$;
 COMMENT ON FUNCTION remove_object(text, text) IS
 'Removes the area or track with that key from a scene; returns whether there was one. '
-'Its conflicts are shown as not current until the next detection.';
+'Until the next detection its conflicts are shown as not current.';
 
 CREATE OR REPLACE FUNCTION rectangle_outline(
     p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision
@@ -199,7 +199,7 @@ BEGIN ATOMIC
         ST_MakePoint(-p_port_m, -p_aft_m), ST_MakePoint(-p_port_m, p_fore_m), ST_MakePoint(p_starboard_m, p_fore_m)]));
 END;
 COMMENT ON FUNCTION rectangle_outline(double precision, double precision, double precision, double precision) IS
-'The outline of a rectangular haven: metres ahead, astern, to port and to starboard of the reference point.';
+'Returns the outline of a rectangular haven: metres ahead, astern, to port and to starboard of the reference point.';
 
 CREATE OR REPLACE FUNCTION track_path(p_waypoints geometry, p_times timestamptz[]) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -226,7 +226,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
-'The path of a track: a LineString of waypoints with one instant each as M (Unix seconds).';
+'Returns the path of a track: a LineStringM of the waypoints, with their times as M (Unix seconds).';
 
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -243,4 +243,4 @@ END
 $$;
 COMMENT ON FUNCTION request_detection(text, boolean) IS
 'Wakes the workers (channel conflictdb_request); returns how many objects of the scene wait for detection. '
-'p_full marks all of them first.';
+'p_full: marks all objects first.';

@@ -1,5 +1,5 @@
--- Bulk loading: the store COPYs into temporary tables, `_load` brings scene and tables in step, set by set.
--- Rows that do not change are not touched: no new version, no mark.
+-- Bulk loading: the store COPYs objects into temporary tables; `_load` applies them to the scene. Unchanged rows keep
+-- their version and get no mark.
 
 CREATE OR REPLACE FUNCTION _begin_load() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -18,7 +18,7 @@ END
 $$;
 COMMENT ON FUNCTION _begin_load() IS
 'Creates the temporary tables staged_area and staged_track, empty, for this transaction. '
-'Infinite heights (metres) and instants stand for unbounded.';
+'Infinite heights (metres) and instants mean unbounded.';
 
 CREATE OR REPLACE FUNCTION _load(
     p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
@@ -27,7 +27,7 @@ CREATE OR REPLACE FUNCTION _load(
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
+-- No nested loops: for a scene newer than the last ANALYZE the planner expects few rows.
 SET enable_nestloop = off SET jit = off AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
@@ -37,9 +37,9 @@ DECLARE
     v_key text;
     v_total bigint;
 BEGIN
-    -- conflictdb.model has checked each track already, under the limit of this load.
+    -- conflictdb.model has already checked speeds, under the limit of this load.
     PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
-    -- Loads of one scene come one after the other.
+    -- Serialise loads of one scene.
     PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
     ANALYZE pg_temp.staged_area;
     ANALYZE pg_temp.staged_track;
@@ -51,7 +51,7 @@ BEGIN
     END IF;
     SELECT (SELECT count(*) FROM pg_temp.staged_area) + (SELECT count(*) FROM pg_temp.staged_track) INTO v_total;
 
-    -- A key may pass from an area to a track: the old object goes first.
+    -- Delete first: a key may pass from an area to a track.
     DELETE FROM area a WHERE a.scene_id = v_scene_id
         AND CASE WHEN p_merge THEN EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = a.key)
                  ELSE NOT EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = a.key) END;
@@ -94,7 +94,7 @@ BEGIN
                nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
         FROM pg_temp.staged_area s
         WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key)
-        -- As they came, whichever of the tables is read first: objects are listed in that order.
+        -- In the order given, whichever table is read first: objects are listed by id.
         ORDER BY s.ctid;
     GET DIAGNOSTICS added = ROW_COUNT;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
@@ -115,9 +115,9 @@ END
 $$;
 COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, double precision,
                           double precision, double precision, boolean) IS
-'Brings a scene in step with the staged tables; counts objects. Without p_merge, objects that are not staged go.';
+'Applies the staged tables to a scene; returns numbers of objects. Without p_merge, deletes objects not staged.';
 
--- Reading back, unchanged to the bit. WKB is little-endian on every machine; infinite stands for unbounded.
+-- Reading objects back, bit for bit. WKB is little-endian on every machine; infinite means unbounded.
 
 CREATE OR REPLACE FUNCTION _read_areas(
     p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamptz,
@@ -134,7 +134,7 @@ BEGIN ATOMIC
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
-'The areas of a scene of some keys (null: all), without nulls, for COPY.';
+'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres.';
 
 CREATE OR REPLACE FUNCTION _read_tracks(
     p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
@@ -152,5 +152,5 @@ BEGIN ATOMIC
     ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
-'The tracks of a scene of some keys (null: all), without nulls, for COPY; outlines are empty where there is none per '
-'waypoint, floors and ceilings (array_send) where there is none per leg.';
+'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Empty: outlines if not per waypoint; '
+'floors and ceilings (array_send, metres) if not per leg.';

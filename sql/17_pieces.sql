@@ -1,5 +1,5 @@
--- Keeping pieces in step with objects. The worker (conflictdb.db.store) reads marked objects, cuts them in arrays and
--- COPYs the pieces in, all in one REPEATABLE READ transaction, so that marks and objects belong together.
+-- Updating pieces. Detection (conflictdb.db.store) reads marked objects, cuts them and COPYs the pieces in, all in one
+-- REPEATABLE READ transaction, so that marks and objects are consistent.
 
 CREATE OR REPLACE FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
@@ -13,7 +13,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _pending(bigint) IS
-'How many marks of areas and of tracks of a scene wait for detection; beyond a thousand a thousand.';
+'Number of marks of areas and of tracks of a scene, counted up to 1,000 each.';
 
 CREATE OR REPLACE FUNCTION _area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
@@ -21,15 +21,14 @@ CREATE OR REPLACE FUNCTION _area_row(p_scene_id bigint, p_area_id bigint) RETURN
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Adding 0 keeps the scene from the index, by which all of its objects would be read.
+    -- "+ 0" prevents use of the index on scene_id, which would read all objects of the scene.
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
-'An area of a scene without nulls: infinite instants and heights (metres) stand for unbounded. For queries, which it '
-'becomes a part of.';
+'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION _changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
@@ -38,7 +37,7 @@ CREATE OR REPLACE FUNCTION _changed_areas(
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- From the marks to their objects, whatever the planner believes of their number.
+    -- OFFSET 0 forces the order: marks first, then their objects.
     SELECT a.*
     FROM (SELECT DISTINCT c.object_id FROM change c
           WHERE c.scene_id = p_scene_id AND c.object_kind = 0 AND c.object_id > p_after
@@ -47,14 +46,14 @@ BEGIN ATOMIC
     ORDER BY c.object_id LIMIT p_most;
 END;
 COMMENT ON FUNCTION _changed_areas(bigint, bigint, bigint) IS
-'The marked areas of a scene after a number, so many at most, as _area_row has them, for COPY.';
+'Marked areas with an id above p_after, at most p_most, in order of id; columns of _area_row, for COPY.';
 
 CREATE OR REPLACE FUNCTION _footprints(p_area_ids bigint[]) RETURNS TABLE (area_id bigint, footprint bytea)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.area_id, ST_AsBinary(a.footprint, 'NDR') FROM area a WHERE a.area_id = ANY (p_area_ids);
 END;
-COMMENT ON FUNCTION _footprints(bigint[]) IS 'The footprints of some areas as WKB, longitude and latitude in degrees.';
+COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longitude and latitude, degrees.';
 
 CREATE OR REPLACE FUNCTION _track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
@@ -69,8 +68,8 @@ BEGIN ATOMIC
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
-'A track of a scene without nulls: infinite heights (metres) stand for unbounded, empty outlines for none per '
-'waypoint, empty floors and ceilings (array_send) for none per leg. For queries, which it becomes a part of.';
+'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
+'floors and ceilings (array_send, metres) if not per leg. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION _changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
@@ -80,7 +79,7 @@ CREATE OR REPLACE FUNCTION _changed_tracks(
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- As of areas.
+    -- As in _changed_areas.
     SELECT t.*
     FROM (SELECT DISTINCT c.object_id FROM change c
           WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND c.object_id > p_after
@@ -89,7 +88,7 @@ BEGIN ATOMIC
     ORDER BY c.object_id LIMIT p_most;
 END;
 COMMENT ON FUNCTION _changed_tracks(bigint, bigint, bigint) IS
-'The marked tracks of a scene after a number, so many at most, as _track_row has them, for COPY.';
+'Marked tracks with an id above p_after, at most p_most, in order of id; columns of _track_row, for COPY.';
 
 CREATE OR REPLACE FUNCTION _begin_pieces(
     p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean
@@ -98,19 +97,19 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages =
 BEGIN
     PERFORM _require_snapshot();
     IF p_is_first THEN
-        -- The commit of the second transaction writes this one to disk too. If the machine fails before that, neither
-        -- happened, and the marks are still there.
+        -- The commit of the second transaction flushes this one to disk too. After a crash in between neither has
+        -- happened, and the marks remain.
         PERFORM set_config('synchronous_commit', 'off', true);
     END IF;
-    -- COPY writes to no table that has row-level security for who calls it (93_row_security.sql).
+    -- COPY cannot write to a table whose row-level security applies to the caller (93_row_security.sql).
     is_compared := p_is_full AND EXISTS (SELECT FROM piece p WHERE p.scene_id = p_scene_id)
                    OR row_security_active('piece');
     IF is_compared THEN
         DROP TABLE IF EXISTS pg_temp.made_piece;
         CREATE TEMPORARY TABLE made_piece ON COMMIT DROP AS SELECT p.* FROM piece p WITH NO DATA;
     ELSE
-        -- Adding 0 keeps the scene from the index: of a scene that is new the planner expects few pieces, and would
-        -- compare all with all.
+        -- "+ 0" prevents use of the index on scene_id: for a new scene the planner expects few pieces and would compare
+        -- every mark with every piece.
         DELETE FROM piece p
             USING (SELECT DISTINCT c.scene_id, c.object_kind, c.object_id FROM change c
                    WHERE c.scene_id = p_scene_id) marked
@@ -123,10 +122,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
-'Drops the pieces of all marked (also removed) objects of a scene and covers their marks, for their new pieces follow '
-'in this transaction, which is the first of a detection, or its second too; returns the SRID of the plane. Where all '
-'are made again, most will be what they were: then, and under row-level security, none is dropped, and the new ones go '
-'to the temporary table made_piece, for _compare_pieces.';
+'Deletes the pieces of all marked objects of a scene and covers the marks; returns the SRID of the plane. The new '
+'pieces must follow in the same transaction. p_is_first: this is the first of two transactions. If is_compared is '
+'returned (all pieces are recomputed, or row-level security is active), it deletes none: copy the new pieces into the '
+'temporary table made_piece and call _compare_pieces.';
 
 CREATE OR REPLACE FUNCTION _pieces_of(
     p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry,
@@ -144,16 +143,14 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _pieces_of(
     integer, geometry, tstzrange, geometry, integer[], geometry, geometry, timestamptz[]) IS
-'The pieces of a row of the table piece, from its columns: itself, or those of a bundle. For queries, which it becomes '
-'a part of.';
+'Returns the pieces of a row of table piece: itself, or all pieces of a bundle. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION _compare_pieces(p_scene_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_changed bigint;
 BEGIN
-    -- A full join is none of all with all, whatever the planner believes. The equality of geometries is that of their
-    -- numbers.
+    -- A full join cannot become a nested loop. Geometries are compared by their exact coordinates.
     WITH known AS (
         SELECT p.* FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id) d
         CROSS JOIN LATERAL (SELECT p.* FROM piece p
@@ -187,21 +184,21 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _compare_pieces(bigint) IS
-'Replaces those pieces of the marked objects of a scene that are not as they were made again (made_piece), and leaves '
-'the others; returns how many rows that were.';
+'Replaces the pieces of marked objects that differ from made_piece and keeps equal ones; returns the number of rows '
+'that differ.';
 
 CREATE OR REPLACE FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- Once, what a foreign key would do for every piece at twice the cost of writing it: who removes the scene waits
-    -- for these pieces, or was first.
+    -- Replaces a foreign key, which would double the cost of writing a piece: removal of the scene waits for this
+    -- transaction, or came first.
     PERFORM FROM scene s WHERE s.scene_id = p_scene_id FOR KEY SHARE;
-    -- Without statistics that know the new pieces the next joins may be planned for an empty table.
+    -- Outdated statistics could plan the next joins for an empty table.
     IF p_changed > 1000 OR p_changed > (SELECT 0.1 * c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass) THEN
         ANALYZE piece;
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _end_pieces(bigint, bigint) IS
-'Keeps the scene from being removed before the transaction ends, and refreshes the planner''s statistics after many '
-'pieces changed. Runs as its owner, whom these ask for. Restricted to the scene given, of which it changes nothing.';
+'Locks the scene against removal until the transaction ends, and runs ANALYZE after many pieces changed. Runs as its '
+'owner, because both need its rights. Restricted to the given scene, which it does not change.';

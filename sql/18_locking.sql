@@ -1,6 +1,6 @@
--- One detection of a scene at a time: whoever detects holds the scene's row of scene_lock until its transaction ends.
+-- One detection of a scene at a time: a detection holds the scene's row of scene_lock until its transaction ends.
 --
--- A row lock, and no advisory lock: that anybody may take who can connect. Rows of scene_lock only workers can lock.
+-- A row lock instead of an advisory lock: any user can take advisory locks; only workers can lock rows of scene_lock.
 
 CREATE OR REPLACE FUNCTION _lift_limits(p_lock_timeout_s double precision) RETURNS void
 LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
@@ -9,7 +9,7 @@ DECLARE
 BEGIN
     FOREACH v_name IN ARRAY
         ARRAY['statement_timeout', 'idle_in_transaction_session_timeout', 'transaction_timeout'] LOOP
-        -- Before version 17 there is no limit of whole transactions.
+        -- transaction_timeout exists from PostgreSQL 17 on.
         IF current_setting(v_name, true) <> '0' THEN
             PERFORM set_config(v_name, '0', true);
         END IF;
@@ -20,20 +20,20 @@ BEGIN
         BEGIN
             PERFORM set_config('client_connection_check_interval', '1s', true);
         EXCEPTION WHEN invalid_parameter_value THEN
-            NULL; -- This system cannot tell: before version 15 all but Linux.
+            NULL; -- Not supported by this platform: before version 15 by all but Linux.
         END;
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _lift_limits(double precision) IS
-'Lifts the limits of time that a role or database sets, until the transaction ends: a detection takes as long as it '
-'takes. It waits for a lock no longer than the given seconds; null and 0 are for ever. If the '
-'client is gone, a statement that is under way ends within a second.';
+'Removes time limits of the role or database until the transaction ends, as detections may take long. Sets '
+'lock_timeout to p_lock_timeout_s, seconds; null or 0: no limit (in _take_scene 0 means do not wait). If the client '
+'disconnects, a running statement ends within a second.';
 
 CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
-    -- Not without looking first: an insertion waits for whoever changes the row.
+    -- Check first: an INSERT would wait for a transaction that changes the row.
     WITH added AS (
         INSERT INTO scene_lock (scene_id)
             SELECT p_scene_id WHERE NOT EXISTS (SELECT FROM scene_lock l WHERE l.scene_id = p_scene_id)
@@ -42,8 +42,8 @@ BEGIN ATOMIC
     SELECT EXISTS (SELECT FROM added);
 END;
 COMMENT ON FUNCTION _add_scene_lock(bigint) IS
-'Makes sure that a scene has a lock; returns whether it had none. In a transaction of its own: what is not committed '
-'shows no holder.';
+'Creates the lock of a scene if it is missing; returns whether it was. Call it in a transaction of its own: '
+'_scene_holders sees committed locks only.';
 
 CREATE OR REPLACE FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
@@ -65,10 +65,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _take_scene(bigint, double precision) IS
-'Takes the lock of a scene until the transaction ends; returns how often it was taken. Null if there is none, or if '
-'somebody holds it and it is not to be waited for; lock_not_available if somebody holds it for longer than the given '
-'seconds; '
-'serialization_failure if somebody has given it back since the transaction''s snapshot, which is then too old.';
+'Takes the lock of a scene until the transaction ends; returns the new value of scene_lock.taken. Waits at most '
+'p_wait_s seconds, then raises lock_not_available; 0: does not wait, and returns null if the lock is held. Returns '
+'null if there is no lock. Raises serialization_failure if another transaction released the lock after this one''s '
+'snapshot.';
 
 CREATE OR REPLACE FUNCTION _scene_holders(p_scene_id bigint)
 RETURNS TABLE (pid integer, application text, role text, since timestamptz)
@@ -90,17 +90,18 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_holders(bigint) IS
-'Who holds the lock of a scene, or of the whole table, and since when its transaction lasts. Runs as its owner, who '
-'may see more of other sessions than a worker. Restricted to sessions that hold the lock of the scene given.';
+'Sessions that hold the lock of a scene, or of the whole table, and the start of their transactions. Runs as its '
+'owner, who may see more of other sessions than a worker. Restricted to sessions that hold the lock of the given '
+'scene.';
 
 CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- Not by foreign keys either, which would cost every conflict and piece more than it costs to write.
+    -- No foreign keys: they would cost more than writing a conflict or piece.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
-    -- Not by a foreign key: who removes a scene would wait for its detection, and the detection then for the removal.
+    -- No foreign key: removal would wait for a running detection, and the detection then for the removal.
     DELETE FROM scene_lock l
         USING (SELECT x.scene_id FROM scene_lock x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
         WHERE l.scene_id = free.scene_id;
@@ -108,9 +109,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: removes conflicts, their history and pieces of a removed scene, and its lock, unless it is held. A lock that '
-'stays behind does no harm: numbers of scenes do not come again. Runs as its owner: editors cannot touch these. '
-'Restricted to the scene that was removed.';
+'Trigger: deletes conflicts, events, pieces and the lock of a removed scene. Skips a lock that is held, which is '
+'harmless, as scene ids are never reused. Runs as its owner: editors cannot write these tables. Restricted to the '
+'scene that was removed.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

@@ -1,14 +1,14 @@
--- Whose a scene is, and who else may read or change it. It is enforced by row-level security (93_row_security.sql),
--- once scenes are protected (66_sharing.sql); before that everybody may what the roles of conflictdb may.
+-- Ownership of scenes and access of other roles. Row-level security (93_row_security.sql) enforces it once scenes are
+-- protected (66_sharing.sql); before that, only the roles of conflictdb matter.
 
 CREATE OR REPLACE VIEW _my_role AS
 SELECT r.rolname AS role FROM pg_catalog.pg_roles r WHERE pg_has_role(r.oid, 'USAGE')
 UNION ALL SELECT 'public';
-COMMENT ON VIEW _my_role IS 'The roles that the current one has the rights of, and public.';
+COMMENT ON VIEW _my_role IS 'Roles whose rights the current role has, and public.';
 COMMENT ON COLUMN _my_role.role IS 'Name of the role.';
 
--- With the rights of its owner, for whom there is no row-level security: policies ask it, also those of these tables.
--- OFFSET 0: PostgreSQL takes UNION ALL apart, and would then ask conditions of a user about rows that are not for him.
+-- Runs with the rights of its owner, to whom row-level security does not apply, because policies query it.
+-- OFFSET 0 keeps UNION ALL intact: otherwise user conditions could be evaluated on rows the user may not see.
 CREATE OR REPLACE VIEW _accessible WITH (security_barrier = true) AS
 SELECT s.scene_id, true AS may_write, true AS is_owner
 FROM scene s WHERE s.owner IN (SELECT m.role FROM _my_role m)
@@ -16,12 +16,13 @@ UNION ALL
 SELECT h.scene_id, h.may_write, false
 FROM scene_share h WHERE h.role IN (SELECT m.role FROM _my_role m)
 OFFSET 0;
-COMMENT ON VIEW _accessible IS 'The scenes that are the current role''s, or shared with it, whatever else it may.';
+COMMENT ON VIEW _accessible IS 'Scenes that the current role owns or that are shared with it.';
 COMMENT ON COLUMN _accessible.scene_id IS 'Scene.';
 COMMENT ON COLUMN _accessible.may_write IS 'Whether the role may change it.';
-COMMENT ON COLUMN _accessible.is_owner IS 'Whether it is the role''s own.';
+COMMENT ON COLUMN _accessible.is_owner IS 'Whether the role owns it.';
 
--- For policies: planned once in a session, and not for every table of every query, which takes longer than to run them.
+-- Functions for policies: planned once per session, as planning them for every table of a query costs more than
+-- running.
 
 CREATE OR REPLACE FUNCTION _my_roles() RETURNS SETOF name
 LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
@@ -29,7 +30,7 @@ BEGIN
     RETURN QUERY SELECT m.role FROM _my_role m;
 END
 $$;
-COMMENT ON FUNCTION _my_roles() IS 'The roles that the current one has the rights of, and public.';
+COMMENT ON FUNCTION _my_roles() IS 'Roles whose rights the current role has, and public.';
 
 CREATE OR REPLACE FUNCTION _readable_scenes() RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
@@ -37,7 +38,7 @@ BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a;
 END
 $$;
-COMMENT ON FUNCTION _readable_scenes() IS 'The scenes that are the current role''s or shared with it.';
+COMMENT ON FUNCTION _readable_scenes() IS 'Ids of scenes that the current role owns or that are shared with it.';
 
 CREATE OR REPLACE FUNCTION _writable_scenes() RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
@@ -45,7 +46,7 @@ BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.may_write;
 END
 $$;
-COMMENT ON FUNCTION _writable_scenes() IS 'The scenes that are the current role''s or shared with it to be changed.';
+COMMENT ON FUNCTION _writable_scenes() IS 'Ids of scenes that the current role owns or that are shared for writing.';
 
 CREATE OR REPLACE FUNCTION _own_scenes() RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, pg_temp AS $$
@@ -53,14 +54,15 @@ BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.is_owner;
 END
 $$;
-COMMENT ON FUNCTION _own_scenes() IS 'The scenes that are the current role''s.';
+COMMENT ON FUNCTION _own_scenes() IS 'Ids of scenes that the current role owns.';
 
 CREATE OR REPLACE FUNCTION _is_protected() RETURNS boolean
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT c.relrowsecurity FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass;
 END;
-COMMENT ON FUNCTION _is_protected() IS 'Whether scenes are seen by those alone whose they are or who share them.';
+COMMENT ON FUNCTION _is_protected() IS
+'Whether scenes are visible only to their owners and the roles they are shared with.';
 
 CREATE OR REPLACE FUNCTION _may_change(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -68,7 +70,7 @@ BEGIN ATOMIC
     SELECT NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE')
            OR EXISTS (SELECT FROM _accessible a WHERE a.scene_id = p_scene_id AND a.may_write);
 END;
-COMMENT ON FUNCTION _may_change(bigint) IS 'Whether row-level security lets the current role change a scene.';
+COMMENT ON FUNCTION _may_change(bigint) IS 'Whether row-level security allows the current role to change a scene.';
 
 CREATE OR REPLACE FUNCTION _check_may_change(p_scene_id bigint, p_scene text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -82,7 +84,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_may_change(bigint, text) IS
-'Refuses (insufficient_privilege) a scene that the current role may read, but not change.';
+'Raises insufficient_privilege for a scene that the current role may read but not change.';
 
 CREATE OR REPLACE FUNCTION _scene_to_change(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -94,13 +96,13 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_to_change(text) IS
-'Returns the scene''s id; refuses (ZC010) a name that is not known, and (insufficient_privilege) one that the current '
-'role may not change.';
+'Returns the scene''s id; raises ZC010 for an unknown name, insufficient_privilege for a scene that the current role '
+'may not change.';
 
 CREATE OR REPLACE FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- Who owns the tables may do anything, also restore what others made.
+    -- The owner of the tables may do everything, including restores.
     IF NOT p_is_new AND p_new_owner IS NOT DISTINCT FROM p_owner
        OR pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass), 'USAGE') THEN
         RETURN;
@@ -114,8 +116,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_owner(text, name, name, boolean) IS
-'Refuses (insufficient_privilege) an owner of a new scene that the current role is not, and another owner of a scene '
-'that is not its own; and (ZC009) an owner who is not there.';
+'Raises insufficient_privilege if the current role is not the owner of a new scene, or changes the owner of a scene it '
+'does not own; ZC009 if the new owner does not exist.';
 
 CREATE OR REPLACE FUNCTION _check_role(p_who text, p_role text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -126,4 +128,4 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_role(text, text) IS 'Refuses (ZC009) a role that is not there.';
+COMMENT ON FUNCTION _check_role(text, text) IS 'Raises ZC009 for a role that does not exist.';

@@ -1,14 +1,12 @@
--- Stage 1, broad phase: do the boxes of the swept pieces meet in space, time and height? May over-report, never misses:
--- hulls hold all that a piece covers, padded for the scene's tolerance and separation, and spans all of its time.
+-- Stage 1 (broad phase): candidate pairs whose bounding boxes overlap in space, time and height. No false negatives:
+-- hulls contain the swept piece, padded by tolerance and separation. Stage 2 removes false positives.
 --
--- A row holds a piece, or a bundle of some that lie near each other: here pairs of rows are found, at the client the
--- pairs of their pieces, by comparing boxes in memory.
+-- One self-join on the GiST index piece_scene_id_hull_span_gist; its columns must stand alone on one side of &&. A row
+-- may bundle several pieces; the client then compares the boxes of the pieces inside. The client also runs the later
+-- stages. If all boxes of a scene fit its memory, it reads them (_row_boxes) and makes the same join in a tenth of the
+-- time.
 --
--- One self-join on the GiST index piece_scene_id_hull_span_gist. Indexed columns stand bare on their side of &&. The
--- stages that follow run at the client, which reads what it can hold: some of the pairs, then their pieces. Of a whole
--- scene whose boxes it can hold it reads these and joins them itself: in a tenth of the time, by the same comparisons.
---
--- An object goes by one number: its kind above its id, so that numbers are in the order of (object_kind, object_id).
+-- An object number is the kind above the id, so that numbers sort like (object_kind, object_id).
 
 CREATE OR REPLACE FUNCTION _object_number(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
@@ -16,12 +14,12 @@ BEGIN ATOMIC
     SELECT (p_kind::bigint << 62) | p_id;
 END;
 COMMENT ON FUNCTION _object_number(smallint, bigint) IS
-'One number for an object of any kind; in the order of kinds, then ids.';
+'Returns one number per object, kind above id: numbers sort by kind, then id.';
 
 CREATE OR REPLACE FUNCTION _is_all_dirty(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- OFFSET 0: each is looked up in the index of the marks, which a table of hashes may have no room for.
+    -- OFFSET 0 forces index lookups; a hash table of all marks may exceed the memory.
     SELECT NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id
                        AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0
                                        AND c.object_id = a.area_id AND c.is_covered OFFSET 0))
@@ -29,25 +27,25 @@ BEGIN ATOMIC
                        AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1
                                        AND c.object_id = t.track_id AND c.is_covered OFFSET 0));
 END;
-COMMENT ON FUNCTION _is_all_dirty(bigint) IS 'Whether every object of a scene changed, and its pieces are made.';
+COMMENT ON FUNCTION _is_all_dirty(bigint) IS
+'Whether every object of a scene has a covered mark: changed, new pieces stored.';
 
 CREATE OR REPLACE FUNCTION _candidates_of_all(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
     OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- Comparing every piece with every other is never right, whatever the planner believes of their number: by the index,
--- also while the statistics know nothing of the pieces yet.
+-- Forces the index join, also while the statistics do not know the pieces yet.
 SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
 SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
 BEGIN
-    -- Every pair, ordered once, in the order in which pieces are stored: those near each other. By several processes
-    -- where the server has them to spare. Adding 0 keeps the scene from the index.
+    -- Each pair once, in storage order, so that neighbours are close together. Parallel if the server has workers.
+    -- "+ 0" prevents use of scene_id in the index.
     IF v_is_most THEN
-        -- Without the scene, which takes a third of the time to look at, and there is little else in its place.
+        -- Without scene_id in the index condition, which would take a third of the time: most pieces match anyway.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
@@ -57,7 +55,7 @@ BEGIN
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
               AND (a.turn = 0 OR b.turn = 0);
     ELSE
-        -- OFFSET 0: the scene is no constant of the join, which would offer itself as the only condition of the index.
+        -- OFFSET 0 hides that the scene is constant; otherwise it could become the only index condition.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
@@ -70,19 +68,19 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _candidates_of_all(bigint) IS
-'Stage 1 of a whole scene: the pairs of pieces whose boxes meet in space, time and height.';
+'Stage 1 of a whole scene: pairs of rows of pieces whose boxes overlap in space, time and height.';
 
 CREATE OR REPLACE FUNCTION _candidates_of_dirty(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
     OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- As above.
+-- As in _candidates_of_all.
 SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
 SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    -- Where both objects are dirty the pair is taken from the side of the first. OFFSET 0: from the dirty objects to
-    -- their pieces, however many the planner believes there are, and not from all pairs of pieces to those.
+    -- If both objects are dirty, the pair is found from the first. OFFSET 0 forces the join order: dirty objects, their
+    -- pieces, then the index.
     RETURN QUERY
         SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                _object_number(b.object_kind, b.object_id)
@@ -101,22 +99,21 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
-'Stage 1 of what changed: the pairs of pieces of dirty objects, and of what they meet, whose boxes meet in space, time '
-'and height, each pair with the first of its dirty objects.';
+'Stage 1 of changed objects: pairs of rows of pieces, at least one of a dirty object, whose boxes overlap in space, '
+'time and height. If both are dirty, the pair is returned once.';
 
 CREATE OR REPLACE FUNCTION _candidates(
     p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea,
     OUT ranks bytea
 ) RETURNS SETOF record
--- Hashes would hold all of them in memory; sorts go to the disk. No object is compared with all pairs, whatever the
--- statistics know.
+-- No hash aggregation: it would need memory for all pairs, while sorts can spill to disk. No nested loops.
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 SET enable_hashagg = off SET enable_nestloop = off SET jit = off AS $$
 BEGIN
     PERFORM _require_snapshot();
-    -- The rank of a pair of objects is how many pairs of pieces come before it.
+    -- Rank of a pair of objects: the number of pairs of pieces before it.
     IF _is_all_dirty(p_scene_id) THEN
-        -- By where the first of them is (geometries are in the order of a curve): pairs of a chunk share pieces.
+        -- Order objects along the space-filling curve of their first pieces, so that pairs of a chunk share pieces.
         RETURN QUERY
             WITH objects AS MATERIALIZED (
                 SELECT p.number, row_number() OVER (ORDER BY p.hull) AS place
@@ -143,10 +140,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _candidates(bigint, bigint) IS
-'Stage 1: the pairs of rows of pieces whose boxes meet in space, time and height, of dirty objects and of what they '
-'meet, so many pairs to a row, those of the same two objects in one: ids of the rows, how many pieces each holds, and '
-'how many pairs of other objects come before, as arrays without nulls (array_send). Refuses (ZC013) outside of a '
-'snapshot.';
+'Stage 1: candidate pairs of rows of pieces with at least one dirty object, in chunks of about p_at_once pairs; pairs '
+'of the same two objects are in one chunk. Arrays without nulls (array_send): ids of the rows, numbers of pieces in '
+'them, and rank of the pair of objects (number of pairs before it). Raises ZC013 in READ COMMITTED.';
 
 CREATE OR REPLACE FUNCTION _row_boxes(
     p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
@@ -155,7 +151,7 @@ CREATE OR REPLACE FUNCTION _row_boxes(
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
 DECLARE
-    -- Of a scene that is detected in parts, and of one too large, there is nothing to be read.
+    -- Read nothing if only some objects are dirty, or if there are more than p_most rows.
     v_is_asked boolean := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n)
                           <= p_most AND _is_all_dirty(p_scene_id);
 BEGIN
@@ -168,7 +164,7 @@ BEGIN
            array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}'))
         INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
              span_ends
-        -- OFFSET 0: each box is made once.
+        -- OFFSET 0: compute each box once.
         FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
                      p.hull::box3d AS box, p.floor_m, p.ceiling_m, coalesce(lower(p.span), '-infinity') AS span_start,
                      coalesce(upper(p.span), 'infinity') AS span_end
@@ -176,9 +172,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _row_boxes(bigint, bigint) IS
-'What the rows of pieces of a scene take up, each column as an array without nulls (array_send), for who joins them in '
-'memory: what _candidates answers, from the same comparisons. None where only some objects are dirty, or there are '
-'more rows than p_most. Refuses (ZC013) outside of a snapshot.';
+'Bounding boxes of the rows of pieces of a scene, for joining them in memory as _candidates does: each column an array '
+'without nulls (array_send), metres of the plane. Empty if only some objects are dirty, or if there are more than '
+'p_most rows. Raises ZC013 in READ COMMITTED.';
 
 CREATE OR REPLACE FUNCTION _pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,
@@ -200,7 +196,7 @@ BEGIN ATOMIC
            ST_AsBinary(coalesce(p.hulls, p.hull), 'NDR'), ST_AsBinary(coalesce(p.shapes, p.shape), 'NDR'),
            coalesce(ST_AsBinary(p.shape_to, 'NDR'), ''), coalesce(array_send(p.parts), ''),
            coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), '')
-    -- OFFSET 0: each is looked up; of a large scene the planner would read all pieces, time and again.
+    -- OFFSET 0 forces lookups; for a large scene the planner would scan all pieces.
     FROM unnest(p_piece_ids) wanted (piece_id)
     CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
     LEFT JOIN LATERAL (SELECT m.key FROM area m
@@ -211,6 +207,6 @@ BEGIN ATOMIC
                          AND m.first_version <= p.version OFFSET 0) t ON true;
 END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS
-'Rows of pieces of a scene, without nulls, for COPY. Rank orders objects by kind and key, so that results do not '
-'depend on ids. Areas and bundles have no motion: epoch and 0. Of bundles hull has those of all pieces, and so has '
-'shape where they differ. Empty where there is none: shape_to, and the arrays of bundles (array_send).';
+'Rows of pieces by id, without nulls, for COPY. rank orders objects by kind and key, so that results do not depend on '
+'ids. Areas and bundles have no motion: epoch and 0. For bundles, hull and shape hold those of all pieces (shape only '
+'if they differ). shape_to and the arrays of bundles (array_send) may be empty.';

@@ -1,6 +1,6 @@
--- Detection where few objects changed: the same steps as where many did, in one transaction, with few calls, and by the
--- indexes, whatever the statistics know. What these functions cost depends neither on the size of the scene nor on how
--- many rows of its tables are dead: right after a detection in full those of `change` are.
+-- Detection of few changed objects: the same steps in one transaction with few calls. Plans are fixed to use indexes,
+-- so that the cost depends neither on the size of the scene nor on dead rows, of which `change` has many after a full
+-- detection.
 
 CREATE OR REPLACE FUNCTION _begin_detection(
     p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean,
@@ -42,9 +42,9 @@ BEGIN
     SELECT coalesce(array_agg(n) FILTER (WHERE n < 1::bigint << 62), '{}'),
            coalesce(array_agg(n & ((1::bigint << 62) - 1)) FILTER (WHERE n >= 1::bigint << 62), '{}')
         INTO area_ids, track_ids FROM unnest(v_numbers) n;
-    -- Who removes the scene waits for what is written from here on, or was first.
+    -- Removal of the scene waits for this transaction, or came first.
     PERFORM FROM scene s WHERE s.scene_id = _begin_detection.scene_id FOR KEY SHARE;
-    -- OFFSET 0: each object's pieces are looked up.
+    -- OFFSET 0 forces index lookups.
     WITH dropped AS (
         DELETE FROM piece p WHERE p.ctid = ANY (ARRAY(
             SELECT o.ctid FROM unnest(v_numbers) n
@@ -61,11 +61,11 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
-'Takes the lock of a scene as _take_scene does (taken is null if it cannot be had) and returns the settings. Is the '
-'scene behind tables that are attached to it (p_try_again: see _attachments_to_follow; null: not looked at), or has it '
-'more than p_few marks (less than 0: in any case), that is all, and the ids are null. Else the changed objects are '
-'returned, their pieces are dropped and their marks covered, for their new pieces follow in this transaction '
-'(_put_pieces). known_objects: how many of them the last detection knew, null where that cannot be told.';
+'Takes the lock of a scene as _take_scene does (taken is null if that fails) and returns its settings. Stops there, '
+'with null ids, if attached tables have pending changes (is_behind; p_try_again as in _attachments_to_follow, null: '
+'not checked), or if the scene has more than p_few marks (negative: always). Otherwise returns the ids of the changed '
+'objects, deletes their pieces and covers their marks; _put_pieces must follow in the same transaction. known_objects: '
+'how many of them the last detection included; null if unknown.';
 
 CREATE OR REPLACE FUNCTION _some_areas(
     p_scene_id bigint, p_area_ids bigint[],
@@ -79,7 +79,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
-'Those of some areas that are in a scene, as _area_row has them, by number.';
+'Areas of a scene by id, ids not in the scene are skipped; columns of _area_row, ordered by id.';
 
 CREATE OR REPLACE FUNCTION _some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
@@ -94,7 +94,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
-'Those of some tracks that are in a scene, as _track_row has them, by number.';
+'Tracks of a scene by id, ids not in the scene are skipped; columns of _track_row, ordered by id.';
 
 CREATE OR REPLACE FUNCTION _put_pieces(
     p_scene_id bigint, p_most bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[],
@@ -122,7 +122,7 @@ DECLARE
     v_b bigint[];
     v_met bigint[];
 BEGIN
-    -- Of a bundle the arrays hold from p_first on what each piece has; each slice ends where the next one starts.
+    -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
         INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
                            ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
@@ -147,7 +147,7 @@ BEGIN
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
         INTO v_made, v_numbers FROM made m;
-    -- As _candidates finds them. OFFSET 0: each piece looks in the index, whatever the planner believes.
+    -- The same condition as in _candidates. OFFSET 0 forces an index lookup per piece.
     SELECT array_agg(c.a), array_agg(c.b) INTO v_a, v_b
         FROM (SELECT a.piece_id AS a, b.piece_id AS b
               FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
@@ -156,7 +156,7 @@ BEGIN
                                     AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
                                     AND (a.turn = 0 OR p.turn = 0)
                                     AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id) OFFSET 0) b
-              -- A pair of two that changed is found from both sides, and taken from the first.
+              -- A pair of two changed objects is found from both sides; keep it once.
               WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
                  OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)
               LIMIT p_most) c;
@@ -173,6 +173,6 @@ COMMENT ON FUNCTION _put_pieces(
     double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
     double precision[], double precision[], double precision[], double precision[], integer[], bytea[], bytea[],
     integer[], timestamptz[], timestamptz[], double precision[]) IS
-'Stores the pieces of the objects that _begin_detection returned, and does stage 1 for them: returns all rows of '
-'pieces that have a candidate, as _pieces does, in the order of rank. met: of one that was stored the ids of its '
-'candidates (array_send), of each pair of two that were stored with the first; so many pairs at most.';
+'Stores the pieces of the objects from _begin_detection and runs stage 1 for them: returns all rows of pieces that are '
+'in a candidate pair, with the columns of _pieces, in order of rank. met: ids of the candidates of a stored row '
+'(array_send); a pair of two stored rows is listed once. At most p_most pairs.';

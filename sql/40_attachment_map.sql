@@ -1,18 +1,18 @@
--- The map of an attachment: which expression of a table's columns gives which field of an object.
+-- The map of an attachment: an expression of the table's columns for each field of an object.
 --
--- The server parses an expression, as the only column of a view over nothing but the table, and writes it out again
--- with all names qualified. What that view turns out to be tells whether it is one expression of the columns of a row.
+-- The server parses each expression as the only column of a view over the table alone, and writes it out with all names
+-- qualified. The definition of that view shows whether it is one expression of the columns of one row.
 
 CREATE OR REPLACE FUNCTION _map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
-    -- Which rows count at all is nothing of a row.
+    -- attribute: column of attached_row. Field "where" selects rows and has none.
     FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
                  (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
-                 -- Waypoints have no array of heights: it holds their place in the order.
+                 -- Waypoints do not use floors_m; it holds their order.
                  (1, 'order', 'floors_m'),
                  (1, 'outline', 'outline'), (1, 'outlines', 'outlines'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'),
                  (1, 'port_m', 'port_m'), (1, 'starboard_m', 'starboard_m'), (1, 'grow_mps', 'grow_mps'),
@@ -20,8 +20,8 @@ BEGIN ATOMIC
     WHERE coalesce(v.kind, p_kind) = p_kind;
 END;
 COMMENT ON FUNCTION _map_fields(smallint) IS
-'The fields that the map of an attachment may give (0 area, 1 track), and where attached_row has them; where is none: '
-'which rows there are.';
+'Fields that the map of an attachment may contain (0 area, 1 track), and their columns in attached_row; null for '
+'where, which selects rows.';
 
 CREATE OR REPLACE FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -77,12 +77,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_map(text, smallint, jsonb) IS
-'Refuses (ZC009) a map of unknown fields, or without what an object must have.';
+'Raises ZC009 for a map with unknown, missing or contradictory fields.';
 
 CREATE OR REPLACE FUNCTION _cast_to(p_type oid, p_wanted oid) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Only what means the same in either type. A timestamp without time zone is no instant.
+    -- Only casts that keep the meaning. A timestamp without time zone is not an instant.
     SELECT CASE
         WHEN p_type = p_wanted OR p_wanted = 'text'::regtype THEN true
         WHEN p_wanted = 'geometry'::regtype THEN p_type = 'geography'::regtype
@@ -95,12 +95,12 @@ BEGIN ATOMIC
                             'numeric[]'::regtype)
         ELSE false END;
 END;
-COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may stand for those of the type that a field has.';
+COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may be cast to the type of a field.';
 
 CREATE OR REPLACE FUNCTION instant(p_text text) RETURNS timestamptz
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- With an offset the settings of the session do not matter.
+    -- The offset makes it independent of the session's settings.
     IF p_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)? ?(Z|[+-]\d\d(:?\d\d)?)$' THEN
         RAISE EXCEPTION 'instant: %: must be ISO 8601 with an offset, such as 2026-03-01T06:00:00Z',
             quote_literal(left(p_text, 100)) USING ERRCODE = 'ZC003';
@@ -109,13 +109,13 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION instant(text) IS
-'The instant that a text gives in ISO 8601 with an offset (2026-03-01T06:00:00Z); refuses (ZC003) any other text. For '
-'maps of attached tables, which take no cast of text to an instant.';
+'Parses an instant in ISO 8601 with an offset (2026-03-01T06:00:00Z); raises ZC003 for any other text. For maps of '
+'attached tables, in which casts of text to instants are refused.';
 
 CREATE OR REPLACE FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- The settings are fixed where the map is run (42_attach.sql): zone, style of dates and of numbers.
+    -- The function that evaluates the map fixes these settings (42_attach.sql): time zone, date and number styles.
     SELECT p_name::text IN ('concat', 'concat_ws', 'format', 'to_char', 'to_timestamp', 'to_date', 'to_number',
                             'date_trunc', 'date_part', 'extract', 'make_timestamptz', 'array_to_string', 'to_json',
                             'to_jsonb', 'row_to_json', 'array_to_json', 'json_build_object', 'json_build_array',
@@ -125,7 +125,7 @@ BEGIN ATOMIC
               AND NOT 'cstring'::regtype = ANY (p_types::oid[]);
 END;
 COMMENT ON FUNCTION _depends_on_settings_alone(name, oidvector) IS
-'Whether a STABLE function of PostgreSQL depends on its arguments and on settings that are fixed for a map.';
+'Whether a STABLE function of PostgreSQL depends only on its arguments and on settings that are fixed for maps.';
 
 CREATE OR REPLACE FUNCTION _map_expression(
     p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid,
@@ -133,7 +133,7 @@ CREATE OR REPLACE FUNCTION _map_expression(
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Names that no column has: a column's own name is written out without AS.
+    -- Names that no column has, as a column's own name would be written out without AS.
     c_longest CONSTANT text := (SELECT repeat('_', max(length(a.attname))) FROM pg_catalog.pg_attribute a
                                 WHERE a.attrelid = p_relation AND a.attname ~ '^conflictdb_(value|one)_*$');
     c_value CONSTANT text := 'conflictdb_value' || coalesce(c_longest, '');
@@ -154,7 +154,7 @@ BEGIN
     END IF;
     v_text := format(E'SELECT (%s\n) AS %I %s', v_text, c_value, c_from);
     BEGIN
-        -- A cursor takes one statement, which must be a query; nothing is fetched.
+        -- OPEN accepts only a single query; nothing is fetched.
         OPEN v_cursor NO SCROLL FOR EXECUTE v_text;
         CLOSE v_cursor;
         EXECUTE format('CREATE VIEW %s AS SELECT 1 AS %I %s', c_probe, c_value, c_from);
@@ -187,7 +187,7 @@ BEGIN
                   AND NOT _depends_on_settings_alone(p.proname, p.proargtypes))
             THEN 'must depend on nothing but the row: a volatile function, the time, a setting or the user change '
                  'without it'
-        -- 'now', 'today' and 'tomorrow' are instants too.
+        -- 'now', 'today' and 'tomorrow' are valid instants.
         WHEN v_tree ~ '\{COERCEVIAIO ' AND EXISTS (
             SELECT FROM regexp_matches(v_tree, ':resulttype (\d+)', 'g') f
             JOIN pg_catalog.pg_type y ON y.oid = f[1]::oid
@@ -213,7 +213,7 @@ BEGIN
                  ELSE '' END);
     END IF;
     PERFORM set_config('search_path', '', true);
-    -- Around every expression stands the same.
+    -- The text around the expression is the same in both view definitions.
     expression := format('(%s)::%s',
         substr(pg_get_viewdef(c_probe::regclass), strpos(v_around, '1'),
                length(pg_get_viewdef(c_probe::regclass)) - length(v_around) + 1),
@@ -224,5 +224,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _map_expression(text, text, regclass, text, oid) IS
-'An expression of the columns of a table (alias t), written out with all names qualified and as the type wanted, and '
-'the numbers of its columns (0: the whole row). Refuses (ZC009) what is no expression of one row, or volatile.';
+'Returns an expression of the columns of a table (alias t) with all names qualified, cast to p_wanted, and the numbers '
+'of its columns (0: whole row). Raises ZC009 unless it is a non-volatile expression of one row.';

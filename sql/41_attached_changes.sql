@@ -1,45 +1,42 @@
--- What triggers on an attached table do: they note which rows changed, by the columns that tell objects apart, and wake
--- the workers. Nothing is mapped, checked or waited for here: the writers of the table pay for one row of
--- attached_change for each statement, and what cannot be mapped cannot make them fail.
+-- Triggers on attached tables: they record the identities of changed rows in attached_change and wake the workers. They
+-- neither map nor check rows, so writers pay for one row per statement and cannot fail on rows that cannot be mapped.
 --
--- Each attachment has a function of its own for its triggers: what names the columns is planned once a session. It goes
--- with the schema conflictdb, and the triggers with it.
+-- Each attachment has its own trigger function, so that statements with its column names are planned once per session.
 --
--- The function runs as the owner of conflictdb. CREATE TRIGGER requires the right to execute it, and so does each new
--- partition. Only the role that attaches and the owner of the table have it: others would note changes in scenes that
--- are not theirs. These two can make triggers of it on any table of their own. It therefore evaluates nothing but
--- output functions, and reads transition tables only where the trigger declares them: without REFERENCING the name
--- would be that of a temporary view.
+-- The function runs as the owner of conflictdb. CREATE TRIGGER, also on a new partition, requires EXECUTE on it. Only
+-- the attaching role and the owner of the table have it, as others could record changes in scenes that they may not
+-- change. These two could use it in triggers on any table of their own. So it evaluates only output functions, and
+-- reads transition tables only if the trigger declares them: otherwise the name could refer to a temporary view.
 
 CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- By output functions alone: casts can be made by users.
+    -- Output functions only: users can define casts.
     SELECT format('concat(ARRAY[%s])',
                   string_agg(format('CASE WHEN %1$s.%2$I IS NOT NULL THEN concat(%1$s.%2$I) END', p_alias, c.name), ', '
                              ORDER BY c.n))
     FROM unnest(p_columns) WITH ORDINALITY c (name, n);
 END;
 COMMENT ON FUNCTION _identity_of(text, text[]) IS
-'SQL of the identity of a row: the texts of the columns that tell objects apart, as an array in text form.';
+'Returns the SQL of a row''s identity: the texts of the identity columns, as an array in text form.';
 
 CREATE OR REPLACE FUNCTION _create_note(p_attachment_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 DECLARE
-    -- Statements that change more rows have them found by comparing the whole table: reading so many takes longer than
-    -- writers may notice. The same goes for identities too long to be mapped (44_attached_objects.sql).
+    -- Larger statements, and identities too long to be mapped (44_attached_objects.sql), cause a comparison of the
+    -- whole table: collecting more would slow writers down.
     c_most CONSTANT integer := 100;
     c_longest CONSTANT integer := 1000;
     v_columns text[] := (SELECT a.identity_columns FROM attachment a WHERE a.attachment_id = p_attachment_id);
     v_role name;
 BEGIN
-    -- A caller whose snapshot is older than the attachment would replace the function by one that fails.
+    -- A caller with a snapshot older than the attachment would create a broken function.
     IF coalesce(cardinality(v_columns), 0) = 0 THEN
         PERFORM _refuse('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
                         'attachment_known');
     END IF;
     EXECUTE format('CREATE OR REPLACE FUNCTION _note_%s() RETURNS trigger LANGUAGE plpgsql VOLATILE SECURITY DEFINER '
-                   -- As the function that reads the rows has them (42_attach.sql): the texts must be the same.
+                   -- The same settings as in the function that reads rows (42_attach.sql), so that texts are equal.
                    'SET search_path FROM CURRENT SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
                    'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
                    p_attachment_id, format($body$
@@ -47,7 +44,7 @@ DECLARE
     v_rows bigint := 1;
     v_identities text[];
 BEGIN
-    -- The columns may have another name by now.
+    -- A column may have been renamed.
     IF TG_OP <> 'TRUNCATE' AND (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
                                 AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) = %3$s
        AND (TG_LEVEL = 'ROW' OR EXISTS (
@@ -85,7 +82,7 @@ BEGIN
                                 UNION ALL SELECT * FROM (SELECT * FROM old_rows LIMIT %6$s + 1) o) r OFFSET 0) x;
             END IF;
         EXCEPTION WHEN OTHERS THEN
-            v_identities := NULL; -- Such as a value whose text is longer than any text can be.
+            v_identities := NULL; -- For example if a text would exceed 1 GB.
         END;
     END IF;
     IF v_rows > 0 THEN
@@ -108,36 +105,34 @@ $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', 
         EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO %I', p_attachment_id, v_role);
     END LOOP;
     EXECUTE format('COMMENT ON FUNCTION _note_%s() IS %L', p_attachment_id,
-                   'Trigger on an attached table: notes which rows changed. Runs as its owner: who writes to the table '
-                   'needs no right here. Restricted to notes of its own attachment.');
+                   'Trigger on an attached table: records which rows changed. Runs as its owner: writers of the table '
+                   'need no rights here. Restricted to changes of its own attachment.');
 END
 $$;
 COMMENT ON FUNCTION _create_note(bigint) IS
-'Creates the function of the triggers of an attachment. Runs as its owner: editors create nothing in this schema. '
-'Restricted to the columns that the attachment names, which are quoted.';
+'Creates the trigger function of an attachment. Runs as its owner: editors cannot create functions in this schema. '
+'Restricted to the columns of the attachment, which are quoted.';
 
--- Who deletes an attachment has seen it and may. A routine that editors call with a number could be called by one whose
--- snapshot is older than the attachment.
+-- Replaced by a trigger: an editor could call it with a number that is newer than the caller's snapshot.
 DROP FUNCTION IF EXISTS _drop_attachment(bigint);
 
 CREATE OR REPLACE FUNCTION _after_attachment_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp
 SET client_min_messages = warning AS $$
 BEGIN
-    -- CASCADE: views of others may use the function that reads, and the triggers go with theirs, whoever owns their
-    -- tables by now.
+    -- CASCADE also drops triggers on tables with another owner, and dependent views of users.
     EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text) CASCADE', OLD.attachment_id);
     EXECUTE format('DROP FUNCTION IF EXISTS conflictdb._note_%s() CASCADE', OLD.attachment_id);
     RETURN NULL;
 END
 $$;
 COMMENT ON FUNCTION _after_attachment_removal() IS
-'Trigger: drops the functions and triggers of a removed attachment. Runs as its owner: the table may have another '
-'owner by now. Restricted to the attachment that was removed.';
+'Trigger: drops the functions and triggers of a removed attachment. Runs as its owner: the table may now have another '
+'owner. Restricted to the attachment that was removed.';
 CREATE OR REPLACE TRIGGER attachment_removed AFTER DELETE ON attachment
     FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 
--- What is attached already.
+-- Recreate the functions of existing attachments.
 DO $$
 BEGIN
     PERFORM _create_note(a.attachment_id) FROM attachment a WHERE a.has_triggers;
@@ -155,7 +150,7 @@ BEGIN ATOMIC
     SELECT tree.relation, tree.is_root FROM tree;
 END;
 COMMENT ON FUNCTION _attached_tables(oid) IS
-'A table, its partitions and heirs: a statement fires the triggers of the table that it names, and of no other.';
+'A table with its partitions and children: a statement fires only the triggers of the table that it names.';
 
 CREATE OR REPLACE FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -170,4 +165,4 @@ BEGIN ATOMIC
     WHERE n.nspname = p_table_schema AND c.relname = p_table_name;
 END;
 COMMENT ON FUNCTION _is_watched(bigint, text, text) IS
-'Whether an attached table and all its partitions have their triggers, and none is switched off.';
+'Whether an attached table and all its partitions have their triggers, all enabled.';

@@ -1,8 +1,8 @@
--- Attaching somebody's table to a scene: its rows are objects of the scene, and stay so until it is detached.
+-- Attaching a table to a scene: its rows become objects of the scene and stay in step until it is detached.
 --
--- The map becomes one function, conflictdb_attached.rows_N. It belongs to the role that attaches, and only that role
--- runs it (43_attached_rows.sql). The schema exists while something is attached: editors may create functions in it,
--- which they may not in conflictdb, where names are looked up.
+-- The map becomes one function, conflictdb_attached.rows_N, owned and run only by the attaching role
+-- (43_attached_rows.sql). Editors may create functions in the schema conflictdb_attached, which exists while something
+-- is attached, but not in conflictdb, where names are looked up.
 
 CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp SET client_min_messages = warning AS $$
@@ -14,7 +14,7 @@ BEGIN
         IF to_regnamespace('conflictdb_attached') IS NULL THEN
             CREATE SCHEMA conflictdb_attached;
             COMMENT ON SCHEMA conflictdb_attached IS
-                'One function for each table that is attached to a scene of conflictdb; it belongs to who attached it.';
+                'One function per table attached to a scene of conflictdb, owned by the role that attached it.';
             GRANT USAGE, CREATE ON SCHEMA conflictdb_attached TO conflictdb_editor;
         END IF;
     EXCEPTION WHEN duplicate_schema THEN
@@ -34,13 +34,13 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _open_attached_schema() IS
-'Makes sure of the schema conflictdb_attached. Refuses (insufficient_privilege) one that another role created. Runs as '
-'the owner of conflictdb, who owns it. Restricted to a schema that is missing.';
+'Creates the schema conflictdb_attached if it is missing. Raises insufficient_privilege if another role owns it. Runs '
+'as the owner of conflictdb, who will own the schema. Restricted to this one schema.';
 
 CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
 BEGIN
-    -- Not one that another role created.
+    -- Keep a schema that another role owns.
     IF EXISTS (SELECT FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
                WHERE a.nspname = 'conflictdb_attached' AND n.nspname = 'conflictdb'
                      AND a.nspowner IN (n.nspowner, current_user::regrole)) THEN
@@ -58,8 +58,8 @@ LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_other regclass;
 BEGIN
-    -- Reading a table or view runs code of its owner with the rights of who reads: functions of views, of row-level
-    -- security, of expressions in indexes. A superuser could run code as anybody.
+    -- Reading a table or view runs code of its owner with the reader's rights: view functions, row-level security,
+    -- index expressions. A superuser could run code as anybody.
     SELECT t.relation INTO v_other FROM _attached_tables(p_table) t
         LEFT JOIN pg_catalog.pg_class c ON c.oid = t.relation LEFT JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
         WHERE (pg_has_role(r.oid, 'USAGE') OR NOT p_has_triggers AND r.rolsuper) IS NOT TRUE LIMIT 1;
@@ -71,19 +71,19 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_attached_owner(text, regclass, boolean) IS
-'Refuses (ZC009) a table that the current role must not read: its owner is another role.';
+'Raises ZC009 for a table with another owner: reading it could run that owner''s code.';
 
 CREATE OR REPLACE FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- The lock of a reader until the transaction ends, on whatever relation, and nothing planned or run.
+    -- PREPARE takes a reader's lock on any relation, until the transaction ends, without planning or running anything.
     EXECUTE format('PREPARE conflictdb_hold_attached AS SELECT FROM %s', p_table);
     DEALLOCATE conflictdb_hold_attached;
     PERFORM _check_attached_owner(p_who, p_table::regclass, p_has_triggers);
 END
 $$;
 COMMENT ON FUNCTION _hold_attached(text, text, boolean) IS
-'Locks a table before it is read, so that nobody replaces it; refuses (ZC009) one that has another owner by now.';
+'Locks a table against replacement before it is read; raises ZC009 if it now has another owner.';
 
 CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -126,7 +126,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_attachable(text, regclass, boolean) IS
-'Refuses (ZC009) a table that cannot be attached by the current role, or not with triggers.';
+'Raises ZC009 for a table that the current role cannot attach, or not with triggers.';
 
 CREATE OR REPLACE FUNCTION _create_attached_rows(
     p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[]
@@ -170,7 +170,7 @@ BEGIN
         PERFORM _refuse('ZC009', p_who, 'key', 'must be made of columns of the table, and name them', 'map_key');
     END IF;
     v_identity := _identity_of('t', identity_columns);
-    -- From here on all names that are written out are qualified.
+    -- All names written out from here on are qualified.
     PERFORM set_config('search_path', '', true);
     v_table := p_table::text;
     SELECT CASE WHEN 0 = ANY (v_columns) THEN 'hashtextextended((t.*)::text, 0)'
@@ -186,14 +186,14 @@ BEGIN
         INTO v_list, v_marks
         FROM pg_catalog.pg_attribute a
         WHERE a.attrelid = 'conflictdb.attached_row'::regclass AND a.attnum > 0 AND NOT a.attisdropped;
-    -- Typed, so that an index on these columns is used.
+    -- Typed, so that indexes on these columns can be used.
     SELECT string_agg(format('((i.i)::text[])[%s]::%s AS c%1$s', c.n, format_type(a.atttypid, -1)), ', ' ORDER BY c.n),
            string_agg(format('t.%I = i.c%s', c.name, c.n), ' AND ' ORDER BY c.n),
            string_agg(format('t.%I IS NULL', c.name), ' OR ' ORDER BY c.n)
         INTO v_decoded, v_joined, v_null
         FROM unnest(identity_columns) WITH ORDINALITY c (name, n)
         JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attname = c.name;
-    -- As text: the table can be changed and dropped as if it were not attached.
+    -- A text body has no dependencies: the table can still be altered and dropped.
     EXECUTE format('CREATE FUNCTION conflictdb_attached.rows_%s(text[], text) RETURNS SETOF conflictdb.attached_row '
                    'LANGUAGE plpgsql STABLE SET search_path = pg_catalog, pg_temp '
                    'SET row_security = off SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
@@ -205,7 +205,7 @@ BEGIN
 DECLARE
     failure text;
 BEGIN
-    -- $1: the identities wanted, null: all; $2: hashes only, rows, or rows one by one so that one that fails is told.
+    -- $1: identities, null: all. $2: hashes (only hashes), rows, or carefully (row by row, with the error of each).
     IF $2 = 'hashes' THEN
         RETURN QUERY SELECT %1$s FROM %2$s AS t WHERE %8$s;
     ELSIF $2 = 'rows' AND $1 IS NULL THEN
@@ -236,7 +236,7 @@ END
 $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_where));
     EXECUTE format('REVOKE ALL ON FUNCTION conflictdb_attached.rows_%s(text[], text) FROM PUBLIC', p_attachment_id);
     EXECUTE format('COMMENT ON FUNCTION conflictdb_attached.rows_%s(text[], text) IS %L', p_attachment_id,
-                   format('Rows of %s as conflictdb reads them; conflictdb.detach removes this.', v_table));
+                   format('Rows of %s as conflictdb reads them; conflictdb.detach removes it.', v_table));
     PERFORM set_config('search_path', v_path, true);
     BEGIN
         EXECUTE format('SELECT count(*) FROM conflictdb_attached.rows_%s(''{}''::text[], ''rows''::text)',
@@ -250,7 +250,8 @@ $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_whe
 END
 $$;
 COMMENT ON FUNCTION _create_attached_rows(text, bigint, smallint, regclass, jsonb) IS
-'Creates the function that reads an attached table, as the current role; returns the columns that the key is made of.';
+'Creates the function that reads an attached table, as the current role; returns the columns of which the key '
+'consists.';
 
 CREATE OR REPLACE FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -266,7 +267,7 @@ BEGIN
             ('updated', 'UPDATE', 'REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT'),
             ('deleted', 'DELETE', 'REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT'),
             ('truncated', 'TRUNCATE', 'FOR EACH STATEMENT'),
-            -- What arrives as a replica fires no triggers of statements. Partitions get this one by themselves.
+            -- Replicated rows do not fire statement triggers. Partitions inherit this one.
             ('replicated', 'INSERT OR UPDATE OR DELETE', 'FOR EACH ROW')) g (name, event, level)
         WHERE t.is_root OR g.name <> 'replicated' OR NOT EXISTS (
             SELECT FROM pg_catalog.pg_class c WHERE c.oid = t.relation AND c.relispartition) LOOP
@@ -282,14 +283,14 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _create_attached_triggers(bigint, regclass) IS
-'Gives an attached table, its partitions and heirs the triggers that note what changes.';
+'Creates the triggers that record changes, on an attached table, its partitions and children.';
 
 CREATE OR REPLACE FUNCTION _register_attachment(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval
 ) RETURNS attachment
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- With triggers, a comparison only finds what no trigger sees: partitions added later, triggers switched off.
+    -- With triggers, comparisons only find what triggers miss: new partitions, disabled triggers.
     c_with_triggers CONSTANT interval := '1 hour';
     c_without CONSTANT interval := '1 minute';
     v_scene_id bigint := _scene_to_change(p_scene);
@@ -334,18 +335,18 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _register_attachment(text, text, regclass, jsonb, interval) IS
-'Attaches a table but for its triggers: refuses what cannot be, notes the attachment, creates the function that reads.';
+'Attaches a table without its triggers: checks it, records the attachment, creates the function that reads it.';
 
 CREATE OR REPLACE FUNCTION attach(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- Triggers wait for writers of the table, and others wait behind them meanwhile.
+-- CREATE TRIGGER waits for writers of the table, and other sessions queue behind it.
 SET lock_timeout = '10s' AS $$
 DECLARE
     v_attachment attachment := _register_attachment(p_scene, p_kind, p_table, p_map, p_every);
 BEGIN
-    -- Everything is new. Rows come over when this is committed: the table is not locked for so long.
+    -- All rows are new. They are taken over after commit, so that the table is not locked meanwhile.
     INSERT INTO attached_change (attachment_id) VALUES (v_attachment.attachment_id);
     IF v_attachment.has_triggers THEN
         PERFORM _create_attached_triggers(v_attachment.attachment_id, p_table);
@@ -355,11 +356,11 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
-'Attaches a table, view or foreign table to a scene: its rows become areas or tracks of it, and these follow the rows. '
-'The map gives for each field a column, or an SQL expression of the columns of a row; the field where says which rows '
-'count. Only sessions of the role that calls this, which must own the table, ever evaluate it: follow_attached, and '
-'detections and workers of that role. Triggers note changes; with p_every, and for views and foreign tables (every '
-'minute), all rows are compared instead. Returns the number of the attachment.';
+'Attaches a table, view or foreign table to a scene: its rows become areas or tracks and follow later changes. p_map '
+'gives a column or SQL expression of one row for each field; field where selects rows. The caller must own the table. '
+'Only sessions of the calling role evaluate the map: follow_attached, and detections and workers of that role. '
+'Triggers record changes; with p_every, and for views and foreign tables (every minute), all rows are compared '
+'instead. Returns the id of the attachment.';
 
 CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -381,7 +382,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _find_attached(text, text) IS
-'The attachments of a table (SCHEMA.TABLE as the view attachments has it) to a scene; refuses (ZC011) if it has none.';
+'Attachments of a table (TABLE or SCHEMA.TABLE) to a scene; raises ZC011 if there is none.';
 
 CREATE OR REPLACE FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET lock_timeout = '10s' AS $$
@@ -404,7 +405,7 @@ BEGIN
             GET DIAGNOSTICS v_rows = ROW_COUNT;
             v_objects := v_objects + v_rows;
         END IF;
-        -- Last, because it locks the table: its triggers go with it.
+        -- Last, because dropping the triggers locks the table.
         DELETE FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
         DELETE FROM attached_change q WHERE q.attachment_id = v_one.attachment_id;
     END LOOP;
@@ -413,11 +414,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION detach(text, text, boolean) IS
-'Detaches a table (SCHEMA.TABLE) from a scene: its triggers go, and the objects made of its rows, unless p_keep, which '
-'leaves them as if they had been put in one by one. Returns how many objects were removed. Needs the right to change '
-'the scene.';
+'Detaches a table (TABLE or SCHEMA.TABLE) from a scene: drops its triggers, and removes the objects made from its rows '
+'unless p_keep. Returns the number of removed objects. Requires the right to change the scene.';
 
--- Who detaches, and when: a scene with attached tables is not removed, which would leave their triggers behind.
+-- A scene with attached tables cannot be removed: that would leave their triggers behind.
 
 CREATE OR REPLACE FUNCTION _before_scene_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -432,18 +432,18 @@ BEGIN
     RETURN OLD;
 END
 $$;
-COMMENT ON FUNCTION _before_scene_removal() IS 'Trigger: refuses (ZC009) to remove a scene that has attached tables.';
+COMMENT ON FUNCTION _before_scene_removal() IS 'Trigger: raises ZC009 on removal of a scene with attached tables.';
 CREATE OR REPLACE TRIGGER scene_may_be_removed BEFORE DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
 
--- What the triggers of a table read is fixed when it is attached: an editor who could change it later, or take the
--- number of another attachment, would learn other columns of a table from the notes.
+-- An attachment cannot be changed: otherwise an editor could make its triggers record other columns of the table, or
+-- use the id of another attachment.
 
 CREATE OR REPLACE FUNCTION _before_attachment() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     IF pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
-        RETURN NEW; -- The owner of the tables may do anything, also restore them.
+        RETURN NEW; -- The owner of the tables may do everything, including restores.
     END IF;
     IF TG_OP = 'INSERT' AND NEW.attachment_id <> currval('attachment_attachment_id_seq')
        OR TG_OP = 'UPDATE' AND (OLD.attachment_id, OLD.scene_id, OLD.object_kind, OLD.table_schema, OLD.table_name,
@@ -460,7 +460,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _before_attachment() IS
-'Trigger: refuses (ZC009) a chosen number of an attachment, and changes of what attach() settled.';
+'Trigger: raises ZC009 for a given id of an attachment, and for changes of what attach() has set.';
 CREATE OR REPLACE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON attachment
     FOR EACH ROW EXECUTE FUNCTION _before_attachment();
 ALTER TABLE attachment ENABLE ALWAYS TRIGGER attachment_fixed;

@@ -1,21 +1,21 @@
--- Reading attached tables, and making objects of their rows.
+-- Reading attached tables.
 --
--- The function that reads a table, conflictdb_attached.rows_N, is code of the role that attached it, and so are the
--- views and functions that it calls. Only sessions of that very role run it, never a worker or superuser: each other
--- session passes the attachment over, and its scene is not current until its role has followed the table. Calls of it
--- give the types of all parameters: a function that another editor planted beside it would fit unknown types better.
+-- The function conflictdb_attached.rows_N, and the views and functions that it calls, are code of the attaching role.
+-- So only sessions of that role run it, never a worker or superuser of another role. Other sessions skip the
+-- attachment; the scene is not current until its role has followed the table. Calls name all parameter types: otherwise
+-- a function of another editor could match unknown types better.
 
 CREATE OR REPLACE FUNCTION _attaching_role(p_attachment_id bigint) RETURNS name
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- By all of its signature: calls have the same types, so that no other function of that name fits better.
+    -- By full signature, as in the calls.
     SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
     JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
     WHERE n.nspname = 'conflictdb_attached' AND p.proname = format('rows_%s', p_attachment_id)::name
           AND p.pronargs = 2 AND p.proargtypes[0] = 'text[]'::regtype AND p.proargtypes[1] = 'text'::regtype;
 END;
 COMMENT ON FUNCTION _attaching_role(bigint) IS
-'The role that attached a table: the owner of the function that reads it; null if that is gone.';
+'The role that attached a table, owner of the function that reads it; null if that function is missing.';
 
 CREATE OR REPLACE FUNCTION _is_mine(p_attachment_id bigint) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -23,19 +23,19 @@ BEGIN ATOMIC
     SELECT coalesce(_attaching_role(p_attachment_id) = current_user, false);
 END;
 COMMENT ON FUNCTION _is_mine(bigint) IS
-'Whether the current role owns the function that reads an attached table: nobody else runs it, or can replace it.';
+'Whether the current role owns the function that reads an attached table, and so may run it.';
 
 CREATE OR REPLACE FUNCTION _short_identity(p_identity text) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN octet_length(p_identity) <= 1000 THEN p_identity ELSE left(p_identity, 100) || md5(p_identity) END;
 END;
-COMMENT ON FUNCTION _short_identity(text) IS 'An identity that an index can hold.';
+COMMENT ON FUNCTION _short_identity(text) IS 'An identity shortened to fit an index entry: at most 1,000 bytes.';
 
 CREATE OR REPLACE FUNCTION _drifted_objects(p_attachment_id bigint) RETURNS SETOF text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Marks tell: whoever changes an object leaves one. They are few, and come first.
+    -- Every change of an object leaves a mark; marks are few, so they come first.
     WITH marked AS MATERIALIZED (
         SELECT DISTINCT m.object_kind, m.object_id
         FROM attachment a JOIN change m ON m.scene_id = a.scene_id AND m.object_kind = a.object_kind
@@ -52,16 +52,16 @@ BEGIN ATOMIC
       AND NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = a.scene_id AND k.key = o.key);
 END;
 COMMENT ON FUNCTION _drifted_objects(bigint) IS
-'Rows of an attachment whose objects somebody else changed or removed, and rows whose key is free by now.';
+'Identities of an attachment whose objects were changed or removed by others, or whose key has become free.';
 
 CREATE OR REPLACE FUNCTION _is_compared(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- A clock may have been put back since: what seems far ahead says nothing.
+    -- A time in the future means that the clock was set back, and is ignored.
     SELECT coalesce(p_attachment.compared_at > now() - p_attachment.every
                     AND p_attachment.compared_at < now() + p_attachment.every, false);
 END;
-COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether it is not time yet to compare all rows of an attachment.';
+COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether all rows of an attachment were compared within its interval.';
 
 CREATE OR REPLACE FUNCTION _has_just_failed(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -70,7 +70,7 @@ BEGIN ATOMIC
                     AND p_attachment.failed_at < now() + interval '1 minute', false);
 END;
 COMMENT ON FUNCTION _has_just_failed(attachment) IS
-'Whether the rows of an attachment could not be read within the last minute, so that it is left alone.';
+'Whether reading an attachment failed within the last minute, so that it is not retried yet.';
 
 CREATE OR REPLACE FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean) RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -84,15 +84,15 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
-'The attachments of a scene, made by the current role, whose rows changed or are to be compared. Those that failed '
-'within the last minute only if p_try_again.';
+'Ids of the attachments of a scene, made by the current role, that have changes or are due for comparison. Those that '
+'failed within the last minute only with p_try_again.';
 
 CREATE OR REPLACE FUNCTION _attached_rows(
     p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text
 ) RETURNS SETOF attached_row
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Beyond, one look at all rows costs less than looking each one up.
+    -- Above this number, one scan of the table costs less than lookups.
     c_most_lookups CONSTANT integer := 10000;
     v_asked text[];
     v_compared text[] := '{}';
@@ -126,15 +126,15 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attached_rows(bigint, bigint[], boolean, text) IS
-'The rows of an attached table that changed, by the notes given or by comparison of all, and a row for each identity '
-'asked for: one without others is gone. p_how: rows, or carefully: row by row, with the reason of each that fails.';
+'Changed rows of an attached table, from the given changes or by comparing all rows, plus one row with is_asked per '
+'identity: an identity without other rows is gone. p_how: rows, or carefully (row by row, with the error of each).';
 
 CREATE OR REPLACE FUNCTION _combined_hash(p_sum numeric) RETURNS bigint
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT mod(p_sum, 9223372036854775807)::bigint;
 END;
-COMMENT ON FUNCTION _combined_hash(numeric) IS 'One hash of the sum of the hashes of some rows, in whatever order.';
+COMMENT ON FUNCTION _combined_hash(numeric) IS 'One hash from the sum of row hashes; independent of their order.';
 
 CREATE OR REPLACE FUNCTION _attachment_failed(p_attachment_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
@@ -151,4 +151,4 @@ BEGIN ATOMIC
     FROM attachment a WHERE _is_mine(a.attachment_id);
 END;
 COMMENT ON FUNCTION _seconds_to_comparison() IS
-'After how many seconds the next table that the current role attached is to be compared; null if there is none.';
+'Seconds until the next comparison of a table that the current role attached; null if there is none.';

@@ -1,10 +1,10 @@
--- Rows of attached tables become objects of their scene: set by set, and where a set fails, by halves, so that what is
--- wrong with one row is told of that row and of no other.
+-- Rows of attached tables become objects of their scene, in sets. If a set fails, it is halved until the failing row is
+-- found, so that errors are reported for single rows.
 
 CREATE OR REPLACE FUNCTION _begin_attached() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
-    -- They stay in the session, empty: a worker comes by many times a minute.
+    -- Kept in the session, empty: a worker uses them many times a minute.
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_attached (LIKE attached_row) ON COMMIT DELETE ROWS;
     CREATE INDEX IF NOT EXISTS staged_attached_btree ON pg_temp.staged_attached (identity);
     CREATE TEMPORARY TABLE IF NOT EXISTS attached_item (
@@ -16,8 +16,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_attached() IS
-'Makes sure of the temporary tables staged_attached (rows as they were read) and attached_item (one row per object), '
-'empty.';
+'Creates or empties the temporary tables staged_attached (rows read) and attached_item (one row per object).';
 
 CREATE OR REPLACE FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -33,7 +32,7 @@ BEGIN
     END IF;
     v_placed := ST_Transform(p_geometry, 4326);
     IF ST_XMax(v_placed) - ST_XMin(v_placed) > 180 AND GeometryType(v_placed) LIKE '%POLYGON%' THEN
-        -- Wide, or cut by the transformation, which wraps longitudes at 180? Halfway along a side that jumps tells.
+        -- ST_Transform wraps longitudes at 180. The midpoint of a side that jumps tells a cut polygon from a wide one.
         IF EXISTS (
             SELECT FROM (SELECT ST_X(a.geom) AS lon, lead(ST_X(a.geom)) OVER w AS next,
                                 ST_X(ST_Transform(ST_Centroid(ST_MakeLine(b.geom, lead(b.geom) OVER w)), 4326))
@@ -49,8 +48,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _lon_lat(text, text, geometry) IS
-'A geometry of any SRID as longitude and latitude (SRID 4326, degrees). What the transformation cut at longitude 180 '
-'is whole: longitudes run on from 0 to 360.';
+'Transforms a geometry to longitude and latitude (degrees, SRID 4326). A polygon cut at longitude 180 is made whole: '
+'longitudes from 0 to 360.';
 
 CREATE OR REPLACE FUNCTION _attached_footprint(p_who text, p_shape geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -62,7 +61,7 @@ BEGIN
     RETURN ST_Multi(_lon_lat(p_who, 'footprint', ST_Force2D(p_shape)));
 END
 $$;
-COMMENT ON FUNCTION _attached_footprint(text, geometry) IS 'The footprint of an area that is given in any SRID.';
+COMMENT ON FUNCTION _attached_footprint(text, geometry) IS 'The footprint of an area, given in any SRID.';
 
 CREATE OR REPLACE FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz)
 RETURNS tstzrange
@@ -76,7 +75,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attached_span(text, tstzrange, timestamptz, timestamptz) IS
-'When an area is active: a span, or [start, end); nulls are unbounded.';
+'The active span of an area, from a span or from start and end, [start, end); null is unbounded.';
 
 CREATE OR REPLACE FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean)
 RETURNS geometry
@@ -98,7 +97,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attached_path(text, geometry, timestamptz[], boolean) IS
-'The path of a track that is given in any SRID: with instants as M, or in an array.';
+'The path of a track, given in any SRID, with times as M (Unix seconds) or in an array.';
 
 CREATE OR REPLACE FUNCTION _order_reason(p_identity text) RETURNS text
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
@@ -118,8 +117,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _order_reason(text) IS
-'Why the staged rows of a track do not follow each other in their order: a place that is null or given twice, or a '
-'time that does not increase; null if they do.';
+'Why the staged rows of a track cannot be ordered (order null or repeated, time not increasing); null if they can.';
 
 CREATE OR REPLACE FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
 RETURNS TABLE (
@@ -145,8 +143,7 @@ BEGIN
         SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.shape,
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
                    AS outline,
-               -- Between two waypoints it may be as low as at the lower one, and as high as at the higher one; null is
-               -- no limit at all.
+               -- A leg has the lower floor and the higher ceiling of its two waypoints; null: no limit.
                nullif(least(coalesce(s.floor_m, '-infinity'), coalesce(lead(s.floor_m) OVER w, '-infinity')),
                       '-infinity') AS floor_m,
                nullif(greatest(coalesce(s.ceiling_m, 'infinity'), coalesce(lead(s.ceiling_m) OVER w, 'infinity')),
@@ -182,8 +179,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
-'The tracks of some staged rows. Of a row for each waypoint: name, properties and growth are those of the first; an '
-'outline that differs changes from waypoint to waypoint; a leg has the lower floor and the higher ceiling of its ends.';
+'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties and growth are those of the '
+'first row; differing outlines change along the legs; a leg has the lower floor and the higher ceiling of its ends.';
 
 CREATE OR REPLACE FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -246,7 +243,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _put_attached(attachment, bigint, bigint) IS
-'Makes objects of the items from p_first to p_last, all or none.';
+'Creates or updates the objects of items p_first to p_last, all or none.';
 
 CREATE OR REPLACE FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -263,7 +260,7 @@ BEGIN
         BEGIN
             PERFORM _put_attached(p_attachment, v_first, v_last);
         EXCEPTION WHEN OTHERS THEN
-            -- Of the row, or of the moment: somebody else's locks, the machine?
+            -- Errors of the session or server (locks, resources) are not errors of a row.
             IF SQLSTATE ~ '^(40|53|55|57|58)' THEN
                 RAISE;
             END IF;
@@ -279,7 +276,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _put_attached_by_halves(attachment, bigint) IS
-'Makes objects of all items that can be, and notes the reason of each that cannot.';
+'Creates or updates the objects of all items, halving sets that fail; records the reason of each item that fails.';
 
 CREATE OR REPLACE FUNCTION _take_over_attached(
     p_attachment attachment, p_change_ids bigint[], OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
@@ -287,12 +284,12 @@ CREATE OR REPLACE FUNCTION _take_over_attached(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_nestloop = on SET jit = off AS $$
 DECLARE
-    -- Of a scene that is new since the last ANALYZE the planner expects a row or two, and would compare all with all.
+    -- Above this number of rows, no nested loops: for a new scene the planner expects few rows.
     c_few CONSTANT bigint := 1000;
     c_too_long CONSTANT text := 'key: its columns must hold at most 1000 bytes';
 BEGIN
     mapped := 0; removed := 0; unmapped := 0;
-    -- As loads of one scene: one after the other.
+    -- Serialise with loads of the scene.
     PERFORM FROM scene s WHERE s.scene_id = p_attachment.scene_id FOR NO KEY UPDATE;
     UPDATE pg_temp.staged_attached s SET identity = _short_identity(s.identity), error = c_too_long
         WHERE octet_length(s.identity) > 1000;
@@ -317,7 +314,7 @@ BEGIN
         LEFT JOIN attached_object o ON o.attachment_id = p_attachment.attachment_id AND o.identity = s.identity;
     ANALYZE pg_temp.attached_item;
 
-    -- Rows that are gone; first, because others may have their keys now.
+    -- Removed rows first, because other rows may now use their keys.
     DELETE FROM area a USING pg_temp.attached_item i
         WHERE p_attachment.object_kind = 0 AND i.rows = 0 AND a.area_id = i.former_id
               AND a.scene_id = p_attachment.scene_id;
@@ -331,7 +328,7 @@ BEGIN
         WHERE o.attachment_id = p_attachment.attachment_id AND o.identity = i.identity AND i.rows = 0;
     DELETE FROM pg_temp.attached_item i WHERE i.rows = 0;
 
-    -- An object that has the key already is this row's own, or the key is taken.
+    -- An existing object with the key is either this row's own, or the key is taken.
     UPDATE pg_temp.attached_item i SET object_id = i.former_id, former_id = NULL
         WHERE EXISTS (SELECT FROM area a WHERE p_attachment.object_kind = 0 AND a.area_id = i.former_id
                       AND a.scene_id = p_attachment.scene_id AND a.key = i.key)
@@ -374,10 +371,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _take_over_attached(attachment, bigint[]) IS
-'Brings the objects of an attachment in step with the staged rows; counts objects that were made or found unchanged, '
-'objects removed, and rows that cannot be mapped. Touches objects of the attachment''s scene alone.';
+'Applies the staged rows of an attachment to the objects of its scene; returns numbers of objects created, updated or '
+'unchanged, of objects removed, and of rows that cannot be mapped.';
 
--- Other settings may take what was refused under the ones before.
+-- Rows that cannot be mapped are retried after a change of the scene's plane.
 
 CREATE OR REPLACE FUNCTION _after_scene_resettled() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -390,8 +387,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_resettled() IS
-'Trigger: with another motion or centre, rows of attached tables that could not be mapped are tried again. Runs as '
-'its owner. Restricted to attachments of the changed scene.';
+'Trigger: after a change of motion, earth or centre, retries rows of attached tables that could not be mapped. Runs as '
+'its owner: editors of the scene need no rights on attachments. Restricted to attachments of the changed scene.';
 
 CREATE OR REPLACE TRIGGER scene_resettled AFTER UPDATE ON scene
     FOR EACH ROW

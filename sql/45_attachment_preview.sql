@@ -1,4 +1,4 @@
--- What attaching a table would do, without doing it.
+-- Preview of an attachment.
 
 CREATE OR REPLACE FUNCTION _area_feature(p_area area) RETURNS jsonb
 LANGUAGE sql STABLE STRICT
@@ -8,7 +8,7 @@ BEGIN ATOMIC
             'kind', 'area', 'name', p_area.name, 'start', lower(p_area.active_span), 'end', upper(p_area.active_span),
             'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m)));
 END;
-COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file.';
+COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file (GeoJSON).';
 
 CREATE OR REPLACE FUNCTION _track_feature(p_track track) RETURNS jsonb
 LANGUAGE sql STABLE STRICT
@@ -23,14 +23,14 @@ BEGIN ATOMIC
             'grow_mps', nullif(p_track.grow_mps, 0), 'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m,
             'floors_m', to_jsonb(p_track.floors_m), 'ceilings_m', to_jsonb(p_track.ceilings_m))));
 END;
-COMMENT ON FUNCTION _track_feature(track) IS 'A track as a feature of a scene file.';
+COMMENT ON FUNCTION _track_feature(track) IS 'A track as a feature of a scene file (GeoJSON).';
 
 CREATE OR REPLACE FUNCTION preview_attachment(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL, p_objects integer DEFAULT 5
 ) RETURNS TABLE (part text, what text)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Rows that are looked at for the first objects.
+    -- Number of rows read for the first objects.
     c_most_rows CONSTANT integer := 10000;
     v_attachment attachment;
     v_identities text[];
@@ -76,8 +76,7 @@ BEGIN
                            f (key, feature) ORDER BY f.key);
         v_unmapped := ARRAY(SELECT concat_ws(': ', o.identity, o.reason) FROM attached_object o
                             WHERE o.attachment_id = v_attachment.attachment_id AND o.reason IS NOT NULL);
-        -- Back to before: all that was done is undone, what is known of it stays. A state that ends in 000 would stand
-        -- for its class, and all refusals be caught.
+        -- Roll back all changes but keep the variables. Not a code ending in 000: that would catch its whole class.
         RAISE EXCEPTION USING ERRCODE = 'ZC999';
     EXCEPTION WHEN SQLSTATE 'ZC999' THEN
         NULL;
@@ -88,5 +87,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION preview_attachment(text, text, regclass, jsonb, interval, integer) IS
-'What attach would do (part would), the first p_objects objects as features of a scene file (object), and why others '
-'of these cannot be made (unmapped). Changes nothing.';
+'Returns what attach would do (part would), the first p_objects objects as features of a scene file (object), and why '
+'some of these cannot be made (unmapped). Changes nothing.';

@@ -1,4 +1,4 @@
--- Following attached tables: rows that changed become objects, in one transaction for each table.
+-- Following attached tables: changed rows become objects, in one transaction per table.
 
 CREATE OR REPLACE FUNCTION _follow_attachment(
     p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint,
@@ -11,7 +11,7 @@ DECLARE
     v_is_full boolean;
     v_how text;
 BEGIN
-    -- The lock of the row: sessions that follow one table come one after the other.
+    -- Serialises sessions that follow the same table.
     SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id FOR NO KEY UPDATE;
     is_done := FOUND AND _is_mine(p_attachment_id);
     IF NOT is_done THEN
@@ -20,10 +20,10 @@ BEGIN
     SELECT coalesce(array_agg(c.attached_change_id), '{}'),
            NOT _is_compared(v_attachment) OR coalesce(bool_or(c.identities IS NULL), false)
         INTO v_change_ids, v_is_full FROM attached_change c WHERE c.attachment_id = p_attachment_id;
-    -- All rows at once; if that fails, one by one, so that a row that fails stops no other.
+    -- All rows at once; if that fails, one by one, so that one failing row does not stop the others.
     FOREACH v_how IN ARRAY ARRAY['rows', 'carefully'] LOOP
         BEGIN
-            -- Another relation may have the name by now.
+            -- The name may now belong to another relation.
             PERFORM _hold_attached(format('attachment of %I.%I', v_attachment.table_schema, v_attachment.table_name),
                                    format('%I.%I', v_attachment.table_schema, v_attachment.table_name),
                                    v_attachment.has_triggers);
@@ -48,14 +48,15 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _follow_attachment(bigint) IS
-'Brings the objects of an attachment in step with its table: counts objects made or found unchanged, objects removed '
-'and rows that cannot be mapped, or says why the table cannot be read. Does nothing (is_done) for another role.';
+'Updates the objects of an attachment from its table: returns numbers of objects created, updated or unchanged, of '
+'objects removed, and of rows that cannot be mapped, or why the table cannot be read. is_done: false for other roles, '
+'for which nothing happens.';
 
 CREATE OR REPLACE FUNCTION follow_attached(p_scene text)
 RETURNS TABLE ("table" text, mapped bigint, removed bigint, unmapped bigint, error text)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Keys that the first round frees, the second gives to rows that waited for them.
+    -- The second round serves rows whose key the first round freed.
     c_rounds CONSTANT integer := 2;
     v_attachment_id bigint;
     v_round integer;
@@ -71,12 +72,12 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION follow_attached(text) IS
-'Brings the objects of a scene in step with the tables that the current role attached to it; returns a row for each '
-'table that changed: objects made or found unchanged, objects removed, rows that cannot be mapped (view unmapped), and '
-'why a table cannot be read. Detections and workers of that role do so by themselves; other roles, superusers too, '
-'never read the table.';
+'Updates the objects of a scene from the tables that the current role attached; returns one row per changed table: '
+'numbers of objects created, updated or unchanged (mapped), of objects removed, and of rows that cannot be mapped '
+'(view unmapped), and why a table cannot be read. Detections and workers of that role do this automatically; other '
+'roles, including superusers, never read the table.';
 
--- Whether changes of a table are noticed: else its scene is not known to be current.
+-- If changes of a table may be missed, its scene is not current.
 
 CREATE OR REPLACE FUNCTION _attachment_remark(p_attachment attachment) RETURNS text
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -91,7 +92,7 @@ BEGIN
         WHEN p_attachment.has_triggers AND NOT _is_watched(p_attachment.attachment_id, p_attachment.table_schema,
                                                            p_attachment.table_name)
             THEN 'triggers are missing or disabled, maybe on a new partition: detach, and attach again'
-        -- Twice: whoever follows it does so as soon as it is due.
+        -- Twice the interval: the role's sessions compare as soon as it is due.
         WHEN NOT p_attachment.has_triggers AND (p_attachment.compared_at IS NULL
                  OR p_attachment.compared_at < now() - 2 * p_attachment.every - interval '10 s')
             THEN format('was compared last at %s: run a worker as role %I, or follow_attached(scene) every %s',
@@ -103,7 +104,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _attachment_remark(attachment) IS
-'Why changes of an attached table may not be known; null if they are.';
+'Why changes of an attached table may be missed; null if they are not.';
 
 CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
@@ -118,25 +119,25 @@ SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' E
        _attachment_remark(a) AS remark
 FROM attachment a JOIN scene s USING (scene_id);
 
-COMMENT ON VIEW attachments IS 'Tables that are attached to scenes, and how that goes.';
+COMMENT ON VIEW attachments IS 'Tables attached to scenes, and their state.';
 COMMENT ON COLUMN attachments.scene IS 'Name of the scene.';
-COMMENT ON COLUMN attachments.attachment_id IS 'Number; names of triggers and of the function have it.';
-COMMENT ON COLUMN attachments.kind IS 'What its rows become: area or track.';
+COMMENT ON COLUMN attachments.attachment_id IS 'Id, part of the names of its triggers and function.';
+COMMENT ON COLUMN attachments.kind IS 'Kind of the objects made from its rows: area or track.';
 COMMENT ON COLUMN attachments."table" IS 'The table, as SCHEMA.TABLE.';
-COMMENT ON COLUMN attachments.map IS 'The expressions of the fields, as they were given.';
+COMMENT ON COLUMN attachments.map IS 'The column or expression of each field, as given.';
 COMMENT ON COLUMN attachments.role IS
-'The role that attached it, with whose rights it is read; null if the function that reads is gone.';
-COMMENT ON COLUMN attachments.has_triggers IS 'Whether triggers note its changes.';
+'Role that attached it and reads it; null if the function that reads it is missing.';
+COMMENT ON COLUMN attachments.has_triggers IS 'Whether triggers record changes of the table.';
 COMMENT ON COLUMN attachments.every IS
-'How often all rows are compared: without triggers that is how changes are found.';
-COMMENT ON COLUMN attachments.objects IS 'How many objects of the scene are made of its rows.';
-COMMENT ON COLUMN attachments.unmapped IS 'How many could not be made, see the view unmapped.';
-COMMENT ON COLUMN attachments.is_waiting IS 'Whether changes of it that triggers noted are not objects yet.';
-COMMENT ON COLUMN attachments.compared_at IS 'When all its rows were last compared; null if they never were.';
+'Interval between comparisons of all rows; without triggers, only these find changes.';
+COMMENT ON COLUMN attachments.objects IS 'Number of objects of the scene made from its rows.';
+COMMENT ON COLUMN attachments.unmapped IS 'Number of objects that cannot be made (view unmapped).';
+COMMENT ON COLUMN attachments.is_waiting IS 'Whether recorded changes are not applied yet.';
+COMMENT ON COLUMN attachments.compared_at IS 'When all rows were last compared; null: never.';
 COMMENT ON COLUMN attachments.failed_at IS
-'When it could not be read at all, last; null if it could. It is tried again after a minute.';
-COMMENT ON COLUMN attachments.error IS 'Why it could not be read; null if it could.';
-COMMENT ON COLUMN attachments.remark IS 'What is wrong with it, beyond error; null if nothing is.';
+'When reading it last failed; null if the last attempt succeeded. It is retried after a minute.';
+COMMENT ON COLUMN attachments.error IS 'Why reading it failed; null if the last attempt succeeded.';
+COMMENT ON COLUMN attachments.remark IS 'Another problem, which may hide changes; null if there is none.';
 
 CREATE OR REPLACE VIEW unmapped WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
@@ -144,14 +145,14 @@ SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table
 FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)
 WHERE o.reason IS NOT NULL;
 
-COMMENT ON VIEW unmapped IS 'Rows of attached tables that are no objects, or not as they are now, and why.';
+COMMENT ON VIEW unmapped IS 'Rows of attached tables whose current values do not make an object, and why.';
 COMMENT ON COLUMN unmapped.scene IS 'Name of the scene.';
-COMMENT ON COLUMN unmapped.attachment_id IS 'Number of the attachment.';
+COMMENT ON COLUMN unmapped.attachment_id IS 'Id of the attachment.';
 COMMENT ON COLUMN unmapped."table" IS 'The table, as SCHEMA.TABLE.';
-COMMENT ON COLUMN unmapped.identity_columns IS 'The columns that tell its objects apart.';
-COMMENT ON COLUMN unmapped.identity IS 'What they hold in this row, as texts of an array.';
-COMMENT ON COLUMN unmapped.key IS 'The key that the object would have; null if there is none.';
-COMMENT ON COLUMN unmapped.reason IS 'Why it could not be made.';
-COMMENT ON COLUMN unmapped.since IS 'Since when that is so.';
+COMMENT ON COLUMN unmapped.identity_columns IS 'Columns from which the key is computed.';
+COMMENT ON COLUMN unmapped.identity IS 'Values of these columns, as the text of an array.';
+COMMENT ON COLUMN unmapped.key IS 'Key the object would have; null if there is none.';
+COMMENT ON COLUMN unmapped.reason IS 'Why it cannot be made.';
+COMMENT ON COLUMN unmapped.since IS 'Since when it cannot be made.';
 COMMENT ON COLUMN unmapped.is_kept IS
-'Whether the scene still holds the object as it last was: it stays until the row can be mapped again, or is gone.';
+'Whether the scene keeps the previous object: until the row can be mapped again, or is removed.';

@@ -1,18 +1,17 @@
--- The life of a conflict: it opens, changes and closes, and each of these is an event. Events are written by the
--- detection that finds them, in its transaction (60_write_back.sql). They are at once the history of what was known and
--- an outbox that others poll: in one scene their numbers grow in the order in which they become visible.
+-- Conflicts open, change and close; each of these is an event. The detection that finds an event writes it in its own
+-- transaction (60_write_back.sql). Events are the history of conflicts, and an outbox to poll: within a scene they
+-- become visible in the order of their ids.
 
 CREATE OR REPLACE FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision) RETURNS tstzmultirange
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce((SELECT range_agg(tstzrange(lower(r) - w.by, upper(r) + w.by, '[]')) FROM unnest(p_periods) r),
                     '{}'::tstzmultirange)
-    -- A day at most: instants near the end of time have a day left.
-    -- Both ends are rounded outward to the microsecond: what is the same but for rounding may differ by one.
+    -- A day at most, as instants near the end of time allow no more. The microsecond allows for rounding outward.
     FROM (SELECT make_interval(secs => least(p_by_s + 1e-6, 86400)) AS by) w;
 END;
 COMMENT ON FUNCTION _widened(tstzmultirange, double precision) IS
-'Periods that begin and end so many seconds and a microsecond earlier and later, a day at most.';
+'Returns periods widened on both sides by p_by_s seconds (at most a day) plus a microsecond.';
 
 CREATE OR REPLACE FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
 RETURNS boolean
@@ -23,8 +22,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _is_alike(tstzmultirange, tstzmultirange, double precision) IS
-'Whether every instant of each of two multiranges is within so many seconds and a microsecond, a day at most, of the '
-'other.';
+'Whether two multiranges agree within p_within_s seconds (at most a day) plus a microsecond: each lies in the other, '
+'widened by that.';
 
 CREATE OR REPLACE FUNCTION _has_grown(
     p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision,
@@ -45,25 +44,25 @@ $$;
 COMMENT ON FUNCTION _has_grown(
     tstzmultirange, text, double precision, double precision, double precision, tstzmultirange, text, double precision,
     double precision, double precision, double precision) IS
-'Whether a conflict is more than it was known to be: at other times, with a worse verdict, or closer, each by more '
-'than both are uncertain by (seconds, metres), and closer by more than the tolerance too.';
+'Whether a conflict exceeds what was known: other periods or a worse verdict, or closer by more than the tolerance. '
+'Differences count only beyond both error bounds (seconds, metres).';
 
 CREATE OR REPLACE FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- A payload has less than 8000 bytes. What is longer than this is told by its number alone.
+    -- A payload must be shorter than 8,000 bytes. Longer events are sent as their id alone.
     c_most CONSTANT integer := 7900;
     c_longest CONSTANT integer := 1000;
     v_head text := jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', 'changed', 'events', '[]'::jsonb);
     v_room integer := greatest(c_most - c_longest - octet_length(v_head), 1);
 BEGIN
-    -- Put together as text: values of jsonb cost as much as the events.
+    -- Built as text: jsonb values would cost as much as the events themselves.
     PERFORM pg_notify('conflictdb_event',
                       left(jsonb_build_object('scene', p_scene, 'run', p_run_id, 'kind', n.kind)::text, -1)
                       || ', "events": [' || n.events || ']}')
         FROM (SELECT t.kind, string_agg(t.event, ', ' ORDER BY t.number) AS events
               FROM (SELECT e.kind, e.conflict_event_id AS number, s.event,
-                           -- Begun anew whenever the room is full; between events of an array: a comma and a space.
+                           -- Chunks of v_room bytes; events are separated by ", ".
                            (sum(octet_length(s.event) + 2)
                                OVER (PARTITION BY e.kind ORDER BY e.conflict_event_id)) / v_room AS chunk
                     FROM conflict_event e
@@ -78,15 +77,15 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _notify_events(bigint, text, bigint, bigint) IS
-'Notifies channel conflictdb_event of the events of a run from a number on: scene, run, kind, and of each event the '
-'number and both keys (the number alone, where keys are very long, and where the scene is not named, because scenes '
-'are protected), as many notifications as that takes.';
+'Notifies channel conflictdb_event of a run''s events from p_first on: scene, run, kind, and for each event its id and '
+'both keys, in as many notifications as needed. Very long keys are omitted; so are all keys and the scene if p_scene '
+'is null (protected scenes).';
 
 CREATE OR REPLACE FUNCTION _history_kept(p_scene_id bigint) RETURNS interval
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_default CONSTANT interval := '30 days';
-    -- Instants reach as far back.
+    -- The range of instants.
     c_ever CONSTANT interval := '6000 years';
     v_kept interval := (SELECT s.history_kept FROM scene s WHERE s.scene_id = p_scene_id);
     v_setting text := nullif(current_setting('conflictdb.history_kept', true), '');
@@ -98,7 +97,7 @@ BEGIN
             v_kept := '-1 s';
         END;
         IF v_kept < interval '0' THEN
-            -- No detection fails of it.
+            -- Detection must not fail because of it.
             RAISE WARNING 'conflictdb.history_kept: must be an interval, such as 30 days; got %; taken as %',
                           quote_literal(v_setting), c_default;
             v_kept := NULL;
@@ -108,8 +107,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _history_kept(bigint) IS
-'How long history of a scene is kept: as the scene says (scene.history_kept), else the setting conflictdb.history_kept '
-'of the database or role, else 30 days.';
+'How long the history of a scene is kept: scene.history_kept, else the setting conflictdb.history_kept of the database '
+'or role, else 30 days.';
 
 CREATE OR REPLACE FUNCTION _prune(p_scene_id bigint, p_kept interval) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -120,7 +119,7 @@ DECLARE
     v_removed bigint := 0;
 BEGIN
     IF v_run_id IS NOT NULL THEN
-        -- Of what was known then, the last event of each conflict stays; it tells what is known of it ever since.
+        -- Keep the last event of each conflict that was open then: it describes its state since.
         DELETE FROM conflict_event e
             USING (SELECT o.conflict_event_id, o.kind,
                           lead(o.kind) OVER (PARTITION BY o.conflict_id ORDER BY o.conflict_event_id) AS next_kind
@@ -145,13 +144,13 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune(bigint, interval) IS
-'Removes what is older from the history of a scene: events, acknowledgements and runs; returns how many events. Under '
-'the lock of the scene.';
+'Deletes events, acknowledgements and runs of a scene older than p_kept; returns the number of deleted events. The '
+'caller holds the lock of the scene.';
 
 CREATE OR REPLACE FUNCTION _prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- It reads all events of the scene.
+    -- At most hourly, because it reads all events of the scene.
     IF NOT EXISTS (SELECT FROM history h
                    WHERE h.scene_id = p_scene_id AND h.pruned_at > now() - interval '1 hour') THEN
         PERFORM _prune(p_scene_id, _history_kept(p_scene_id));
@@ -159,7 +158,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune_sometimes(bigint) IS
-'Removes what is older than it is to be kept from the history of a scene, unless that was done within the hour.';
+'Prunes the history of a scene as _history_kept says, unless that was done within the last hour.';
 
 CREATE OR REPLACE FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -170,12 +169,12 @@ BEGIN
         PERFORM _refuse('ZC009', format('scene %L', p_scene), 'kept',
                         format('must be 0 or longer; got %s', p_kept), 'history_kept_positive');
     END IF;
-    -- As a detection takes it: one that waits for it begins anew, on what is left.
+    -- Takes the lock like a detection; a detection that waits for it starts again.
     UPDATE scene_lock l SET taken = l.taken + 1 WHERE l.scene_id = v_scene_id;
     RETURN _prune(v_scene_id, least(coalesce(p_kept, _history_kept(v_scene_id)), interval '6000 years'));
 END
 $$;
 COMMENT ON FUNCTION prune_history(text, interval) IS
-'Removes what is older than p_kept (null: than scene.history_kept, else the setting conflictdb.history_kept, else 30 '
-'days) from the history of a scene; returns how many events. Detections do so by themselves, once an hour. Waits for a '
-'detection of the scene that is under way.';
+'Deletes history of a scene older than p_kept (null: scene.history_kept, else the setting conflictdb.history_kept, '
+'else 30 days); returns the number of deleted events. Detections do this hourly. Waits for a running detection of the '
+'scene.';

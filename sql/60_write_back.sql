@@ -1,5 +1,5 @@
--- Write-back: one transaction replaces the conflicts of every pair with a dirty member, records the run and deletes the
--- covered marks. After a crash either nothing of it happened or all.
+-- Write-back: one transaction replaces the conflicts of every pair with a changed member, records the run and deletes
+-- the covered marks.
 
 CREATE OR REPLACE FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint) RETURNS bigint
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -11,8 +11,8 @@ BEGIN ATOMIC
                     9223372036854775807);
 END;
 COMMENT ON FUNCTION _next_owner(smallint, bigint, bigint) IS
-'First version of the object that has a number now, if the one that a version is of had it before; else the largest '
-'number.';
+'Returns first_version of the current object with this id if it is greater than p_version, so that p_version belongs '
+'to a former object; else the largest bigint.';
 
 CREATE OR REPLACE FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
 RETURNS TABLE (turn smallint, part integer, hull geometry, span tstzrange, shape geometry)
@@ -24,24 +24,24 @@ BEGIN ATOMIC
     WHERE o.object_kind = p_kind AND o.object_id = p_id AND o.scene_id + 0 = p_scene_id AND o.version < p_until;
 END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
-'The pieces of an object of a scene that are of versions before one. For queries, which it becomes a part of.';
+'Pieces of an object of a scene with versions below p_until. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION _conflict_region(
     p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
     p_b_version bigint, p_periods tstzmultirange, p_plane text
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
--- Planning for each pair anew takes ten times as long as doing it.
+-- Planning takes ten times as long as running: plan once.
 SET plan_cache_mode = force_generic_plan AS $$
 DECLARE
     v_turn_m double precision := 2 * pi() * _radius_m(p_plane);
-    -- Pieces from these versions on are those of other objects.
+    -- Pieces from these versions on belong to other objects.
     v_a_until bigint := _next_owner(p_a_kind, p_a_id, p_a_version);
     v_b_until bigint := _next_owner(p_b_kind, p_b_id, p_b_version);
     v_region geometry;
 BEGIN
-    -- Parts may lie on both sides of the seam: each is brought to longitude and latitude by itself. OFFSET 0 lets each
-    -- step be computed once.
+    -- Parts may lie on both sides of the antimeridian, so each is projected to longitude and latitude separately.
+    -- OFFSET 0: compute each step once.
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
@@ -56,7 +56,7 @@ BEGIN
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
     IF v_region IS NULL THEN
-        -- Hulls are padded: polygons that are only nearer than the separation meet in them.
+        -- Hulls are padded, so they also meet if the polygons are only within the separation.
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
             FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
@@ -73,14 +73,14 @@ END
 $$;
 COMMENT ON FUNCTION _conflict_region(
     bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
-'Where two objects interfere, longitude and latitude: two areas, the intersection of their footprints; else a '
-'superset, the intersection of what they sweep while in conflict. From their current pieces, where a detection did '
-'not find it out: next to a pole on great circles, and what could not be cut or solved.';
+'Region of a conflict, longitude and latitude in degrees. Two areas: intersection of their footprints. Otherwise a '
+'superset: intersection of the hulls swept during the periods. Used if detection did not compute the region: great '
+'circles next to a pole, objects that could not be cut, pairs that could not be solved. Null if nothing intersects.';
 
 CREATE OR REPLACE FUNCTION _covering(p_region geometry, p_place geometry) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    c_way_deg CONSTANT double precision := 1e-9;  -- half the width of what leads there: 0.1 mm
+    c_way_deg CONSTANT double precision := 1e-9;  -- half the width of the connection: 0.1 mm
     v_way geometry;
 BEGIN
     IF p_region IS NULL OR p_place IS NULL OR ST_Covers(p_region, p_place) THEN
@@ -91,28 +91,28 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _covering(geometry, geometry) IS
-'A region that covers a place, which may lie beyond it by what its sides bend in degrees, or by rounding.';
+'Returns the region extended to cover a place, which may lie outside by curvature of sides or by rounding (degrees).';
 
 CREATE OR REPLACE FUNCTION _known_conflicts_of(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[],
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- By the indexes, whatever the statistics know, and planned once in a session.
+-- Uses the indexes, whatever the statistics; planned once per session.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_sort = off SET jit = off AS $$
 BEGIN
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
            array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
            array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
         INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
-        -- OFFSET 0: each object is looked up, however many conflicts the planner believes there are.
+        -- OFFSET 0 forces an index lookup per object.
         FROM (SELECT o.* FROM unnest(p_kinds, p_ids) d (kind, id)
               CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid AS place FROM conflict c
                                   WHERE c.a_kind = d.kind AND c.a_id = d.id AND c.scene_id + 0 = p_scene_id
                                   OFFSET 0) o
               UNION ALL
-              -- In an order that only one index has: the other, which holds these columns behind others, would be read
-              -- whole, and while there are few conflicts the planner takes it for as good.
+              -- This order is offered by one index only. Without it the planner may choose the other, which has these
+              -- columns last and would be scanned as a whole.
               SELECT o.* FROM unnest(p_kinds, p_ids) d (kind, id)
               CROSS JOIN LATERAL (SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
                                   WHERE c.b_kind = d.kind AND c.b_id BETWEEN d.id AND d.id
@@ -121,14 +121,14 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts_of(bigint, smallint[], bigint[]) IS
-'The conflicts of some objects of a scene, as _known_conflicts gives them.';
+'Conflicts of the given objects of a scene, with the columns of _known_conflicts.';
 
 CREATE OR REPLACE FUNCTION _known_conflicts_among(
     p_scene_id bigint, p_is_all boolean,
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- In the order of their places, whatever the statistics know, and planned once in a session.
+-- Reads in storage order, whatever the statistics; planned once per session.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 BEGIN
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
@@ -147,7 +147,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts_among(bigint, boolean) IS
-'The conflicts of a scene, all or those that have a changed member, as _known_conflicts gives them.';
+'All conflicts of a scene, or those with a changed member; with the columns of _known_conflicts.';
 
 CREATE OR REPLACE FUNCTION _known_conflicts(
     p_scene_id bigint, p_numbers bigint[],
@@ -156,7 +156,7 @@ CREATE OR REPLACE FUNCTION _known_conflicts(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 DECLARE
-    -- Beyond so many changed objects, reading all conflicts of the scene costs less than looking up those of each.
+    -- Above this number of changed objects, reading all conflicts of the scene costs less than lookups.
     c_few CONSTANT integer := 1000;
     v_kinds smallint[];
     v_ids bigint[];
@@ -180,31 +180,31 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts(bigint, bigint[]) IS
-'The conflicts of a scene that have a changed member: those that a detection replaces, and where they are for the rest '
-'of the transaction. p_numbers: which members changed; null: those with a covered mark. Each column as the bytes of an '
-'array (array_send). A pair may come twice.';
+'Stored conflicts of a scene that the detection replaces because a member changed, with the places (ctid) of their '
+'rows. p_numbers: changed members; null: those with a covered mark. Each column as an array (array_send). A pair may '
+'occur twice.';
 
 CREATE OR REPLACE FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- In the order of their places.
+-- In storage order.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 BEGIN
     SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
         FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
 END
 $$;
-COMMENT ON FUNCTION _count_conflicts(bigint) IS 'How many conflicts a scene has, and how many of these are unresolved.';
+COMMENT ON FUNCTION _count_conflicts(bigint) IS 'Number of conflicts of a scene, and of unresolved ones among them.';
 
 CREATE OR REPLACE FUNCTION _begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_run_id bigint;
 BEGIN
-    -- Its reference to the scene keeps that from being removed meanwhile, which conflicts do without.
+    -- The run's foreign key keeps the scene from being removed; conflicts have none.
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, conflicts, unresolved, opened,
                      changed, closed)
         SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
-               -- Few changes say how many objects they added: counting takes longer than they do.
+               -- For few changes the caller gives the difference: counting would take longer.
                coalesce(last.objects + (p_run ->> 'more_objects')::bigint,
                         (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
                         + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id)),
@@ -218,8 +218,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
-'Records a run that begins to write, with the conflicts there were before it (p_run: columns of run, and more_objects: '
-'by how many it has more than the last one, if that is known); returns it.';
+'Records a run that starts to write, with the counts of the previous run; returns its id. p_run: columns of run, and '
+'more_objects: change in the number of objects since the previous run, if known.';
 
 CREATE OR REPLACE FUNCTION _write_run(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
@@ -232,12 +232,12 @@ CREATE OR REPLACE FUNCTION _write_run(
     OUT unresolved bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- Planned once in a session, which takes longer than a few rows do, and so that neither statistics nor how many rows
--- matter: what is looked up row by row below says so, all else is joined by hashes.
+-- Planned once per session, which takes longer than writing a few rows. The plan must not depend on statistics: lookups
+-- are forced below, all other joins are hash joins.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
-    -- All conflicts of the scene are counted only where so many objects changed that it does not matter.
+    -- Above this number of marks, counting all conflicts of the scene is cheap by comparison.
     c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
     v_method text := p_run ->> 'method';
@@ -252,18 +252,18 @@ DECLARE
     v_unresolved bigint;
     v_first_event bigint;
 BEGIN
-    -- Anybody who can connect may listen.
+    -- Any user may listen to notifications, so protected scenes are not named.
     SELECT CASE WHEN NOT _is_protected() THEN s.name END, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)
         INTO STRICT v_scene_name, v_plane
         FROM scene s WHERE s.scene_id = p_scene_id;
     run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
-    -- When it began to write: the same for all parts of a run.
+    -- Start of writing: the same for all parts of a run.
     SELECT r.finished_at INTO v_at FROM run r WHERE r.run_id = _write_run.run_id;
 
-    -- Beginning the statement takes longer than writing a row: it waits for one.
+    -- Starting the statement takes longer than writing a row: skip it if there is none.
     IF cardinality(p_digest) > 0 THEN
 WITH member AS MATERIALIZED (
-        -- Each object is looked up once. OFFSET 0, and 0 that is added: by its number.
+        -- One lookup per object; OFFSET 0 and "+ 0" force it to be by id.
         SELECT d.kind, d.id, n.key, n.first_version
         FROM (SELECT unnest(p_a_kind) AS kind, unnest(p_a_id) AS id
               UNION SELECT unnest(p_b_kind), unnest(p_b_id)) d
@@ -273,9 +273,9 @@ WITH member AS MATERIALIZED (
                             SELECT o.key, o.first_version FROM track o
                             WHERE d.kind = 1 AND o.track_id = d.id AND o.scene_id + 0 = p_scene_id OFFSET 0) n
     ), placed AS MATERIALIZED (
-        -- What becomes of each pair: exactly those that open, change and close, and those of which less is new. An
-        -- object that was removed meanwhile has a mark of its own, and its pairs drop out; its number may be that of
-        -- another object by now. Pairs that are only near are no conflicts: they open, change and close none.
+        -- Decide for each pair whether its conflict opens, changes or closes. Pairs that are only near are not
+        -- conflicts. Pairs of an object that was removed meanwhile are dropped: it has a mark of its own, and its id
+        -- may belong to another object by now.
         SELECT d.place, d.digest, d.periods, d.verdict, d.old_verdict, d.time_error_s, d.closest_at, d.closest_m,
                d.closest_error_m, d.is_found, e.is_now AND NOT (d.stays AND e.was) AS opens,
                e.was AND NOT (d.stays AND e.is_now) AS closes, g.changes,
@@ -311,7 +311,7 @@ WITH member AS MATERIALIZED (
                    f (a_kind, a_id, a_version, b_kind, b_id, b_version, place, digest, verdict, periods, region,
                       first_contact_point, time_error_s, closest_at, closest_m, closest_error_m, closest_a_point,
                       closest_b_point)
-              -- Each row is looked up by its place.
+              -- One lookup per row, by its place.
               LEFT JOIN LATERAL (SELECT c.* FROM conflict c
                                  WHERE c.ctid = f.place AND c.scene_id + 0 = p_scene_id OFFSET 0) o ON true
               LEFT JOIN member a ON a.kind = f.a_kind AND a.id = f.a_id AND a.first_version <= f.a_version
@@ -321,15 +321,15 @@ WITH member AS MATERIALIZED (
               OFFSET 0) d
         CROSS JOIN LATERAL (SELECT d.is_found AND d.verdict <> 'near' AS is_now,
                                    d.place IS NOT NULL AND d.old_verdict <> 'near' AS was) e
-        -- Whether it is a conflict, or only near, is what was first found.
+        -- conflict_id and found_at are kept unless the pair changed between conflict and near.
         CROSS JOIN LATERAL (SELECT d.stays AND (d.old_verdict = 'near') = (d.verdict = 'near') AS keeps) k
-        -- Compared with what was told last: many changes below the tolerance add up.
+        -- Compared with the last event, so that many small changes add up.
         CROSS JOIN LATERAL (SELECT CASE WHEN d.stays AND e.was AND e.is_now THEN
                 d.verdict <> d.old_verdict OR (d.a_key, d.b_key) IS DISTINCT FROM (d.old_a_key, d.old_b_key)
                 OR NOT _is_alike(d.periods, d.told_periods, d.time_error_s + d.old_time_error_s)
                 ELSE false END AS changes OFFSET 0) g
     ), ended AS (
-        -- As they were known last.
+        -- With the last known values.
         INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
                                     periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
             SELECT p_scene_id, _write_run.run_id, o.conflict_id, 'closed', v_at, o.found_at, o.a_kind, o.a_key,
@@ -350,7 +350,7 @@ WITH member AS MATERIALIZED (
             FROM placed o WHERE o.opens OR o.changes
             RETURNING conflict_event_id
     ), located AS NOT MATERIALIZED (
-        -- By the order of the keys: not even the order of its vertices depends on numbers.
+        -- In the order of keys, so that the order of vertices is reproducible.
         SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' THEN
                         _covering(_conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id,
                                                    o.b_version, o.periods, v_plane), o.first_contact_point)
@@ -420,13 +420,14 @@ COMMENT ON FUNCTION _write_run(
     bigint, bigint, jsonb, boolean, smallint[], bigint[], bigint[], smallint[], bigint[], bigint[], tid[], bigint[],
     text[], tstzmultirange[], bytea[], bytea[], double precision[], timestamptz[], double precision[],
     double precision[], bytea[], bytea[]) IS
-'Writes a part of what a detection found to be other than known, each pair once, the smaller kind and number first; '
-'p_place is where its row is, if it has one (_known_conflicts); without a verdict the row goes. '
-'Without p_run_id a run begins (p_run: columns of run). With the last part the run is recorded, covered marks are '
-'deleted, channel conflictdb is notified. A conflict that stays keeps its number and the instant it opened; what '
-'opens, changes by more than its bound on time, or closes is an event (conflict_event), of which each part notifies.';
+'Writes some of the pairs whose result differs from the stored one; each pair once, the smaller kind and id first. '
+'p_place: place of the stored row (_known_conflicts), null if there is none; a null verdict deletes the row. p_run_id '
+'null: starts a run (p_run: columns of run). p_is_last: completes the run, deletes covered marks, notifies channel '
+'conflictdb. A conflict that stays keeps its id and opening time. A conflict that opens, closes, or changes by more '
+'than its time error makes an event (conflict_event); each call notifies of its events. Counts are returned with '
+'p_is_last.';
 
--- What was computed elsewhere is written back by the same routines.
+-- Results computed outside the database are written by the same routines.
 
 CREATE OR REPLACE FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[]) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
@@ -437,8 +438,8 @@ BEGIN
         WHERE c.scene_id = p_scene_id AND c.is_covered
           AND NOT EXISTS (SELECT FROM unnest(p_kinds, p_ids) d (kind, id)
                           WHERE d.kind = c.object_kind AND d.id = c.object_id);
-    -- Where one of these has a mark, its pairs with all others are not known either: what was compared with no others,
-    -- as of a part of the scene, would hide them once that mark is gone.
+    -- If one of the given objects had a mark, its pairs with objects that were not given are unknown. Mark all other
+    -- objects, so that these pairs are detected later.
     IF EXISTS (SELECT FROM change c JOIN unnest(p_kinds, p_ids) d (kind, id)
                    ON d.kind = c.object_kind AND d.id = c.object_id
                WHERE c.scene_id = p_scene_id) THEN
@@ -459,9 +460,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _cover(bigint, smallint[], bigint[]) IS
-'Covers the marks of exactly these objects of a scene, and marks those that have none: theirs are the conflicts that '
-'the transaction replaces. If one of them had a mark all other objects get one, which stays: of their pairs with it '
-'nothing is known.';
+'Prepares the write-back of results for exactly these objects of a scene: covers their marks, adding missing ones, and '
+'uncovers all others. If one of them had a mark, its pairs with other objects are unknown: all other objects are then '
+'marked and stay pending.';
 
 CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
 LANGUAGE sql VOLATILE
@@ -477,4 +478,4 @@ BEGIN ATOMIC
         RETURNING run_id;
 END;
 COMMENT ON FUNCTION _record_failure(bigint, jsonb, text) IS
-'Records a detection that failed; conflicts and marks stay as they were. Returns the run.';
+'Records a failed detection; conflicts and marks stay unchanged. Returns the id of the run.';

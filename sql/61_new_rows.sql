@@ -1,7 +1,7 @@
--- Rows of pairs that have none yet, where they are many: the detection finishes them and COPYs them and their events
--- straight into their tables. What it needs for that is asked for here, and what goes with them is done here.
+-- Writing many new pairs: detection COPYs complete rows into conflict and conflict_event. These functions provide ids
+-- and keys before, and update the run after.
 --
---   _begin_new_rows, COPY to conflict and to conflict_event, _end_new_rows; as often as there are parts
+--   _begin_new_rows, COPY to conflict and to conflict_event, _end_new_rows; once per part
 
 CREATE OR REPLACE FUNCTION _begin_new_rows(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_count integer, p_numbers bigint[],
@@ -12,19 +12,19 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 BEGIN
-    -- COPY writes to no table that has row-level security for who calls it (93_row_security.sql).
+    -- COPY cannot write to a table whose row-level security applies to the caller (93_row_security.sql).
     IF row_security_active('conflict') OR row_security_active('conflict_event') THEN
         RETURN;
     END IF;
     run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
     SELECT (extract(epoch FROM r.finished_at) * 1000000)::bigint INTO at_us
         FROM run r WHERE r.run_id = _begin_new_rows.run_id;
-    -- Anybody who can connect may listen.
+    -- Any user may listen to notifications, so protected scenes are not named.
     SELECT s.name INTO scene FROM scene s WHERE s.scene_id = p_scene_id AND NOT _is_protected();
     SELECT array_send(array_agg(n.conflict_id)), array_send(array_agg(n.event_id)) INTO conflict_ids, event_ids
         FROM (SELECT nextval('conflict_seq') AS conflict_id, nextval('conflict_event_conflict_event_id_seq') AS event_id
               FROM generate_series(1, p_count)) n;
-    -- OFFSET 0, and 0 that is added: by its number.
+    -- OFFSET 0 and "+ 0" force lookups by id.
     SELECT array_agg(o.key ORDER BY n.nr), array_agg(o.first_version ORDER BY n.nr) INTO keys, first_versions
         FROM unnest(p_numbers) WITH ORDINALITY n (number, nr)
         LEFT JOIN LATERAL (SELECT a.key, a.first_version FROM area a
@@ -36,10 +36,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_new_rows(bigint, bigint, jsonb, integer, bigint[]) IS
-'What rows of so many new conflicts are finished with: their run, which begins without p_run_id (p_run: see '
-'_begin_run), when it began to write (microseconds since 1970), the name of the scene (null where scenes are '
-'protected), numbers of conflicts and of events (array_send), and of objects (p_numbers: _object_number) the key and '
-'first version, null where there is none in the scene. All null where row-level security keeps COPY from the tables.';
+'Returns values for p_count new rows of conflict: the run (a new one if p_run_id is null; p_run: see _begin_run), the '
+'start of its writing (microseconds since 1970), the name of the scene (null if scenes are protected), ids of '
+'conflicts and events (array_send), and key and first version of the objects p_numbers (_object_number; null if not in '
+'the scene). All null if row-level security prevents COPY.';
 
 CREATE OR REPLACE FUNCTION _end_new_rows(
     p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[]
@@ -52,4 +52,4 @@ BEGIN ATOMIC
     SELECT pg_notify('conflictdb_event', n) FROM unnest(p_notifications) n;
 END;
 COMMENT ON FUNCTION _end_new_rows(bigint, bigint, bigint, text[]) IS
-'Counts new conflicts that were copied in as those of their run, and notifies of them as _notify_events does.';
+'Adds copied conflicts to the counts of their run, and sends the notifications.';

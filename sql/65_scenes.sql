@@ -1,13 +1,12 @@
--- What the database says about what it knows: is the list of a scene's conflicts complete?
+-- State of scenes: whether the list of conflicts is complete.
 
 CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
--- After many marks were deleted the table is long and empty, and the planner believes what it was told before that.
--- Only a plain scan of the index notes which of its entries are dead, so that the next does not read them again.
--- Where the planner has no other plan, it believes that this one is worth a second of compiling.
+-- Forces a plain index scan: after many marks were deleted the statistics are outdated, and only this scan flags dead
+-- index entries, so that the next scan skips them. Without jit, as the forced plan has an inflated cost.
 SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off AS $$
 BEGIN
-    -- Whatever changes, settings too, leaves marks until a detection has succeeded.
+    -- Every change, also of settings, leaves marks until a detection succeeds.
     RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
            AND NOT EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
                            WHERE a.scene_id = p_scene_id)
@@ -19,21 +18,21 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _is_current(bigint) IS
-'Whether nothing of a scene, neither object nor setting nor attached table, changed since its last detection that '
-'succeeded. False also where changes of an attached table would not be noticed.';
+'Whether no object, setting or attached table of a scene changed since its last successful detection. False also if '
+'changes of an attached table may be missed.';
 
 CREATE OR REPLACE FUNCTION _attached_waiting(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- A row that changed twice, or was noted as it was and as it is, is one.
+    -- Count a row once, even if it changed twice or was recorded before and after the change.
     SELECT count(DISTINCT (q.attachment_id, i.identity))
     FROM attachment a JOIN attached_change q USING (attachment_id)
     LEFT JOIN LATERAL unnest(q.identities) i (identity) ON true
     WHERE a.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _attached_waiting(bigint) IS
-'How many rows of tables that are attached to a scene have changes that are still to be taken over; a change of a '
-'whole table counts as one.';
+'Number of rows of attached tables of a scene whose changes are not applied yet; a change of a whole table counts as '
+'one.';
 
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
@@ -51,28 +50,33 @@ FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
 
-COMMENT ON VIEW scenes IS 'Every scene: its settings, what it holds, and whether what is known of it is complete.';
+COMMENT ON VIEW scenes IS 'Scenes with their settings, contents and state.';
 COMMENT ON COLUMN scenes.scene IS 'Name of the scene.';
-COMMENT ON COLUMN scenes.motion IS 'How tracks and edges run between their points: rhumb, or great_circle.';
+COMMENT ON COLUMN scenes.motion IS 'Shape of tracks and edges between their points: rhumb or great_circle.';
 COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere.';
-COMMENT ON COLUMN scenes.centre_lon IS 'great_circle: longitude of the centre, degrees; null until there is one.';
-COMMENT ON COLUMN scenes.centre_lat IS 'great_circle: latitude of the centre, degrees; null until there is one.';
+COMMENT ON COLUMN scenes.centre_lon IS
+'great_circle: longitude of the centre, degrees; null for rhumb, and until the first object.';
+COMMENT ON COLUMN scenes.centre_lat IS
+'great_circle: latitude of the centre, degrees; null for rhumb, and until the first object.';
 COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, exact or nlp.';
-COMMENT ON COLUMN scenes.tolerance_m IS 'Closeness that is too close to call, metres.';
-COMMENT ON COLUMN scenes.separation_m IS 'Minimum distance wanted between polygons, metres.';
+COMMENT ON COLUMN scenes.tolerance_m IS
+'Tolerance, metres: pairs whose clearance is within it may be reported as grazing.';
+COMMENT ON COLUMN scenes.separation_m IS
+'Required separation between polygons, metres; 0: they conflict if they touch.';
 COMMENT ON COLUMN scenes.nearest_m IS
-'Pairs without conflict that come within this are kept with their closest approach, metres; 0: none is.';
-COMMENT ON COLUMN scenes.objects IS 'How many areas and tracks it holds.';
+'Pairs without conflict that come within this distance (metres) are stored with their closest approach; 0: none.';
+COMMENT ON COLUMN scenes.objects IS 'Number of areas and tracks.';
 COMMENT ON COLUMN scenes.pending IS
-'How many objects wait for detection: changed, removed, or under other settings since the last one that succeeded. '
-'With the rows of attached tables whose changes are still to be taken over; a change of a whole table counts as one.';
-COMMENT ON COLUMN scenes.last_run_id IS 'Its last detection, also one that failed; null if there was none.';
-COMMENT ON COLUMN scenes.last_run_at IS 'When that ended; null if there was none.';
-COMMENT ON COLUMN scenes.last_error IS 'Why that failed; null if it did not, or there was none.';
+'Number of objects that wait for detection: changed, removed, or all after a change of settings. Includes rows of '
+'attached tables whose changes are not applied yet; a change of a whole table counts as one.';
+COMMENT ON COLUMN scenes.last_run_id IS 'Last detection, also if it failed; null if there was none.';
+COMMENT ON COLUMN scenes.last_run_at IS 'When it ended; null if there was none.';
+COMMENT ON COLUMN scenes.last_error IS 'Why it failed; null if it succeeded, or if there was none.';
 COMMENT ON COLUMN scenes.is_current IS
-'Whether its conflicts are complete: nothing changed since its last detection that succeeded, and changes of attached '
-'tables are noticed.';
-COMMENT ON COLUMN scenes.unmapped IS 'How many rows of attached tables are no objects, or not as they are now.';
+'Whether its conflicts are complete: nothing changed since the last successful detection, and changes of attached '
+'tables are recorded.';
+COMMENT ON COLUMN scenes.unmapped IS
+'Number of rows of attached tables whose current values do not make an object (view unmapped).';
 
 CREATE OR REPLACE VIEW queue WITH (security_invoker = true) AS
 SELECT s.name AS scene, w.waiting_since, w.changes, w.attached_changes, h.pid AS worker_pid, h.application AS worker,
@@ -91,20 +95,20 @@ LEFT JOIN LATERAL (SELECT x.error FROM run x WHERE x.scene_id = s.scene_id ORDER
 LEFT JOIN LATERAL (SELECT x.* FROM _scene_holders(s.scene_id) x LIMIT 1) h ON true;
 
 COMMENT ON VIEW queue IS
-'Every scene that waits for detection, and who works on it. Workers take the longest waiting first.';
+'Scenes that wait for detection, and the workers that detect them. Workers take the longest waiting first.';
 COMMENT ON COLUMN queue.scene IS 'Name of the scene.';
-COMMENT ON COLUMN queue.waiting_since IS 'When the first of the changes that wait was made.';
+COMMENT ON COLUMN queue.waiting_since IS 'Time of the first waiting change.';
 COMMENT ON COLUMN queue.changes IS
-'How many objects changed or were removed, or were there when the settings changed.';
+'Number of objects that were changed or removed, or are affected by a change of settings.';
 COMMENT ON COLUMN queue.attached_changes IS
-'How many changes of attached tables wait to become objects; of the rows of each statement that is one.';
-COMMENT ON COLUMN queue.worker_pid IS 'Process of the server that detects the scene; null: nobody does at the moment.';
+'Number of changes of attached tables that are not applied yet, one per statement.';
+COMMENT ON COLUMN queue.worker_pid IS 'Server process that detects the scene; null if there is none at the moment.';
 COMMENT ON COLUMN queue.worker IS
-'What the program behind it calls itself: conflictdb worker, for one; null where worker_pid is.';
-COMMENT ON COLUMN queue.worker_role IS 'The user it is connected as; null where worker_pid is.';
-COMMENT ON COLUMN queue.worked_on_since IS 'When its transaction began; null where worker_pid is.';
+'Its application_name, for example conflictdb worker; null if worker_pid is null.';
+COMMENT ON COLUMN queue.worker_role IS 'Its database user; null if worker_pid is null.';
+COMMENT ON COLUMN queue.worked_on_since IS 'Start of its transaction; null if worker_pid is null.';
 COMMENT ON COLUMN queue.last_error IS
-'Why the last detection of the scene failed; null if it did not, or there was none.';
+'Why the last detection of the scene failed; null if it succeeded, or if there was none.';
 
 CREATE OR REPLACE FUNCTION _scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
@@ -138,8 +142,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_state(text) IS
-'What the view scenes says of a scene, in words what is wrong with it (null if nothing is), and when its last '
-'detection that succeeded ended (null: there was none); refuses (ZC010) a name that is not known.';
+'State of a scene as in the view scenes; remark: what is wrong in words (null: nothing); detected_at: end of the last '
+'successful detection (null: none). Raises ZC010 for an unknown name.';
 
 CREATE OR REPLACE FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT interval '1 minute')
 RETURNS void
@@ -149,7 +153,7 @@ DECLARE
     v_until timestamptz := clock_timestamp() + p_timeout;
     v_who text := format('scene %L', p_scene);
 BEGIN
-    -- Each turn sees what others have committed by then; also that the scene was removed.
+    -- Each turn sees what other sessions have committed, including removal of the scene.
     WHILE NOT _is_current(_scene_id(p_scene)) LOOP
         IF current_setting('transaction_isolation') <> 'read committed' THEN
             PERFORM _refuse('ZC013', v_who, 'transaction',
@@ -177,5 +181,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION wait_until_current(text, interval) IS
-'Waits until nothing of a scene waits for detection any more; refuses (ZC014) when that takes longer than p_timeout '
-'(null: however long), and (ZC013) in a transaction that could never see it.';
+'Waits until nothing of a scene waits for detection. Raises ZC014 after p_timeout (null: waits without limit), and '
+'ZC013 in a transaction that cannot see the result.';

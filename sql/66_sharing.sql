@@ -1,4 +1,4 @@
--- Scenes belong to roles: to whom they are shared, given, and whether that matters.
+-- Sharing and giving away scenes, and protecting them by row-level security.
 
 CREATE OR REPLACE FUNCTION _own_scene_id(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
@@ -17,8 +17,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _own_scene_id(text) IS
-'Returns the scene''s id; refuses (ZC010) a name that is not known, and (insufficient_privilege) a scene that is not '
-'the current role''s.';
+'Returns the scene''s id; raises ZC010 for an unknown name, insufficient_privilege if the current role owns neither '
+'the scene nor the schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read') RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -48,8 +48,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION share_scene(text, text, text) IS
-'Lets a role, and its members, read (read) or also change (write) a scene, once scenes are protected (protect_scenes); '
-'public is every role. For who owns the scene. The role needs conflictdb_reader, or conflictdb_editor, as ever.';
+'Lets a role and its members read, or also change (p_access write), a scene; role public: every role. Takes effect '
+'once scenes are protected (protect_scenes). Only for the owner of the scene. The role also needs conflictdb_reader, '
+'or conflictdb_editor to write.';
 
 CREATE OR REPLACE FUNCTION unshare_scene(p_scene text, p_role text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -61,8 +62,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION unshare_scene(text, text) IS
-'Takes back what share_scene gave a role, which may be gone by now; returns whether it had anything. For who owns the '
-'scene.';
+'Withdraws a share from a role, even if the role no longer exists; returns whether there was one. Only for the owner '
+'of the scene.';
 
 CREATE OR REPLACE FUNCTION give_scene(p_scene text, p_role text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -74,7 +75,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION give_scene(text, text) IS
-'Makes a role the owner of a scene, in place of who is. For who owns it, and for who owns schema conflictdb.';
+'Makes another role the owner of a scene. Only for the owner of the scene or of schema conflictdb.';
 
 CREATE OR REPLACE VIEW shares WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.owner AS role, 'own' AS access, NULL::name AS shared_by, NULL::timestamptz AS shared_at
@@ -84,12 +85,12 @@ SELECT s.name, h.role, CASE WHEN h.may_write THEN 'write' ELSE 'read' END, h.sha
 FROM scene_share h JOIN scene s USING (scene_id);
 
 COMMENT ON VIEW shares IS
-'Whose each scene is, and with whom it is shared: for who owns the scene all of it, for others what concerns them.';
+'Owners and shares of scenes. Owners see all shares of a scene, other roles only their own.';
 COMMENT ON COLUMN shares.scene IS 'Name of the scene.';
-COMMENT ON COLUMN shares.role IS 'The role; public is every role.';
-COMMENT ON COLUMN shares.access IS 'own, write or read; each includes what follows.';
-COMMENT ON COLUMN shares.shared_by IS 'Who shared it; null for the owner.';
-COMMENT ON COLUMN shares.shared_at IS 'When that was; null for the owner.';
+COMMENT ON COLUMN shares.role IS 'The role; public: every role.';
+COMMENT ON COLUMN shares.access IS 'own, write or read; each includes the following ones.';
+COMMENT ON COLUMN shares.shared_by IS 'Role that shared it; null for the owner.';
+COMMENT ON COLUMN shares.shared_at IS 'When it was shared; null for the owner.';
 
 CREATE OR REPLACE FUNCTION _shares(p_scene text) RETURNS SETOF shares
 LANGUAGE plpgsql STABLE SET search_path = conflictdb, pg_temp AS $$
@@ -99,17 +100,17 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _shares(text) IS
-'Whose a scene is, and with whom it is shared, as far as the current role sees it.';
+'Owner and shares of a scene, as far as the current role may see them; raises ZC010 for an unknown name.';
 
 CREATE OR REPLACE FUNCTION _protected_tables() RETURNS SETOF regclass
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Of probes and shares nobody sees those of others in any case.
+    -- Probes and shares always have row-level security.
     SELECT c.oid::regclass FROM pg_catalog.pg_class c
     WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
       AND c.relname NOT IN ('alembic_version', 'probe_request', 'probe_reply', 'scene_share');
 END;
-COMMENT ON FUNCTION _protected_tables() IS 'The tables whose rows belong to scenes.';
+COMMENT ON FUNCTION _protected_tables() IS 'Tables whose rows belong to scenes.';
 
 CREATE OR REPLACE FUNCTION protect_scenes(p_on boolean DEFAULT true) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp SET lock_timeout = '10s' AS $$
@@ -129,5 +130,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION protect_scenes(boolean) IS
-'Protects scenes, by row-level security, or no longer: from then on a scene is seen by its owner, by the roles that it '
-'is shared with, by workers, and by who owns schema conflictdb, who alone may run this.';
+'Switches protection of scenes on or off, by row-level security: a protected scene is visible only to its owner, roles '
+'it is shared with, workers, and the owner of schema conflictdb. Only that owner may call this.';

@@ -1,7 +1,7 @@
--- What every question checks before it is answered: an empty answer must not hide a mistake in the question.
+-- Checks of every query, so that an empty answer does not hide a mistake.
 --
--- PostgreSQL runs these once per query, before anything else, because they are conditions that read no column. It runs
--- nothing where it sees beforehand that no row can match, as in a comparison with null: so nulls are replaced first.
+-- PostgreSQL evaluates them once per query, first, because they are conditions without columns. It skips them if no row
+-- can match, as in a comparison with null; so queries replace nulls.
 
 CREATE OR REPLACE FUNCTION _warn_if_incomplete(p_scene text) RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
@@ -15,8 +15,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _warn_if_incomplete(text) IS
-'Tells the session (NOTICE) when what is known of a scene is not complete; true. Refuses (ZC010) a name that is not '
-'known.';
+'Raises a NOTICE if the conflicts of a scene are not complete; returns true. Raises ZC010 for an unknown name.';
 
 CREATE OR REPLACE FUNCTION _warn_if_no_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
@@ -28,7 +27,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
-'Tells the session (NOTICE) that a scene holds no object of that key; true. It may have been removed.';
+'Raises a NOTICE if a scene has no object with that key (it may have been removed); returns true.';
 
 CREATE OR REPLACE FUNCTION _check_place(
     p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
@@ -58,5 +57,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_place(geometry, tstzrange, double precision, double precision) IS
-'Refuses a place (longitude and latitude, a span, heights in metres; null spans and heights are unbounded) where '
-'nothing could ever be; true. An empty answer then means that nothing is there.';
+'Raises ZC001, ZC003, ZC004, ZC005 or ZC017 for an invalid place: geometry (longitude and latitude, degrees), span, '
+'heights in metres (null: unbounded); returns true. So an empty answer means that nothing is there.';

@@ -1,6 +1,5 @@
--- Acknowledging: somebody has taken note of a conflict, as it is known. It holds while the conflict is no more than
--- what was acknowledged (_has_grown), until it closes, is no longer acknowledged, or the time is over. Whether it does
--- is seen when it is read: nothing is written when a conflict grows.
+-- Acknowledgements: a user accepts a conflict as it is known. An acknowledgement ends when the conflict grows
+-- (_has_grown) or closes, when it is withdrawn, or at its expiry. This is evaluated on reading; growth writes nothing.
 
 CREATE OR REPLACE FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text) RETURNS conflict
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -20,19 +19,19 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _known_conflict(text, text, text) IS
-'The conflict of two objects, in whatever order they are named; refuses (ZC011) where none is known.';
+'Returns the conflict of two objects, in either order; raises ZC011 if there is none.';
 
 CREATE OR REPLACE FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- Anybody who can connect may listen.
+    -- Any user may listen to notifications, so protected scenes are not named.
     PERFORM _notify('conflictdb_acknowledgement',
                     jsonb_build_object('scene', CASE WHEN NOT _is_protected() THEN p_scene END,
                                        'conflict', p_conflict_id, 'acknowledged', p_holds)::text);
 END
 $$;
 COMMENT ON FUNCTION _notify_acknowledgement(text, bigint, boolean) IS
-'Tells who listens that a conflict was acknowledged, or is no longer; without the scene where scenes are protected.';
+'Notifies channel conflictdb_acknowledgement of a new or ended acknowledgement; scene is null if scenes are protected.';
 
 CREATE OR REPLACE FUNCTION _end_acknowledgement(p_conflict_id bigint) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -43,7 +42,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _end_acknowledgement(bigint) IS
-'Ends the acknowledgement of a conflict; returns whether it had one.';
+'Ends the acknowledgement of a conflict; returns whether there was one.';
 
 CREATE OR REPLACE FUNCTION acknowledge(
     p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamptz DEFAULT NULL
@@ -63,7 +62,7 @@ BEGIN
         PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
     END IF;
-    -- One after the other, by the index that lets one row be open: each ends what the other one began.
+    -- A unique index allows one open row per conflict, so concurrent calls end each other's rows in turn.
     LOOP
         PERFORM _end_acknowledgement(v_conflict.conflict_id);
         INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict,
@@ -79,10 +78,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz) IS
-'Takes note of the conflict of two objects, as it is known: who (the current user), when (now), why, and until when '
-'(null: for as long as it lasts). It holds until then, while the conflict is no more than that: not at other times, '
-'nor with a worse verdict, nor closer. Replaces what was acknowledged before; returns conflict_id. Refuses (ZC011) '
-'where no conflict is known.';
+'Acknowledges the conflict of two objects as it is known, with the current user, time, reason and expiry (null: valid '
+'while the conflict lasts). It no longer holds if the conflict grows: other periods, a worse verdict, or closer. '
+'Replaces an earlier acknowledgement; returns conflict_id. Raises ZC011 if there is no conflict.';
 
 CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -99,8 +97,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION unacknowledge(text, text, text) IS
-'Takes back that the conflict of two objects was acknowledged; returns whether it was. Refuses (ZC011) where no '
-'conflict is known.';
+'Withdraws the acknowledgement of a conflict; returns whether there was one. Raises ZC011 if there is no conflict.';
 
 CREATE OR REPLACE VIEW acknowledgements WITH (security_invoker = true) AS
 SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key, k.acknowledged_by, k.acknowledged_at, k.reason, k.until,
@@ -115,19 +112,19 @@ FROM scene s JOIN acknowledgement k USING (scene_id)
 LEFT JOIN conflict c ON c.scene_id = k.scene_id AND c.a_key = k.a_key AND c.b_key = k.b_key
                         AND c.conflict_id = k.conflict_id;
 
-COMMENT ON VIEW acknowledgements IS 'What was acknowledged, by whom, and whether it still holds.';
+COMMENT ON VIEW acknowledgements IS 'Acknowledgements of conflicts and their state.';
 COMMENT ON COLUMN acknowledgements.scene IS 'Name of the scene.';
-COMMENT ON COLUMN acknowledgements.conflict_id IS 'The conflict (see conflict_events).';
+COMMENT ON COLUMN acknowledgements.conflict_id IS 'Id of the conflict (see conflict_events).';
 COMMENT ON COLUMN acknowledgements.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN acknowledgements.b_key IS 'Key of the second object.';
-COMMENT ON COLUMN acknowledgements.acknowledged_by IS 'The user of the database who did.';
-COMMENT ON COLUMN acknowledgements.acknowledged_at IS 'When.';
-COMMENT ON COLUMN acknowledgements.reason IS 'Why.';
-COMMENT ON COLUMN acknowledgements.until IS 'Until when it holds; null: for as long as the conflict lasts.';
-COMMENT ON COLUMN acknowledgements.periods IS 'The periods that were acknowledged.';
-COMMENT ON COLUMN acknowledgements.verdict IS 'The verdict that was acknowledged.';
+COMMENT ON COLUMN acknowledgements.acknowledged_by IS 'Database user who acknowledged it.';
+COMMENT ON COLUMN acknowledgements.acknowledged_at IS 'When it was acknowledged.';
+COMMENT ON COLUMN acknowledgements.reason IS 'Reason given by the user.';
+COMMENT ON COLUMN acknowledgements.until IS 'Expiry; null: valid while the conflict lasts.';
+COMMENT ON COLUMN acknowledgements.periods IS 'Acknowledged periods.';
+COMMENT ON COLUMN acknowledgements.verdict IS 'Acknowledged verdict.';
 COMMENT ON COLUMN acknowledgements.state IS
-'holds; outgrown: the conflict is more than that now; expired: its time is over; closed: the conflict is no more; '
-'ended: taken back or replaced.';
-COMMENT ON COLUMN acknowledgements.ended_by IS 'Who took it back or replaced it; null if nobody did.';
-COMMENT ON COLUMN acknowledgements.ended_at IS 'When; null if nobody did.';
+'holds; outgrown: the conflict has grown since; expired: past its expiry; closed: the conflict has closed; ended: '
+'withdrawn or replaced.';
+COMMENT ON COLUMN acknowledgements.ended_by IS 'User who withdrew or replaced it; null if nobody did.';
+COMMENT ON COLUMN acknowledgements.ended_at IS 'When it was withdrawn or replaced; null if it was not.';

@@ -1,6 +1,6 @@
--- What users query. These functions are not STRICT: a set-returning function that is cannot be inlined, and the planner
--- could neither use indexes through it nor leave out columns that nobody reads. They tell (NOTICE) when changes of the
--- scene wait for detection, so that an answer may lack something; so do scenes.is_current and scene_is_current.
+-- Queries for users. The functions are not STRICT: a strict set-returning function is not inlined, so the planner could
+-- not use indexes or drop unused columns. A NOTICE says if changes wait for detection, as do scenes.is_current and
+-- scene_is_current.
 
 CREATE OR REPLACE VIEW conflicts WITH (security_invoker = true) AS
 SELECT s.name AS scene,
@@ -8,7 +8,7 @@ SELECT s.name AS scene,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.periods, lower(c.periods) AS first_contact, upper(c.periods) AS last_contact, c.verdict,
        c.region, c.first_contact_point, c.method, c.time_error_s,
-       -- Each a comparison alone: for many rows the planner looks marks up in a table of hashes.
+       -- Two simple EXISTS: for many rows the planner can hash the marks.
        NOT EXISTS (SELECT FROM change m
                    WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
            AND NOT EXISTS (SELECT FROM change m
@@ -17,10 +17,10 @@ SELECT s.name AS scene,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
        n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at, k.acknowledged_by, k.acknowledged_at,
        k.reason AS acknowledged_for, k.until AS acknowledged_until
--- Asked once for a scene, not for each of its conflicts.
+-- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
--- What it does not hold for any more is none.
+-- Only acknowledgements that hold.
 LEFT JOIN acknowledgement k
     ON k.conflict_id = c.conflict_id AND k.ended_at IS NULL AND coalesce(k.until > now(), true)
        AND NOT _has_grown(c.periods, c.verdict, c.time_error_s, c.closest_m, c.closest_error_m, k.periods, k.verdict,
@@ -28,54 +28,54 @@ LEFT JOIN acknowledgement k
 WHERE c.verdict <> 'near';
 
 COMMENT ON VIEW conflicts IS
-'Pairs of objects that interfere: one row per pair, as of the last detection of the scene. '
-'a is the area if there is one, else the smaller key in byte order.';
+'Conflicts: one row per pair of objects, as of the last detection of the scene. a is the area if there is one, else '
+'the object with the smaller key in byte order.';
 COMMENT ON COLUMN conflicts.scene IS 'Name of the scene.';
 COMMENT ON COLUMN conflicts.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN conflicts.a_kind IS 'area or track.';
 COMMENT ON COLUMN conflicts.b_key IS 'Key of the second object.';
 COMMENT ON COLUMN conflicts.b_kind IS 'area or track.';
 COMMENT ON COLUMN conflicts.periods IS
-'When they interfere: bounds inclusive, rounded outward to the microsecond; no bound where it has none.';
-COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if it has none.';
-COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if it has none.';
+'When they conflict: bounds inclusive, rounded outward to the microsecond; a missing bound is unbounded.';
+COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if unbounded.';
+COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if unbounded.';
 COMMENT ON COLUMN conflicts.verdict IS
-'conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither proven apart nor decided, '
+'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided, '
 'periods then say when they might meet.';
 COMMENT ON COLUMN conflicts.region IS
-'Where, longitude and latitude in degrees; cut at the seam. Two areas that overlap: the intersection; else a superset, '
-'what both sweep during their contacts, and what comes within tolerance and separation of it, in common. Null in a '
-'database that was upgraded from before regions were stored, until the next detection: is_current then says false.';
+'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Two overlapping areas: their '
+'intersection. Otherwise a superset: intersection of the places swept during the contacts, extended by tolerance and '
+'separation. Null only in databases older than stored regions, until the next detection; is_current is then false.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
-'Where they first touch, longitude and latitude in degrees; null if not computed.';
+'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
-COMMENT ON COLUMN conflicts.time_error_s IS 'Bound on the error of every end of every period, seconds.';
-COMMENT ON COLUMN conflicts.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
-COMMENT ON COLUMN conflicts.run_id IS 'The run that found it so; later ones found the same.';
-COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found to interfere.';
+COMMENT ON COLUMN conflicts.time_error_s IS 'Error bound of every period''s start and end, seconds.';
+COMMENT ON COLUMN conflicts.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN conflicts.run_id IS 'Run that found it; later runs confirmed it unchanged.';
+COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found in conflict.';
 COMMENT ON COLUMN conflicts.closest_at IS
-'Closest approach: when, the first time if they are as close more than once; null if not computed, or always so.';
+'Closest approach: its time, the first if several; null if not computed, or for areas that are always active.';
 COMMENT ON COLUMN conflicts.closest_m IS
 'Closest approach: least distance of the polygons, metres on the earth, 0 if they touch; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_error_m IS
-'Closest approach: how far from closest_m the least distance may be, metres; null if not computed.';
+'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_a_point IS
 'Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.closest_b_point IS
 'Closest approach: nearest point of the second object, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.scene_is_current IS
-'Whether the conflicts of the scene are complete: nothing of it waits for detection (see the view scenes).';
+'Whether the conflicts of the scene are complete: nothing waits for detection (see the view scenes).';
 COMMENT ON COLUMN conflicts.conflict_id IS
-'Number of the conflict, the same from opening to closing (see conflict_events).';
-COMMENT ON COLUMN conflicts.opened_at IS 'When it opened: found_at, as histories call it.';
+'Id of the conflict, the same from opening to closing (see conflict_events).';
+COMMENT ON COLUMN conflicts.opened_at IS 'When it opened; equal to found_at.';
 COMMENT ON COLUMN conflicts.changed_at IS
-'When its periods (by more than they are uncertain by), its verdict or a key last changed; null if they never did.';
+'When its verdict or a key last changed, or its periods by more than their error; null if they never did.';
 COMMENT ON COLUMN conflicts.acknowledged_by IS
-'Who acknowledged it as it is now, or more; null where nobody did, where that is over, and where it has grown since.';
-COMMENT ON COLUMN conflicts.acknowledged_at IS 'When that was; null where acknowledged_by is.';
-COMMENT ON COLUMN conflicts.acknowledged_for IS 'Why; null where acknowledged_by is.';
+'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.';
+COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null if acknowledged_by is null.';
+COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_until IS 
-'Until when that holds; null: for as long as the conflict lasts, and where acknowledged_by is.';
+'Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,
@@ -83,7 +83,7 @@ SELECT s.name AS scene,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point AS a_point, c.closest_b_point AS b_point,
        c.verdict,
-       -- Each a comparison alone: for many rows the planner looks marks up in a table of hashes.
+       -- Two simple EXISTS: for many rows the planner can hash the marks.
        NOT EXISTS (SELECT FROM change m
                    WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
            AND NOT EXISTS (SELECT FROM change m
@@ -95,30 +95,30 @@ JOIN conflict c ON c.scene_id = s.scene_id
 WHERE c.closest_m IS NOT NULL;
 
 COMMENT ON VIEW approaches IS
-'How close pairs of objects come: conflicts, and pairs without conflict that come within the scene''s nearest_m. '
-'One row per pair, as of the last detection. a is the area if there is one, else the smaller key in byte order.';
+'Closest approaches of pairs of objects: conflicts, and pairs without conflict within the scene''s nearest_m. One row '
+'per pair, as of the last detection. a is the area if there is one, else the smaller key in byte order.';
 COMMENT ON COLUMN approaches.scene IS 'Name of the scene.';
 COMMENT ON COLUMN approaches.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN approaches.a_kind IS 'area or track.';
 COMMENT ON COLUMN approaches.b_key IS 'Key of the second object.';
 COMMENT ON COLUMN approaches.b_kind IS 'area or track.';
 COMMENT ON COLUMN approaches.closest_at IS
-'When they are closest, the first time if more than once; null for areas that are always there.';
+'When they are closest, the first time if several; null for areas that are always active.';
 COMMENT ON COLUMN approaches.closest_m IS
 'Least distance of the polygons, metres on the earth; 0 if they touch.';
-COMMENT ON COLUMN approaches.closest_error_m IS 'How far from closest_m the least distance may be, metres.';
+COMMENT ON COLUMN approaches.closest_error_m IS 'Error bound of closest_m, metres.';
 COMMENT ON COLUMN approaches.a_point IS 'Nearest point of the first object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.verdict IS
 'near: no conflict; conflict, grazing, unresolved: as in the view conflicts.';
-COMMENT ON COLUMN approaches.is_current IS 'Whether neither object, nor the scene''s settings, changed since.';
-COMMENT ON COLUMN approaches.run_id IS 'The run that found it so; later ones found the same.';
-COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found to interfere, or to come near.';
+COMMENT ON COLUMN approaches.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN approaches.run_id IS 'Run that found it; later runs confirmed it unchanged.';
+COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found in conflict or near.';
 COMMENT ON COLUMN approaches.scene_is_current IS
-'Whether the closest approaches of the scene are complete: nothing of it waits for detection (see the view scenes).';
+'Whether the closest approaches of the scene are complete: nothing waits for detection (see the view scenes).';
 COMMENT ON COLUMN approaches.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN approaches.time_error_s IS
-'Bound on the error of every end of every period of the conflict, seconds; 0 of a pair that is only near.';
+'Error bound of every period''s start and end, seconds; 0 for a pair that is only near.';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
@@ -126,39 +126,39 @@ BEGIN ATOMIC
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND c.periods @> p_instant;
 END;
-COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'The conflicts of a scene that are on at an instant.';
+COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'Conflicts of a scene with a period that contains an instant.';
 
 CREATE OR REPLACE FUNCTION conflicts_of(p_scene text, p_key text) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
-    -- A branch for each of the two indexes; no pair is in both.
+    -- One branch per index; no pair is in both.
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
       AND c.a_key = coalesce(p_key, '')
     UNION ALL
     SELECT c.* FROM conflicts c WHERE c.scene = coalesce(p_scene, '') AND c.b_key = coalesce(p_key, '');
 END;
-COMMENT ON FUNCTION conflicts_of(text, text) IS 'The conflicts of one object of a scene.';
+COMMENT ON FUNCTION conflicts_of(text, text) IS 'Conflicts of one object of a scene.';
 
 CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF approaches
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
-    -- As conflicts_of.
+    -- As in conflicts_of.
     SELECT c.* FROM approaches c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND _warn_if_no_object(p_scene, p_key)
       AND c.a_key = coalesce(p_key, '')
     UNION ALL
     SELECT c.* FROM approaches c WHERE c.scene = coalesce(p_scene, '') AND c.b_key = coalesce(p_key, '');
 END;
-COMMENT ON FUNCTION approaches_of(text, text) IS 'How close one object of a scene comes to others.';
+COMMENT ON FUNCTION approaches_of(text, text) IS 'Closest approaches of one object of a scene to others.';
 
 CREATE OR REPLACE FUNCTION _pieces_near(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Hulls are padded by half of what counts as meeting, at their own scale; the other half is added here, at the
-    -- largest scale (metres of the plane per metre) the geometry reaches. All turns at which it may lie are tried.
+    -- Hulls are padded by half of tolerance plus separation, at their own scale. The other half is added here, at the
+    -- largest scale (metres of the plane per metre) that the geometry reaches. Tries all turns of the geometry.
     WITH plane AS MATERIALIZED (
         SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
                2 * pi() * _radius_m(s.earth) AS turn_m,
@@ -169,7 +169,7 @@ BEGIN ATOMIC
     ), given AS MATERIALIZED (
         SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
     ), wide AS MATERIALIZED (
-        -- Of rhumb lines, s as in conflictdb/motion/mercator.py (span_m): how far a distance reaches in the plane.
+        -- Rhumb lines: s as in span_m of the Mercator plane (conflictdb/motion/mercator.py), the reach of a distance.
         SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g
@@ -195,26 +195,26 @@ BEGIN ATOMIC
       AND p.hull && g.box AND p.span && p_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
-'Pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between two heights '
-'(metres; null is unbounded): stages 1 and 2.';
+'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
+'two heights (metres; null: unbounded).';
 
 CREATE OR REPLACE FUNCTION _window(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- The box of a region holds it in both planes but for this: a millimetre (_meets), and the latitudes by which sides
-    -- of 25 km (_from_gnomonic) leave theirs on great circles: less than 0.1 degrees, and that next to a pole.
+    -- Margins: a millimetre (_meets); on great circles up to 0.1 degrees of latitude, next to a pole, by which sides of
+    -- 25 km (_from_gnomonic) leave the box.
     WITH shown AS MATERIALIZED (
         SELECT CASE WHEN p_plane IN ('wgs84', 'sphere') THEN ST_Expand(p_geometry, 1e-7)
                     ELSE ST_Expand(_wrapped(_from_plane(_to_plane(p_geometry, p_plane), p_plane)), 1e-7, 0.2) END AS box
     )
-    -- What reaches the seam may have regions on both of its sides.
+    -- At the antimeridian regions may lie on both sides.
     SELECT CASE WHEN ST_XMin(s.box) > -180 AND ST_XMax(s.box) < 180 THEN ST_Envelope(s.box)
                 ELSE ST_MakeEnvelope(-180, ST_YMin(s.box), 180, ST_YMax(s.box), 4326) END
     FROM shown s;
 END;
 COMMENT ON FUNCTION _window(geometry, text) IS
-'A box (degrees, within +-180) that all regions touch that meet a geometry (longitude and latitude) in the plane of a '
-'scene: for an index.';
+'Bounding box (degrees, within +-180) for an index search: all regions that meet a geometry (longitude and latitude) '
+'in the plane touch it.';
 
 CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 RETURNS SETOF conflicts
@@ -230,8 +230,8 @@ BEGIN ATOMIC
                                         FROM scene o WHERE o.scene_id = _scene_id(p_scene)));
 END;
 COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
-'The conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods meet '
-'a span (null is unbounded).';
+'Conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods overlap a '
+'span (null: unbounded).';
 
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
@@ -253,8 +253,9 @@ BEGIN ATOMIC
       AND _warn_if_incomplete(p_scene) AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
-'What an area like this (longitude and latitude, SRID 4326; metres; null is unbounded) might interfere with: stages 1 '
-'and 2 against the pieces of the last detection, a superset of the truth. Writes nothing.';
+'Objects that an area (longitude and latitude, SRID 4326; heights in metres; null: unbounded) might conflict with: '
+'stages 1 and 2 against the pieces of the last detection, a superset of the truth. spans: when; region: longitude and '
+'latitude in degrees. Writes nothing.';
 
 CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)
@@ -269,7 +270,7 @@ BEGIN ATOMIC
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           JOIN piece a ON a.scene_id = s.scene_id
           JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
-          -- Each row is taken apart once for a pair of rows, not once for each piece of the other.
+          -- MATERIALIZED: unpack each row once per pair of rows, not once per piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
                                                                         a.hulls, a.shapes, a.cuts) o
@@ -295,5 +296,5 @@ BEGIN ATOMIC
       AND _warn_if_incomplete(p_scene);
 END;
 COMMENT ON FUNCTION candidates(text) IS
-'Pairs of objects of a scene that might interfere: stages 1 and 2 on the pieces of the last detection, a superset of '
-'the truth. spans: when both are there; region: where what both sweep meets, longitude and latitude in degrees.';
+'Pairs of objects of a scene that might conflict: stages 1 and 2 on the pieces of the last detection, a superset of '
+'the truth. spans: when both are active; region: intersection of what both sweep, longitude and latitude in degrees.';

@@ -1,4 +1,4 @@
--- What was known when, and who has taken note of what.
+-- History of conflicts and acknowledgements.
 
 CREATE OR REPLACE VIEW conflict_events WITH (security_invoker = true) AS
 SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.conflict_id,
@@ -9,30 +9,31 @@ SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.
 FROM scene s JOIN conflict_event e USING (scene_id);
 
 COMMENT ON VIEW conflict_events IS
-'What became of conflicts, one row per event: an outbox to poll, scene by scene (WHERE scene = … AND event > the last '
-'that was seen), and the history of what was known. A scene that is removed takes its events along.';
+'History of conflicts, one row per event. Also an outbox to poll, scene by scene: WHERE scene = … AND event > the last '
+'one read. Removing a scene removes its events.';
 COMMENT ON COLUMN conflict_events.scene IS 'Name of the scene.';
 COMMENT ON COLUMN conflict_events.event IS
-'Number: within a scene, events become visible in the order of their numbers. Some numbers are missing.';
+'Id. Within a scene, events become visible in order of their ids; ids may be skipped.';
 COMMENT ON COLUMN conflict_events.kind IS
-'opened; changed: other periods, by more than both are uncertain by, another verdict or another key; closed.';
-COMMENT ON COLUMN conflict_events.at IS 'When the detection wrote it; it was visible when the run had finished.';
-COMMENT ON COLUMN conflict_events.run_id IS 'The run that found it.';
+'opened; changed: another verdict or key, or periods that differ by more than their error; closed.';
+COMMENT ON COLUMN conflict_events.at IS 'When the detection wrote it; it became visible when the run ended.';
+COMMENT ON COLUMN conflict_events.run_id IS 'Run that found it.';
 COMMENT ON COLUMN conflict_events.conflict_id IS
-'The conflict: the same number from opening to closing. A pair that meets again has a new one.';
+'Id of the conflict, the same from opening to closing. A pair that conflicts again gets a new one.';
 COMMENT ON COLUMN conflict_events.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN conflict_events.a_kind IS 'area or track.';
 COMMENT ON COLUMN conflict_events.b_key IS 'Key of the second object.';
 COMMENT ON COLUMN conflict_events.b_kind IS 'area or track.';
-COMMENT ON COLUMN conflict_events.periods IS 'When they interfere, as known from then on; if closed, as known before.';
-COMMENT ON COLUMN conflict_events.verdict IS 'As in the view conflicts; if closed, as known before.';
-COMMENT ON COLUMN conflict_events.time_error_s IS 'Bound on the error of every end of every period, seconds.';
-COMMENT ON COLUMN conflict_events.closest_at IS 'Closest approach: when; null if not computed, or always so.';
+COMMENT ON COLUMN conflict_events.periods IS 'When they conflict; for closed: the last known periods.';
+COMMENT ON COLUMN conflict_events.verdict IS 'As in the view conflicts; for closed: the last known verdict.';
+COMMENT ON COLUMN conflict_events.time_error_s IS 'Error bound of every period''s start and end, seconds.';
+COMMENT ON COLUMN conflict_events.closest_at IS
+'Closest approach: its time; null if not computed, or for areas that are always active.';
 COMMENT ON COLUMN conflict_events.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
 COMMENT ON COLUMN conflict_events.closest_error_m IS
-'Closest approach: how far from closest_m the least distance may be, metres; null if not computed.';
+'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN conflict_events.opened_at IS 'When the conflict opened.';
-COMMENT ON COLUMN conflict_events.closed_at IS 'When it closed; null unless it did.';
+COMMENT ON COLUMN conflict_events.closed_at IS 'When it closed; null for other events.';
 
 CREATE OR REPLACE FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL)
 RETURNS SETOF conflict_events
@@ -47,8 +48,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION conflict_history(text, text, text) IS
-'What became of the conflicts of an object, or of two objects, oldest first, as far back as history is kept. Also of '
-'objects that are no more.';
+'Events of the conflicts of an object, or of a pair of objects, oldest first, as far as history is kept. Includes '
+'removed objects.';
 
 CREATE OR REPLACE FUNCTION conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
@@ -104,7 +105,6 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION conflicts_known_at(text, timestamptz) IS
-'The conflicts of a scene as they were known at an instant: what its last detection had found by then, and who had '
-'acknowledged it, when, why and until when. periods are when they interfere: what was known at one instant of another '
-'is WHERE periods @> it. Refuses (ZC003) an instant before the first detection, or before what is kept of the '
-'history.';
+'Conflicts of a scene as known at an instant: found by the last detection before it, with acknowledgements in force '
+'then. periods is when they conflict; WHERE periods @> instant selects one. Raises ZC003 for an instant before the '
+'first detection or before the history that is kept.';

@@ -1,21 +1,20 @@
--- Where a haven is on a rhumb line: the motion model of conflictdb.motion.mercator, exact, for SQL users.
+-- Position of havens on rhumb lines, exact: the motion model of conflictdb.motion.mercator.
 --
--- On the meridian distance is proportional to the rectifying latitude mu; the conformal latitude chi turns the
--- ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi). A rhumb line is straight in (longitude, psi)
--- and its length linear in mu, so a step needs one quantity: (psi2 - psi1) / (mu2 - mu1), written so that it loses no
--- digits on an east-west line.
+-- Distance along a meridian is proportional to the rectifying latitude mu; the conformal latitude chi gives the
+-- Mercator ordinate psi = asinh(tan chi). A rhumb line is straight in (longitude, psi) and its length is linear in mu.
+-- So each step needs one quantity, (psi2 - psi1) / (mu2 - mu1), computed without cancellation on east-west lines.
 --
 -- Series of order 6 in the third flattening of WGS84: C. F. F. Karney, J. Geodesy 85 (2011),
 -- doi:10.1007/s00190-011-0445-3, eq. 36 (chi of mu); J. P. Snyder, Map Projections (1987), eqs. 3-20, 3-26
 -- (mu and latitude), carried to order 6.
--- What is left out is below 1e-17 radians.
+-- Omitted terms are below 1e-17 radians.
 
 CREATE OR REPLACE FUNCTION _series(p_angle double precision, p_coefficients double precision[]) RETURNS double precision
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_sum double precision := 0;
 BEGIN
-    -- The smallest terms first.
+    -- Smallest terms first, for accuracy.
     FOR j IN REVERSE cardinality(p_coefficients)..1 LOOP
         v_sum := v_sum + p_coefficients[j] * sin(2 * j * p_angle);
     END LOOP;
@@ -23,7 +22,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _series(double precision, double precision[]) IS
-'An angle (radians) plus the sum of coefficient j times sin(2 j angle).';
+'Returns the angle (radians) plus the sum over j of p_coefficients[j] * sin(2 j angle).';
 
 CREATE OR REPLACE FUNCTION _rectifying_m(p_earth text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -39,7 +38,7 @@ BEGIN ATOMIC
         -0.0025188279161202296627, 2.6435410598113799292e-6, -3.4526234225354141111e-9, 4.8918220519771715152e-12,
         -7.2287258683472357452e-15, 1.0958479860708544708e-17]::double precision[]) END;
 END;
-COMMENT ON FUNCTION _rectifying(double precision, text) IS 'Rectifying latitude of a geographic latitude, radians.';
+COMMENT ON FUNCTION _rectifying(double precision, text) IS 'Rectifying latitude from geographic latitude, radians.';
 
 CREATE OR REPLACE FUNCTION _latitude(p_rectifying double precision, p_earth text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -48,7 +47,7 @@ BEGIN ATOMIC
         0.0025188265843977032707, 3.700949035657531109e-6, 7.4477702699759963203e-9, 1.7035857112600327458e-11,
         4.178161827657265913e-14, 1.0706431174734805386e-16]::double precision[]) END;
 END;
-COMMENT ON FUNCTION _latitude(double precision, text) IS 'Geographic latitude of a rectifying latitude, radians.';
+COMMENT ON FUNCTION _latitude(double precision, text) IS 'Geographic latitude from rectifying latitude, radians.';
 
 CREATE OR REPLACE FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
 RETURNS double precision
@@ -75,13 +74,13 @@ BEGIN
     v_cosine := cos((v_from + v_to) / 2);
     v_sine := sin(v_half) / v_cosine;
     RETURN CASE WHEN v_sine = 0 THEN v_ratio / v_cosine
-                -- Nothing cancels over long ways, while v_sine comes close to 1 from near one pole to near the other.
+                -- Long lines: nothing cancels here, while v_sine approaches 1 between points near both poles.
                 WHEN abs(v_way) > 0.5 THEN (asinh(tan(v_to)) - asinh(tan(v_from))) / v_way
                 ELSE 2 * atanh(v_sine) / v_way END;
 END
 $$;
 COMMENT ON FUNCTION _stretch(double precision, double precision, text) IS
-'(psi2 - psi1) / (mu2 - mu1) between two rectifying latitudes (radians), also where they are equal.';
+'(psi2 - psi1) / (mu2 - mu1) between two rectifying latitudes (radians); the limit if they are equal.';
 
 CREATE OR REPLACE FUNCTION _legs(
     p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
@@ -108,7 +107,7 @@ BEGIN ATOMIC
                    radians(l.lon_step_deg) / _stretch(l.mu, l.next_mu, p_earth), l.mu_step)) END AS bearing_deg
         FROM leg l
     )
-    -- A loiter keeps the heading of the leg before it, else of the next moving leg, else north.
+    -- A loiter has the heading of the previous moving leg, else of the next one, else north.
     SELECT m.n, m.starts_at, m.ends_at, m.lon_deg, m.lon_step_deg, m.mu, m.mu_step,
            coalesce(m.bearing_deg,
                     (SELECT b.bearing_deg FROM moving b WHERE b.n < m.n AND b.bearing_deg IS NOT NULL
@@ -119,7 +118,8 @@ BEGIN ATOMIC
     FROM moving m ORDER BY m.n;
 END;
 COMMENT ON FUNCTION _legs(geometry, text) IS
-'The legs of a path: instants, start and change of longitude (degrees) and rectifying latitude (radians), heading.';
+'Legs of a path: times, start and change of longitude (degrees) and of rectifying latitude (radians), heading '
+'(degrees).';
 
 CREATE OR REPLACE FUNCTION _corners(
     p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision,
@@ -152,7 +152,7 @@ BEGIN ATOMIC
                -w.way * e.u / sqrt(e.u ^ 2 + e.v ^ 2) AS v
         FROM edge e CROSS JOIN (SELECT CASE WHEN sum(f.doubled) < 0 THEN -1 ELSE 1 END AS way FROM edge f) w
     )
-    -- Where two sides meet: along the sum of their normals. A point or a line is a rectangle without size.
+    -- A corner moves along the sum of its sides' normals. A point or line is a rectangle of size or width 0.
     SELECT c.n, c.x, c.y, (c.u + b.u) / nullif(1 + c.u * b.u + c.v * b.v, 0),
            (c.v + b.v) / nullif(1 + c.u * b.u + c.v * b.v, 0)
     FROM normal c JOIN normal b ON b.n = (c.n + c.size - 2) % c.size + 1
@@ -162,8 +162,9 @@ BEGIN ATOMIC
     FROM thin t CROSS JOIN (VALUES (1, -1, 1), (2, 1, 1), (3, 1, -1), (4, -1, -1)) s (n, along, side);
 END;
 COMMENT ON FUNCTION _corners(geometry) IS
-'The corners of an outline (metres), in turn, and how they move (metres per metre) when every side moves outward; null '
-'at a corner without angle. Repeated vertices are one corner; a point is a square of size 0, a line a rectangle.';
+'Corners of an outline (metres) in order, and their displacement (metres) per metre that every side moves outward; '
+'null at a corner without angle. Repeated vertices count once; a point is a square of size 0, a line a rectangle of '
+'width 0.';
 
 CREATE OR REPLACE FUNCTION _grown_outline(p_outline geometry, p_by_m double precision) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -173,7 +174,7 @@ BEGIN ATOMIC
           FROM _corners(p_outline) c) g;
 END;
 COMMENT ON FUNCTION _grown_outline(geometry, double precision) IS
-'An outline whose sides all moved outward by so many metres, corners mitred.';
+'Returns an outline with all sides moved outward by p_by_m metres, corners mitred.';
 
 CREATE OR REPLACE FUNCTION _outline_at(
     p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer
@@ -187,7 +188,7 @@ BEGIN ATOMIC
         ELSE p_outline END;
 END;
 COMMENT ON FUNCTION _outline_at(geometry, geometry, double precision, geometry, integer) IS
-'The outline of a haven (metres) at a waypoint of its path, counted from 1.';
+'Returns the outline of a haven (metres) at a waypoint, counted from 1.';
 
 CREATE OR REPLACE FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -198,12 +199,12 @@ BEGIN ATOMIC
     FROM ST_DumpPoints(p_from) a JOIN ST_DumpPoints(p_to) b ON b.path = a.path;
 END;
 COMMENT ON FUNCTION _outline_between(geometry, geometry, double precision) IS
-'The outline on the way from one to another of as many vertices, p_share from 0 to 1: each vertex moves straight.';
+'Interpolates vertices linearly between two outlines with equal numbers of vertices; p_share from 0 to 1.';
 
 CREATE OR REPLACE FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- As in _legs and _circle_legs: a turn around the earth is no way, nor is one at a pole.
+    -- As in _legs and _circle_legs: a full turn around the earth, or any turn at a pole, is not movement.
     SELECT w.lon_deg - 360 * round(w.lon_deg / 360) <> 0 AND (p_motion = 'rhumb' OR abs(w.lat_deg) < 90)
            OR w.lat_deg <> w.next_lat_deg
               AND _rectifying(radians(w.lat_deg), p_earth) <> _rectifying(radians(w.next_lat_deg), p_earth)
@@ -211,14 +212,14 @@ BEGIN ATOMIC
                  _not_tiny(ST_Y(p_last)) AS next_lat_deg) w;
 END;
 COMMENT ON FUNCTION _is_moving(geometry, geometry, text, text) IS
-'Whether a leg between two points (longitude and latitude, degrees) goes anywhere; else it is a loiter.';
+'Whether a leg between two points (longitude and latitude, degrees) moves; otherwise it is a loiter.';
 
 CREATE OR REPLACE FUNCTION _rhumb_vertices(
     p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text
 ) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Each by two rhumb steps: ahead along the heading, then to starboard across it.
+    -- Two rhumb steps per vertex: ahead along the heading, then to starboard.
     SELECT ST_SetSRID(ST_MakeLine(ST_MakePoint(
                p_lon_deg + degrees(p.ahead * sind(p_bearing_deg) * _stretch(p_mu, p.mu1, p_earth)
                                    + p.across * cosd(p_bearing_deg) * _stretch(p.mu1, p.mu2, p_earth)),
@@ -230,8 +231,8 @@ BEGIN ATOMIC
                 FROM ST_DumpPoints(p_outline) d) q) p;
 END;
 COMMENT ON FUNCTION _rhumb_vertices(double precision, double precision, double precision, geometry, text) IS
-'The vertices of a haven (metres) on a heading, its reference point at a longitude (degrees) and a rectifying latitude '
-'(radians): longitude and latitude, degrees, not wrapped.';
+'Vertices of a haven (outline in metres) with its reference point at a longitude (degrees) and a rectifying latitude '
+'(radians) and a heading (degrees): longitude and latitude, degrees, not wrapped.';
 
 CREATE OR REPLACE FUNCTION _leg_heights(
     p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[],
@@ -248,7 +249,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _leg_heights(double precision, double precision, double precision[], double precision[], integer,
                                  integer) IS
-'The height band (metres) of a track, given whole or for each leg, from one of its legs to another: null is unbounded.';
+'Height band (metres; null: no limit) of legs p_first to p_last of a track, from heights of the track or of its legs.';
 
 CREATE OR REPLACE FUNCTION heights_at(
     p_scene text, p_key text, p_instant timestamptz, OUT floor_m double precision, OUT ceiling_m double precision
@@ -265,8 +266,8 @@ BEGIN ATOMIC
     WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
-'The height band of a track at an instant, metres above mean sea level, null where there is no limit; at a waypoint it '
-'holds the bands of both legs. Both are null, too, while the track is not under way.';
+'Height band of a track at an instant, metres above mean sea level; null: no limit. At a waypoint it includes the '
+'bands of both legs. Both are also null before the first and after the last waypoint.';
 
 CREATE OR REPLACE FUNCTION _check_haven(
     p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry
@@ -275,7 +276,7 @@ LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (SELECT max(greatest(abs(e.mu + v.ahead), abs(e.mu + v.ahead - v.across)))
         FROM _legs(p_path, p_earth) l
-        -- Latitudes are linear in time, also of a haven that grows.
+        -- Latitudes are linear in time, also of a growing haven.
         CROSS JOIN LATERAL (VALUES (l.mu, l.leg), (l.mu + l.mu_step, l.leg + 1)) e (mu, waypoint)
         CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, e.waypoint) AS outline
                             OFFSET 0) o
@@ -291,4 +292,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text, double precision, geometry) IS
-'Refuses a haven (metres) that leaves the Mercator plane on its path, as conflictdb.pieces.cutting.check_plane does.';
+'Raises ZC005 for a haven (outline in metres) that leaves the Mercator plane on its path, as check_plane of '
+'conflictdb.pieces does.';

@@ -1,8 +1,7 @@
--- Where a haven is on a great circle: the motion model of conflictdb.motion.gnomonic, exact, for SQL users.
+-- Position of havens on great circles, exact: the motion model of conflictdb.motion.gnomonic.
 --
--- Places and headings are unit vectors in space, arrays of three. At an angle along a leg from its start the reference
--- point is at cos(angle) start + sin(angle) heading; a vertex is one great circle step further ahead, and one to
--- starboard across that.
+-- Places and headings are unit vectors, arrays of three. At an angle along a leg the reference point is at
+-- cos(angle) start + sin(angle) heading. A vertex is one great-circle step ahead, then one to starboard.
 
 CREATE OR REPLACE FUNCTION _mixed(
     p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision
@@ -13,7 +12,7 @@ BEGIN ATOMIC
                  p_one[3] * p_share + p_other[3] * p_other_share];
 END;
 COMMENT ON FUNCTION _mixed(double precision[], double precision, double precision[], double precision) IS
-'The sum of two vectors, each times a number.';
+'Returns p_one * p_share + p_other * p_other_share, for vectors of three.';
 
 CREATE OR REPLACE FUNCTION _circle_legs(
     p_path geometry, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
@@ -34,8 +33,7 @@ BEGIN
                    lead(w.lon) OVER o - w.lon AS turn
             FROM waypoint w WINDOW o AS (ORDER BY w.n)
         ), way AS (
-            -- East and north to go, times the sine of the length: from differences, so that short legs keep their
-            -- digits.
+            -- East and north components times the sine of the length, from differences: accurate for short legs.
             SELECT s.*, cosd(s.next_lat) * sind(s.turn) AS east,
                    sin(radians(s.next_lat - s.lat))
                    + 2 * sind(s.lat) * cosd(s.next_lat) * sin(radians(s.turn - 360 * round(s.turn / 360)) / 2) ^ 2
@@ -50,7 +48,7 @@ BEGIN
         SELECT l.n, l.at, l.next_at, ARRAY[cosd(l.lat) * cosd(l.lon), cosd(l.lat) * sind(l.lon), sind(l.lat)] AS start,
                CASE WHEN l.sine > 0 THEN _mixed(l.to_east, l.east / l.sine, l.to_north, l.north / l.sine) END
                    AS heading,
-               -- Legs that wait for the first one that moves leave as it does.
+               -- Loiters before the first moving leg have its heading.
                first_value(CASE WHEN l.sine > 0 THEN _mixed(l.to_east, l.east / l.sine, l.to_north, l.north / l.sine)
                            END) OVER (ORDER BY l.sine > 0 DESC, l.n) AS first_heading,
                l.to_north, CASE WHEN l.sine > 0 THEN atan2(l.sine, l.cosine) ELSE 0 END AS angle
@@ -61,7 +59,7 @@ BEGIN
         ends_at := v_leg.next_at;
         start := v_leg.start;
         angle := v_leg.angle;
-        -- A loiter keeps the heading of the leg before it at its end, else of the next moving leg, else north.
+        -- A loiter has the final heading of the previous moving leg, else of the next one, else north.
         heading := coalesce(v_leg.heading, v_kept, v_leg.first_heading, v_leg.to_north);
         v_kept := CASE WHEN v_leg.heading IS NULL THEN v_kept
                        ELSE _mixed(heading, cos(angle), start, -sin(angle)) END;
@@ -70,7 +68,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _circle_legs(geometry) IS
-'The legs of a path on great circles: instants, unit vectors to the start and along the leg there, length (radians).';
+'Legs of a path on great circles: times, unit vectors of the start and of the heading there, length (radians).';
 
 CREATE OR REPLACE FUNCTION _circle_vertices(
     p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry
@@ -95,7 +93,8 @@ BEGIN ATOMIC
     FROM vertex v;
 END;
 COMMENT ON FUNCTION _circle_vertices(double precision[], double precision[], double precision, geometry) IS
-'The vertices of a haven (metres) at an angle (radians) along a leg: longitude and latitude, degrees, not run on.';
+'Vertices of a haven (outline in metres) at an angle (radians) along a leg: longitude and latitude, degrees, each '
+'within +-180.';
 
 CREATE OR REPLACE FUNCTION _sag(
     p_angle double precision, p_first geometry, p_last geometry
@@ -109,8 +108,8 @@ BEGIN ATOMIC
           FROM ST_DumpPoints(p_first) a JOIN ST_DumpPoints(p_last) b ON b.path = a.path) v;
 END;
 COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
-'By how much less the cosine of a vertex''s angle from the centre may be on a leg (radians) than at both its ends, '
-'when its outline changes from one to another; see conflictdb.motion.great_circles.';
+'Bound on the drop of the cosine of a vertex''s angle from the centre, within a leg (radians), below its values at '
+'both ends, if the outline changes from p_first to p_last (metres).';
 
 CREATE OR REPLACE FUNCTION _check_haven_near_centre(
     p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
@@ -123,11 +122,11 @@ DECLARE
     v_most_deg CONSTANT double precision := CASE WHEN v_changes THEN 30 ELSE 60 END;
     v_reach_deg double precision := degrees(ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / _sphere_m());
 BEGIN
-    -- A vertex is no further from its reference point than by both steps.
+    -- A vertex is at most sqrt(2) times the reach of the outline from its reference point, as it takes two steps.
     IF _from_centre_deg(p_path, p_centre_lon, p_centre_lat) + sqrt(2) * v_reach_deg <= 60 THEN
         RETURN;
     END IF;
-    -- Between the ends of a leg a vertex is no further out than at one of them, but for what it sags if it changes.
+    -- On a leg a vertex is farthest at one of the ends, except for the bound _sag if the outline changes.
     IF v_reach_deg > v_most_deg OR EXISTS (
         SELECT FROM _circle_legs(p_path) l
         CROSS JOIN LATERAL (SELECT _outline_at(p_path, p_outline, p_grow_mps, p_outlines, l.leg) AS first,
@@ -150,4 +149,5 @@ END
 $$;
 COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision,
                                              double precision, geometry) IS
-'Refuses a haven (metres) that leaves the gnomonic plane on its path, as conflictdb.pieces.cutting.check_plane does.';
+'Raises ZC005 for a haven (outline in metres) that leaves the gnomonic plane on its path, as check_plane of '
+'conflictdb.pieces does.';

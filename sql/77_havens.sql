@@ -1,11 +1,11 @@
--- Where havens are: at an instant, and of all tracks at many instants, for maps.
+-- Position of havens: of one track at an instant, and of all tracks at many instants.
 
 CREATE OR REPLACE FUNCTION _leg_with_heading(
     p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Of a loiter with the leg whose heading it has: the last one before it that moves, else the next one.
+    -- A loiter has the heading of the previous moving leg, else of the next one.
     WITH end_of AS MATERIALIZED (
         SELECT ST_PointN(p_path, p_leg) AS first, ST_PointN(p_path, p_leg + 1) AS last
     ), loiter AS MATERIALIZED (
@@ -25,8 +25,8 @@ BEGIN ATOMIC
     FROM end_of e LEFT JOIN moving m ON true;
 END;
 COMMENT ON FUNCTION _leg_with_heading(geometry, integer, text, text) IS
-'A leg of a path, counted from 1, and of a loiter as much more of the path as its heading depends on: a line, and '
-'which of its legs it is.';
+'One leg of a path, counted from 1, as a line; for a loiter with the moving leg that gives its heading. leg: number of '
+'the leg in this line.';
 
 CREATE OR REPLACE FUNCTION _leg_havens(
     p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision,
@@ -70,7 +70,7 @@ BEGIN
                                 / _stretch(v_leg.mu, v_leg.mu + v_leg.mu_step, p_earth),
                 v_mu, v_leg.bearing_deg, v_outline, p_earth);
         END IF;
-        -- A haven may be a point or a line: its outline then repeats vertices.
+        -- The outline of a point or line repeats vertices.
         haven := CASE ST_Dimension(ST_ConvexHull(v_outline))
                      WHEN 0 THEN ST_StartPoint(v_ring) WHEN 1 THEN ST_RemoveRepeatedPoints(v_ring)
                      ELSE ST_MakePolygon(v_ring) END;
@@ -84,8 +84,8 @@ END
 $$;
 COMMENT ON FUNCTION _leg_havens(text, text, text, geometry, geometry, double precision, geometry, integer,
                                 timestamptz[]) IS
-'Where a haven (outlines in metres) is at instants on one leg of its path, counted from 1: longitude and latitude in '
-'degrees, wrapped.';
+'Havens (outlines in metres) at instants on one leg of a path, counted from 1: longitude and latitude, degrees, '
+'wrapped.';
 
 CREATE OR REPLACE FUNCTION haven_at(p_scene text, p_key text, p_instant timestamptz) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -100,7 +100,7 @@ BEGIN
         PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
                         'object_known');
     END IF;
-    -- At a waypoint the leg that starts there counts; the last instant belongs to none.
+    -- A waypoint belongs to the leg that starts there; the last waypoint to none.
     SELECT max(d.path[1]) INTO v_leg FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;
     IF v_leg IS NULL OR v_leg = ST_NPoints(v_track.path) THEN
         RETURN NULL;
@@ -112,9 +112,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
-'Where the haven of a track is at an instant: longitude and latitude in degrees, exact on the scene''s earth, cut '
-'at the seam; null before its first and from its last waypoint on. A haven without size is a point, without width '
-'a line.';
+'The haven of a track at an instant: longitude and latitude in degrees, exact on the scene''s earth, split at the '
+'antimeridian; null before the first waypoint and from the last one on. A haven without size is a point, without width '
+'a line. Raises ZC010 or ZC011 for an unknown scene or track.';
 
 CREATE OR REPLACE FUNCTION _most_havens() RETURNS integer
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
@@ -122,7 +122,7 @@ BEGIN ATOMIC
     SELECT 100000;
 END;
 COMMENT ON FUNCTION _most_havens() IS
-'How many rows havens returns at most, and how many instants it takes: a minute''s work.';
+'Greatest number of rows that havens returns, and of instants: about a minute''s work.';
 
 CREATE OR REPLACE FUNCTION _check_instants(
     p_from timestamptz, p_to timestamptz, p_step interval
@@ -142,7 +142,7 @@ BEGIN
                         format('must be longer than nothing; got %s', coalesce(p_step::text, 'null')),
                         'havens_step_positive');
     END IF;
-    -- Not in FROM, where all would be made first.
+    -- In the SELECT list, where LIMIT stops the series; in FROM all rows would be computed first.
     v_instants := ARRAY(SELECT generate_series(p_from, p_to, p_step) LIMIT _most_havens() + 1);
     IF cardinality(v_instants) > _most_havens() THEN
         PERFORM _refuse('ZC003', c_who, 'p_step',
@@ -153,7 +153,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_instants(timestamptz, timestamptz, interval) IS
-'The instants from one to another by steps, in order; refuses (ZC003) what gives none, or more than _most_havens().';
+'Instants from p_from to p_to by p_step; raises ZC003 if there are none, or more than _most_havens().';
 
 CREATE OR REPLACE FUNCTION havens(p_scene text, p_from timestamptz, p_to timestamptz, p_step interval)
 RETURNS TABLE (
@@ -172,7 +172,7 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     v_instants := _check_instants(p_from, p_to, p_step);
-    -- How many instants come before another is how many thresholds it reaches.
+    -- width_bucket counts the instants before a waypoint.
     SELECT sum(width_bucket(to_timestamp(ST_M(ST_EndPoint(t.path))) - c_before, v_instants)
                - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) - c_before, v_instants)) INTO v_rows
         FROM track t WHERE t.scene_id = v_scene.scene_id;
@@ -185,7 +185,7 @@ BEGIN
         SELECT t.* FROM track t WHERE t.scene_id = v_scene.scene_id
           AND to_timestamp(ST_M(ST_StartPoint(t.path))) <= p_to AND to_timestamp(ST_M(ST_EndPoint(t.path))) > p_from
         ORDER BY t.key LOOP
-        -- Not where it is stored, from where every leg would fetch all of it.
+        -- Copied into memory: otherwise every leg would read the stored path again.
         v_track.path := ST_SetSRID(v_track.path, 4326);
         FOR v_leg IN
             SELECT d.n, v_instants[b.first + 1:b.last] AS instants, d.starts_at
@@ -199,7 +199,7 @@ BEGIN
                 SELECT v_track.key, h.at, h.haven, b.floor_m, b.ceiling_m
                 FROM _leg_havens(v_scene.motion, v_scene.earth, v_plane, v_track.path, v_track.outline,
                                  v_track.grow_mps, v_track.outlines, v_leg.n, v_leg.instants) h
-                -- At a waypoint the heights of both legs count.
+                -- At a waypoint, the heights of both legs.
                 CROSS JOIN LATERAL _leg_heights(
                     v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m,
                     v_leg.n - (v_leg.n > 1 AND h.at = v_leg.starts_at)::integer, v_leg.n) b;
@@ -208,7 +208,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION havens(text, timestamptz, timestamptz, interval) IS
-'Where the havens of all tracks of a scene are from one instant to another, by steps (as in generate_series), for a '
-'map: a row for each track and each instant at which it is under way, in the order of keys, then instants. haven as '
-'haven_at has it, floor_m and ceiling_m as heights_at has them. Areas do not move: their footprints and spans are in '
-'the table area. Refuses (ZC003) a step that is not longer than nothing, and more than 100,000 havens.';
+'Havens of all tracks of a scene at the instants from p_from to p_to by p_step: one row per track and instant while it '
+'is under way, ordered by key, then instant. haven as from haven_at; floor_m and ceiling_m as from heights_at. Areas '
+'are not included: they do not move (table area). Raises ZC003 for a step that is not positive, or for more than '
+'100,000 havens.';

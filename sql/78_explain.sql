@@ -1,8 +1,8 @@
--- Why two objects are in conflict, or are not: what is stored of them and of their pair, stage by stage.
+-- Explains why two objects are or are not in conflict, stage by stage.
 --
--- Stages 1 and 2 are asked again, of the pieces that the last detection made; what stages 3 and 4 found is in the
--- conflict. A pair without one was proven apart by the first stage that leaves nothing of it. So nothing is guessed:
--- after a change of one of the two the answer is that it is not known.
+-- Stages 1 and 2 are evaluated again on the pieces of the last detection; the results of stages 3 and 4 are stored in
+-- the conflict. A pair without a stored row was proven apart by the first stage that leaves no pieces. After a change
+-- of either object the verdict is unknown.
 
 CREATE OR REPLACE FUNCTION _explained_object(
     p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint,
@@ -31,7 +31,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _explained_object(bigint, text) IS
-'An object, whether it waits for detection, and what all of its pieces cover; refuses (ZC011) a key that is not known.';
+'An object of a scene, whether it waits for detection, and the extent of its pieces; raises ZC011 for an unknown key.';
 
 CREATE OR REPLACE FUNCTION _explained_as_json(
     p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision,
@@ -39,7 +39,7 @@ CREATE OR REPLACE FUNCTION _explained_as_json(
 ) RETURNS jsonb
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- JSON has no infinite numbers.
+    -- JSON does not allow infinite numbers.
     SELECT jsonb_build_object(
         'key', p_key, 'kind', CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END, 'waits', p_waits, 'pieces', p_pieces,
         'from', nullif(lower(p_span), '-infinity'), 'to', nullif(upper(p_span), 'infinity'),
@@ -47,15 +47,15 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _explained_as_json(text, smallint, boolean, bigint, tstzrange, double precision,
                                        double precision) IS
-'What explain_conflict says of one object.';
+'One object in the result of explain_conflict.';
 
 CREATE OR REPLACE FUNCTION _shown(p_instant timestamptz) RETURNS text
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- The same in every session.
+    -- Independent of the session's settings.
     SELECT rtrim(rtrim(to_char(p_instant AT TIME ZONE 'UTC', 'YYYY-MM-DD HH24:MI:SS.US'), '0'), '.') || 'Z';
 END;
-COMMENT ON FUNCTION _shown(timestamptz) IS 'An instant as text, UTC, whatever the session''s settings.';
+COMMENT ON FUNCTION _shown(timestamptz) IS 'An instant as text in UTC, independent of the session''s settings.';
 
 CREATE OR REPLACE FUNCTION _shown(p_span tstzrange) RETURNS text
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -63,7 +63,7 @@ BEGIN ATOMIC
     SELECT CASE WHEN lower_inf(p_span) AND upper_inf(p_span) THEN 'for ever'
                 ELSE concat_ws(' ', 'from ' || _shown(lower(p_span)), 'to ' || _shown(upper(p_span))) END;
 END;
-COMMENT ON FUNCTION _shown(tstzrange) IS 'A span as text, UTC, whatever the session''s settings.';
+COMMENT ON FUNCTION _shown(tstzrange) IS 'A span as text in UTC, independent of the session''s settings.';
 
 CREATE OR REPLACE FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision) RETURNS text
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -74,7 +74,7 @@ BEGIN ATOMIC
                 ELSE 'between ' || p_floor_m || ' and ' || p_ceiling_m || ' m' END;
 END;
 COMMENT ON FUNCTION _shown_heights(double precision, double precision) IS
-'A height band (metres, infinite where it is unbounded) as text.';
+'A height band (metres; infinite: no limit) as text.';
 
 CREATE OR REPLACE FUNCTION explain_conflict(p_scene text, p_a text, p_b text) RETURNS jsonb
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -127,7 +127,7 @@ BEGIN
             'changes of an attached table wait to be taken over' END;
     v_is_current := v_waiting IS NULL;
     v_method := coalesce(v_conflict.method, v_run.method, v_scene.method);
-    -- Two areas are decided by their shapes, whatever the method.
+    -- Two areas are decided by their shapes, with every method.
     v_is_static := a.kind = 0 AND b.kind = 0;
     v_last_stage := CASE WHEN v_method = 'screen' AND NOT v_is_static THEN 2 ELSE 4 END;
 
@@ -190,7 +190,7 @@ BEGIN
             v_by := CASE WHEN v_is_static THEN 'their shapes' ELSE 'their motion' END;
             v_why := 'they are proven to stay further apart than what counts as a conflict';
         END IF;
-        -- Of other methods, and of pairs that are never there together, nothing is known.
+        -- Only exact and nlp prove distances, and only for pairs that share time and heights.
         IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
@@ -249,15 +249,15 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION explain_conflict(text, text, text) IS
-'Why two objects of a scene are in conflict, or are not: verdict (as in the view conflicts; near; apart; unknown while '
-'a change waits for detection), the stage that decided and why, what each stage left, which pieces, periods, closest '
-'approach where it is kept, else what they are further apart than (further_than_m, metres; null if that is not known), '
-'settings, run, and whether that is current. explain_conflict_text says it in words.';
+'Explains why two objects of a scene are or are not in conflict, as JSON: verdict (as in the view conflicts; near; '
+'apart; unknown while a change waits for detection), the stage that decided and why, pairs left by each stage, pieces, '
+'periods, closest approach if stored, otherwise a distance that they exceed (further_than_m, metres; null if unknown), '
+'settings, run, and whether this is current. explain_conflict_text returns it as text.';
 
 CREATE OR REPLACE FUNCTION _explained_text(j jsonb) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Keys as in JSON, which keeps them on a line.
+    -- Keys as JSON strings, so that line breaks are escaped.
     SELECT concat_ws(E'\n',
         format('%s (%s) and %s (%s): %s', j #> '{a,key}', j #>> '{a,kind}', j #> '{b,key}', j #>> '{b,kind}',
                j ->> 'verdict'),
@@ -288,12 +288,12 @@ BEGIN ATOMIC
         CASE WHEN (j ->> 'is_current')::boolean THEN '  current: neither has changed since'
              ELSE '  not current: ' || (j ->> 'waiting') END);
 END;
-COMMENT ON FUNCTION _explained_text(jsonb) IS 'What explain_conflict says, in words.';
+COMMENT ON FUNCTION _explained_text(jsonb) IS 'The result of explain_conflict as text.';
 
 CREATE OR REPLACE FUNCTION explain_conflict_text(p_scene text, p_a text, p_b text) RETURNS text
 LANGUAGE sql STABLE
 BEGIN ATOMIC
     SELECT _explained_text(explain_conflict(p_scene, p_a, p_b));
 END;
-COMMENT ON FUNCTION explain_conflict_text(text, text, text) IS 'What explain_conflict says, in words.';
+COMMENT ON FUNCTION explain_conflict_text(text, text, text) IS 'The result of explain_conflict as text.';
 

@@ -1,22 +1,22 @@
--- Probes with times: what a plan would meet, and when, to the scene's tolerance. Stages 3 and 4 run at a worker, so the
--- question is a row that is committed before the answer can be; both are seen by who asked and by workers.
+-- Probes with times: which objects a plan would conflict with, and when, to the scene's tolerance. Workers run stages 3
+-- and 4, so a request is a row that must be committed first. The role that asked and workers see request and reply.
 
 CREATE OR REPLACE FUNCTION _instant_of(p_us bigint) RETURNS timestamptz
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- In two steps, for a number of microseconds may have more digits than a double.
+    -- In two steps, because microseconds may have more digits than a double.
     SELECT CASE WHEN abs(p_us::numeric) < 9e18 THEN
         to_timestamp(0) + p_us / 1000000 * interval '1 second' + p_us % 1000000 * interval '1 microsecond' END;
 END;
 COMMENT ON FUNCTION _instant_of(bigint) IS
-'Microseconds since 1970 as an instant; null beyond 9e18, which is no bound.';
+'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
 CREATE OR REPLACE FUNCTION _pieces_meeting(
     p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
     p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
 ) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
--- By the index, as in _candidates.
+-- Forces the index join, as in _candidates.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 SET jit = off AS $$
 BEGIN
@@ -37,8 +37,8 @@ END
 $$;
 COMMENT ON FUNCTION _pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
                                     double precision[], integer[]) IS
-'Stage 1 for pieces that are not stored: which of them (n, from 0) meets which row of pieces of a scene in space, '
-'time and height; pieces of the object with that key are left out.';
+'Stage 1 for pieces that are not stored: pairs of a given piece (n, from 0) and a row of pieces of the scene whose '
+'boxes overlap in space, time and height. Skips the object p_key.';
 
 CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 RETURNS TABLE (kind smallint, id bigint, key text)
@@ -50,7 +50,7 @@ BEGIN ATOMIC
     LEFT JOIN track t ON u.kind = 1 AND t.track_id = u.id AND t.scene_id + 0 = p_scene_id
     WHERE coalesce(a.key, t.key) IS NOT NULL;
 END;
-COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'The keys of some objects of a scene.';
+COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys of objects of a scene, by kind and id.';
 
 CREATE OR REPLACE FUNCTION _prune_probes() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -59,7 +59,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune_probes() IS
-'Removes old requests, with their answers. Runs as its owner: who may delete rows of a table may also lock it. '
+'Deletes old requests and their replies. Runs as its owner: the right to delete rows would include locking the table. '
 'Restricted to requests older than an hour.';
 
 CREATE OR REPLACE FUNCTION _check_area_probe(
@@ -74,14 +74,14 @@ BEGIN
         PERFORM _refuse('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
-    -- Infinite instants have no number of microseconds.
+    -- Infinite instants cannot be converted to microseconds.
     IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
         PERFORM _refuse('ZC003', c_who, 'span', 'must not begin or end for ever', 'span_finite');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_area_probe(geometry, tstzrange, double precision, double precision) IS
-'Refuses a question about an area that a worker could not read.';
+'Raises an error (class ZC) for an area that a worker could not probe.';
 
 CREATE OR REPLACE FUNCTION _check_track_probe(
     p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision,
@@ -105,7 +105,7 @@ BEGIN
     END IF;
     PERFORM _check_size(c_who, 'path', ST_NPoints(p_path), 'max_waypoints');
     PERFORM _check_size(c_who, 'outline', ST_NPoints(p_outline), 'max_vertices');
-    -- The worker checks the rest; times that are no numbers would not get there.
+    -- The worker checks the rest; it cannot receive times that are not finite.
     IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' OR NOT ST_Length(p_path) < 'infinity' THEN
         PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
     END IF;
@@ -117,15 +117,15 @@ END
 $$;
 COMMENT ON FUNCTION _check_track_probe(bigint, geometry, geometry, double precision, double precision,
                                        double precision) IS
-'Refuses a question about a track that a worker could not read.';
+'Raises an error (class ZC) for a track that a worker could not probe.';
 
--- A reader may write the row of a question without the functions below, so each row is checked as it is stored.
+-- Readers may insert requests directly, so every row is checked.
 
 CREATE OR REPLACE FUNCTION _before_probe_request() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_who CONSTANT text := 'what is asked about';
-    -- Of one role: more would keep others waiting, and fill the table.
+    -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
     IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
@@ -150,7 +150,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _before_probe_request() IS
-'Trigger: refuses a question that a worker could not read, and more than 1,000 of one role that wait.';
+'Trigger: checks a request; refuses it if 1,000 requests of the same role are waiting.';
 CREATE OR REPLACE TRIGGER probe_request_checked BEFORE INSERT ON probe_request
     FOR EACH ROW EXECUTE FUNCTION _before_probe_request();
 ALTER TABLE probe_request ENABLE ALWAYS TRIGGER probe_request_checked;
@@ -174,9 +174,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text) IS
-'Asks the workers what an area like this (longitude and latitude, SRID 4326; [start, end); metres; null is unbounded) '
-'would be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
-'committed. p_key: the object that it would replace, which is left out.';
+'Asks the workers which objects an area (longitude and latitude, SRID 4326; [start, end); heights in metres; null: '
+'unbounded) would conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called '
+'after commit. p_key: object that the area would replace, which is ignored.';
 
 CREATE OR REPLACE FUNCTION request_track_probe(
     p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
@@ -198,9 +198,9 @@ END
 $$;
 COMMENT ON FUNCTION request_track_probe(text, geometry, geometry, double precision, double precision,
                                         double precision, text) IS
-'Asks the workers what a track like this (path and outline as put_track takes them; metres; null is unbounded) would '
-'be in conflict with, and when, to the scene''s tolerance; returns a number for wait_for_probe, once this is '
-'committed. p_key: the object that it would replace, which is left out.';
+'Asks the workers which objects a track (path and outline as in put_track; heights in metres; null: unbounded) would '
+'conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called after commit. '
+'p_key: object that the track would replace, which is ignored.';
 
 CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
 RETURNS TABLE (
@@ -252,11 +252,11 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
-'Who a plan would be in conflict with, as the view conflicts says it: waits until a worker has answered; refuses '
-'(ZC015) when that takes longer than p_timeout (null: however long), (ZC016) a plan that cannot be, with the reason, '
-'and (ZC013) in a transaction that could never see the answer. Answers are kept for an hour, for the role that asked.';
+'Waits for the reply to a probe; returns the objects that the plan would conflict with, with columns as in the view '
+'conflicts. Raises ZC015 after p_timeout (null: waits without limit), ZC016 with the reason for an invalid plan, and '
+'ZC013 in a transaction that cannot see the reply. Replies are kept for an hour, for the role that asked.';
 
--- The same for Python.
+-- For Python.
 
 CREATE OR REPLACE FUNCTION _request_probe(
     p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea,
@@ -273,7 +273,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, bytea, bytea, double precision,
                                    double precision, double precision) IS
-'request_probe (kind 0) or request_track_probe (1): geometries as WKB, instants in microseconds since 1970.';
+'request_probe (kind 0) or request_track_probe (kind 1): geometries as WKB, instants in microseconds since 1970.';
 
 CREATE OR REPLACE FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
 RETURNS TABLE (
@@ -286,9 +286,9 @@ BEGIN ATOMIC
            ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
     FROM wait_for_probe(p_probe_id, p_timeout) w;
 END;
-COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'What wait_for_probe returns; periods in binary.';
+COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'As wait_for_probe, with periods in binary.';
 
--- What a worker does of it.
+-- For workers.
 
 CREATE OR REPLACE FUNCTION _next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -296,7 +296,7 @@ BEGIN
     RETURN QUERY
         SELECT p.probe_id, p.scene_id FROM probe_request p
         WHERE p.answered_at IS NULL
-        -- What failed comes after all else, and the scene and role that waited longest for an answer first.
+        -- Failed requests last; then the scene and the role that have waited longest for a reply.
         ORDER BY p.failures,
                  (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
                  (SELECT max(q.answered_at) FROM probe_request q WHERE q.asked_by = p.asked_by) NULLS FIRST, p.probe_id
@@ -304,7 +304,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _next_probe() IS
-'The request to answer next that nobody else works on, if there is one; locked until the transaction ends.';
+'The next request that no other session works on, locked until the transaction ends; no row if there is none.';
 
 CREATE OR REPLACE FUNCTION _probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
@@ -319,7 +319,7 @@ BEGIN ATOMIC
            ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
     FROM probe_request p WHERE p.probe_id = p_probe_id;
 END;
-COMMENT ON FUNCTION _probe_request(bigint) IS 'What a request asks: geometries as WKB, microseconds since 1970.';
+COMMENT ON FUNCTION _probe_request(bigint) IS 'A request: geometries as WKB, instants in microseconds since 1970.';
 
 CREATE OR REPLACE FUNCTION _probe_failed(p_probe_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
@@ -331,7 +331,7 @@ BEGIN ATOMIC
     WHERE p.probe_id = p_probe_id;
 END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
-'Counts a failure of a worker to answer a request; the third is the answer, so that no request is tried for ever.';
+'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
 CREATE OR REPLACE FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
 RETURNS void
@@ -354,9 +354,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS
-'Writes the answer to a request: what was found, or why it cannot be answered; removes requests older than an hour.';
+'Writes the reply to a request: the objects found, or the reason why there is none; deletes requests older than an '
+'hour.';
 
--- Who asked sees the question and the answer, while the scene may be read, and workers do.
+-- Visible to the role that asked, while it may read the scene, and to workers.
 ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
 ALTER TABLE probe_reply ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS probe_request_own ON probe_request;
@@ -372,38 +373,41 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'What somebody asks the workers about a plan (request_probe, request_track_probe); seen by who asked and by workers, '
-'and removed an hour later.';
-COMMENT ON COLUMN probe_request.probe_id IS 'Number of the question.';
+'Probes: requests to the workers about a plan (request_probe, request_track_probe). Visible to the role that asked and '
+'to workers; deleted after an hour.';
+COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
-COMMENT ON COLUMN probe_request.asked_at IS 'When its transaction began.';
-COMMENT ON COLUMN probe_request.object_kind IS 'Of the plan: 0 area, 1 track.';
-COMMENT ON COLUMN probe_request.key IS 'Object that it would replace, which is left out; null: none.';
-COMMENT ON COLUMN probe_request.footprint IS 'Of an area: longitude and latitude, degrees; null of a track.';
-COMMENT ON COLUMN probe_request.active_span IS 'Of an area: when it is there, [start, end); null of a track.';
-COMMENT ON COLUMN probe_request.path IS 'Of a track: waypoints, M is Unix seconds; null of an area.';
-COMMENT ON COLUMN probe_request.outline IS 'Of a track: haven, metres to starboard and forward; null of an area.';
-COMMENT ON COLUMN probe_request.grow_mps IS 'Of a track: speed at which the sides of the haven move outward.';
-COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level; null is unbounded.';
-COMMENT ON COLUMN probe_request.ceiling_m IS 'Height below which it stays, metres; null is unbounded.';
-COMMENT ON COLUMN probe_request.answered_at IS 'When it was answered; null while it waits.';
+COMMENT ON COLUMN probe_request.asked_at IS 'Start of its transaction.';
+COMMENT ON COLUMN probe_request.object_kind IS 'Kind of the plan: 0 area, 1 track.';
+COMMENT ON COLUMN probe_request.key IS 'Object that the plan would replace, which is ignored; null: none.';
+COMMENT ON COLUMN probe_request.footprint IS 'Area: longitude and latitude, degrees; null for a track.';
+COMMENT ON COLUMN probe_request.active_span IS 'Area: when it is active, [start, end); null for a track.';
+COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; null for an area.';
+COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard and ahead; null for an area.';
+COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';
+COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
+COMMENT ON COLUMN probe_request.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
+COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
-'Whether nothing of the scene waited for detection then; null while it is not answered.';
-COMMENT ON COLUMN probe_request.failures IS 'How often workers failed to answer it; the third time it is refused.';
-COMMENT ON COLUMN probe_request.error IS 'Why it cannot be answered; null if it can.';
+'Whether the scene was current at that time; null while it waits.';
+COMMENT ON COLUMN probe_request.failures IS 'Number of failed attempts; the third one is reported as an error.';
+COMMENT ON COLUMN probe_request.error IS 'Why there is no reply; null if there is one, or while it waits.';
 
 COMMENT ON TABLE probe_reply IS
-'Answers to probes: a row for each object that the plan would be in conflict with, or come near (see conflict).';
-COMMENT ON COLUMN probe_reply.probe_id IS 'Question.';
-COMMENT ON COLUMN probe_reply.object_kind IS 'Of the object: 0 area, 1 track.';
+'Replies to probes: one row per object that the plan would conflict with or come near.';
+COMMENT ON COLUMN probe_reply.probe_id IS 'Request.';
+COMMENT ON COLUMN probe_reply.object_kind IS 'Kind of the object: 0 area, 1 track.';
 COMMENT ON COLUMN probe_reply.key IS 'Key of the object.';
 COMMENT ON COLUMN probe_reply.verdict IS
-'conflict, grazing or unresolved, as in conflicts; near: no conflict, within nearest_m.';
-COMMENT ON COLUMN probe_reply.periods IS 'When; bounds inclusive, rounded outward to the microsecond.';
-COMMENT ON COLUMN probe_reply.time_error_s IS 'Bound on the error of every end of every period, seconds.';
-COMMENT ON COLUMN probe_reply.first_contact_point IS 'Where they first touch; null if not computed.';
-COMMENT ON COLUMN probe_reply.closest_at IS 'Closest approach: when; null if not computed, or always so.';
+'conflict, grazing or unresolved, as in the view conflicts; near: no conflict, within nearest_m.';
+COMMENT ON COLUMN probe_reply.periods IS
+'When they conflict; bounds inclusive, rounded outward to the microsecond; empty if only near.';
+COMMENT ON COLUMN probe_reply.time_error_s IS 'Error bound of every period''s start and end, seconds.';
+COMMENT ON COLUMN probe_reply.first_contact_point IS
+'First contact, longitude and latitude, degrees; null if not computed.';
+COMMENT ON COLUMN probe_reply.closest_at IS
+'Closest approach: its time; null if not computed, or for areas that are always active.';
 COMMENT ON COLUMN probe_reply.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
 COMMENT ON COLUMN probe_reply.closest_error_m IS
-'Closest approach: how far from that it may be, metres; null if not computed.';
+'Closest approach: error bound of closest_m, metres; null if not computed.';

@@ -1,4 +1,4 @@
--- What the store reads: rows for Python, nothing more than the tables hold.
+-- Queries of the store: rows for Python.
 
 CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[])
 RETURNS TABLE (
@@ -13,8 +13,8 @@ RETURNS TABLE (
 )
 LANGUAGE sql STABLE
 BEGIN ATOMIC
-    -- A query that is inlined: through a cursor rows come as they are asked for, and are not put on disk before.
-    -- 25 decimals are all digits of a double: those below 1e-8 PostGIS writes with an exponent.
+    -- Inlined, so that a cursor streams rows instead of storing the result first.
+    -- 25 decimals give all digits of a double; PostGIS writes values below 1e-8 with an exponent.
     SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
            CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 25) END,
            ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
@@ -30,8 +30,8 @@ BEGIN ATOMIC
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[]) IS
-'The conflicts of a scene (at an instant, among objects of some keys, if given), earliest first; periods in binary. '
-'Numbers and versions of objects only with regions.';
+'Conflicts of a scene, earliest first; p_at: only those at an instant; p_keys: only among these objects. Periods in '
+'binary. Ids and versions of objects only p_with_region.';
 
 CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
@@ -49,7 +49,7 @@ BEGIN ATOMIC
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
 COMMENT ON FUNCTION _conflicts_known_at(text, timestamptz) IS
-'What conflicts_known_at returns, earliest first; periods in binary.';
+'As conflicts_known_at, earliest first, with periods in binary.';
 
 CREATE OR REPLACE FUNCTION _conflict_events(
     p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint
@@ -73,7 +73,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint) IS
-'So many events of a scene at most after a number (of an object, or of two), in their order; periods in binary.';
+'Events of a scene after p_after (of one object, or of two), at most p_most, in order; periods in binary.';
 
 CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
 RETURNS TABLE (
@@ -100,8 +100,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
-'The closest approaches of a scene (among objects of some keys, if given), or only those of pairs without conflict, '
-'earliest first. Numbers and versions of objects only of the latter.';
+'Closest approaches of a scene, earliest first; p_only_near: only pairs without conflict, with ids and versions of the '
+'objects; p_keys: only among these objects.';
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
     scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
@@ -121,14 +121,14 @@ BEGIN ATOMIC
     ORDER BY s.name;
 END;
 COMMENT ON FUNCTION _scenes() IS
-'Every scene with its settings, how many objects it holds, how many wait for detection, and its last run.';
+'All scenes with their settings, numbers of objects, of pending objects and of conflicts, and their last run.';
 
 CREATE OR REPLACE FUNCTION _runs(p_scene text, p_limit integer) RETURNS SETOF run
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT r.* FROM run r WHERE r.scene_id = _scene_id(p_scene) ORDER BY r.run_id DESC LIMIT p_limit;
 END;
-COMMENT ON FUNCTION _runs(text, integer) IS 'The last runs of a scene, newest first.';
+COMMENT ON FUNCTION _runs(text, integer) IS 'The last p_limit runs of a scene, newest first.';
 
 CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (
     name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
@@ -150,16 +150,16 @@ BEGIN ATOMIC
     SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat
     FROM scene s WHERE s.name = p_scene;
 END;
-COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene, no row if there is none of that name.';
+COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene; no row for an unknown name.';
 
 CREATE OR REPLACE FUNCTION _waiting_scenes() RETURNS TABLE (scene text, waited_s double precision)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- A clock may have been put back since the change was made.
+    -- greatest(0, …): the clock may have been set back since the change.
     SELECT s.name, greatest(0, extract(epoch FROM clock_timestamp() - min(p.at)))
     FROM (SELECT m.scene_id, m.changed_at AS at, m.change_id AS n FROM change m
           UNION ALL
-          -- An attached table that could not be read is left alone for a minute.
+          -- An attached table that could not be read is retried after a minute.
           SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
@@ -168,8 +168,8 @@ BEGIN ATOMIC
     GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;
 COMMENT ON FUNCTION _waiting_scenes() IS
-'Scenes with objects, or rows of tables that the current role attached, that wait for detection, the longest waiting '
-'first, and how long, in seconds.';
+'Scenes that wait for detection, or for tables that the current role attached, with seconds of waiting; the longest '
+'waiting first.';
 
 CREATE OR REPLACE FUNCTION _attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -179,7 +179,7 @@ BEGIN
         ORDER BY v.scene, v."table", v.attachment_id;
 END
 $$;
-COMMENT ON FUNCTION _attachments(text) IS 'The tables that are attached to a scene, or to any (null).';
+COMMENT ON FUNCTION _attachments(text) IS 'Tables attached to a scene; null: to any scene.';
 
 CREATE OR REPLACE FUNCTION _unmapped(p_scene text) RETURNS SETOF unmapped
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -189,4 +189,4 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _unmapped(text) IS
-'The rows of attached tables that are no objects of a scene, or not as they are now.';
+'Rows of attached tables of a scene whose current values do not make an object.';

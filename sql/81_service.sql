@@ -1,4 +1,4 @@
--- What `conflictdb status` tells of the server. Workers are told apart by their application_name.
+-- The server's part of `conflictdb status`. Workers are recognised by their application_name.
 
 CREATE OR REPLACE FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
 LANGUAGE sql STABLE PARALLEL RESTRICTED
@@ -8,5 +8,4 @@ BEGIN ATOMIC
             WHERE a.datname = current_database() AND a.application_name = 'conflictdb worker');
 END;
 COMMENT ON FUNCTION _service() IS
-'The version of PostGIS, and how many workers are connected to this database (of other users only those that the '
-'caller may see).';
+'Version of PostGIS, and number of workers connected to this database that the caller may see.';

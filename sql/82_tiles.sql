@@ -1,14 +1,15 @@
--- Vector tiles (Mapbox Vector Tile 2.1) in Web Mercator (EPSG:3857): as pg_tileserv and martin ask for.
+-- Vector tiles (Mapbox Vector Tile 2.1) in Web Mercator (EPSG:3857), for pg_tileserv and martin.
 --
--- Which objects a tile may hold is asked of the index of pieces, whose hulls hold what an object sweeps, copied across
--- the seam; what waits for detection has none, or old ones: the box of each is looked at. Shapes are of the tables.
+-- The index of pieces finds the objects of a tile, as their hulls contain what they sweep, with copies across the
+-- antimeridian. Objects that wait for detection have no pieces, or old ones, and are all checked by their boxes. Shapes
+-- come from the tables area and track.
 
 CREATE OR REPLACE FUNCTION _tile_time(p_params json, p_name text) RETURNS timestamptz
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_text text := p_params ->> p_name;
 BEGIN
-    -- Whatever DateStyle and TimeZone the session has.
+    -- Independent of the session's DateStyle and TimeZone.
     IF v_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?(Z|[+-]\d\d(:?\d\d)?)$' THEN
         PERFORM _refuse('ZC003', 'query_params', p_name,
                         format('must be an instant like 2026-06-01T10:00:00Z; got %L', v_text), 'tile_instant',
@@ -18,7 +19,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_time(json, text) IS
-'An instant of the parameters of a tile, null if absent; refuses (ZC003) what is not ISO 8601 with an offset.';
+'Reads an instant from the parameters of a tile; null if absent. Raises ZC003 unless it is ISO 8601 with an offset.';
 
 CREATE OR REPLACE FUNCTION _tile_height(p_params json, p_name text) RETURNS double precision
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -33,7 +34,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_height(json, text) IS
-'A height (metres) of the parameters of a tile, null if absent; refuses (ZC004) what is no number.';
+'Reads a height (metres) from the parameters of a tile; null if absent. Raises ZC004 unless it is a number.';
 
 CREATE OR REPLACE FUNCTION _tile_params(
     p_z integer, p_x integer, p_y integer, p_params json,
@@ -93,18 +94,18 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_params(integer, integer, integer, json) IS
-'What the parameters of a tile say; refuses a tile that is not there (ZC005), and parameters that are missing, unknown '
-'or make no sense (ZC003, ZC004, ZC009, ZC010).';
+'Reads the parameters of a tile. Raises ZC005 for a tile that does not exist, and ZC003, ZC004, ZC009 or ZC010 for '
+'missing, unknown or invalid parameters.';
 
 CREATE OR REPLACE FUNCTION _tile_bounds(p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- 64 of its 4096 units around it, as ST_AsMVTGeom has below.
+    -- With a margin of 64 of 4096 units, as in ST_AsMVTGeom below.
     SELECT ST_Expand(b.bounds, (ST_XMax(b.bounds) - ST_XMin(b.bounds)) * 64 / 4096)
     FROM (SELECT ST_TileEnvelope(p_z, p_x, p_y) AS bounds OFFSET 0) b;
 END;
 COMMENT ON FUNCTION _tile_bounds(integer, integer, integer) IS
-'What a tile shows, with what it repeats of its neighbours (metres, EPSG:3857): may reach across the seam.';
+'Bounds of a tile with its margin (metres, EPSG:3857); may extend across the antimeridian.';
 
 CREATE OR REPLACE FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -117,12 +118,12 @@ BEGIN ATOMIC
     FROM (SELECT _tile_bounds(p_z, p_x, p_y) AS bounds OFFSET 0) b;
 END;
 COMMENT ON FUNCTION _tile_degrees(integer, integer, integer) IS
-'The same in longitude and latitude (degrees, not wrapped).';
+'Bounds of a tile with its margin, longitude and latitude (degrees, not wrapped).';
 
 CREATE OR REPLACE FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text) RETURNS SETOF geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE ROWS 3 SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Farther from the centre a gnomonic plane stretches without limit, and its horizon is at 90.
+    -- Farther from the centre the gnomonic plane stretches without limit; its horizon is at 90.
     c_far_deg CONSTANT double precision := 80;
     v_box geometry := _tile_degrees(p_z, p_x, p_y);
     v_edge geometry;
@@ -139,12 +140,12 @@ BEGIN
             FROM generate_series(-1, 1) turn;
         RETURN;
     END IF;
-    -- A box without a pole is bounded by the image of its edge.
+    -- The image of a box without a pole lies within the image of its edge.
     v_edge := ST_Segmentize(ST_ExteriorRing(v_box), greatest(ST_XMax(v_box) - ST_XMin(v_box), 1e-9) / 64);
     IF p_z > 1 AND _from_centre_deg(v_edge, substring(p_plane FROM 'lon_0=([-0-9.]+)')::double precision,
                                     substring(p_plane FROM 'lat_0=([-0-9.]+)')::double precision) < c_far_deg THEN
         v_edge := ST_Envelope(_to_plane(v_edge, p_plane));
-        -- Between the points of the edge it bends by less than this share of its size.
+        -- Between points of the edge its image bends by less than this fraction of its size.
         RETURN NEXT ST_Expand(v_edge, 1 + 0.05 * greatest(ST_XMax(v_edge) - ST_XMin(v_edge),
                                                           ST_YMax(v_edge) - ST_YMin(v_edge)));
     ELSE
@@ -153,7 +154,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_windows(integer, integer, integer, text) IS
-'Boxes in the plane of a scene (metres) that hold what a tile shows; all of the plane where the tile is not in it.';
+'Boxes in the plane of a scene (metres) that contain what a tile shows; the whole plane for a tile outside of it.';
 
 CREATE OR REPLACE FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint) RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
@@ -164,14 +165,14 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _marked_objects(bigint, smallint) IS
-'Objects of a kind that wait for detection, as often as they are marked.';
+'Ids of objects of a kind that wait for detection, once per mark.';
 
 CREATE OR REPLACE FUNCTION _tile_objects(
     p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange
 ) RETURNS SETOF bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- By the index for each window (OFFSET), rather than all pieces beside all windows.
+    -- OFFSET 0 forces one index search per window.
     SELECT n.object_id FROM _tile_windows(p_z, p_x, p_y, p_plane) w (box)
     CROSS JOIN LATERAL (SELECT p.object_id FROM piece p
                         WHERE p.scene_id = p_scene_id AND p.hull && w.box AND p.span && p_span
@@ -180,15 +181,15 @@ BEGIN ATOMIC
     SELECT m FROM _marked_objects(p_scene_id, p_kind) m;
 END;
 COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, integer, tstzrange) IS
-'Objects of a kind that a tile may show: all that are there during a span, and some more.';
+'Ids of objects of a kind that a tile may show: a superset of those active during a span.';
 
 CREATE OR REPLACE FUNCTION _drawn(p_geometry geometry, p_plane text) RETURNS geometry
--- Not in SQL, nor the next two: a query would hold, and evaluate, each step as often as the following ones name it.
+-- Not LANGUAGE sql, nor the next two: inlining would evaluate each step as often as later steps mention it.
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_shape geometry := _to_plane(p_geometry, p_plane);
 BEGIN
-    -- Straight in the plane of the scene; between points 100 km apart a map of another one is within a metre of it.
+    -- Edges are straight in the scene's plane. With points 100 km apart another plane deviates by less than a metre.
     IF p_plane IN ('wgs84', 'sphere') THEN
         v_shape := ST_Segmentize(v_shape, 100000);
     END IF;
@@ -196,8 +197,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _drawn(geometry, text) IS
-'A geometry (longitude and latitude, straight in the plane of a scene) with points on its long edges, so that it looks '
-'right on any map: degrees, not wrapped.';
+'Adds points to long edges of a geometry (longitude and latitude, edges straight in the scene''s plane), so that any '
+'map draws it correctly: degrees, not wrapped.';
 
 CREATE OR REPLACE FUNCTION _drawn_path(p_path geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -205,7 +206,7 @@ BEGIN
     IF p_plane NOT IN ('wgs84', 'sphere') OR ST_XMax(p_path) - ST_XMin(p_path) <= 180 THEN
         RETURN ST_Multi(_drawn(ST_Force2D(p_path), p_plane));
     END IF;
-    -- Legs go the shorter way around; the last point of one is the first of the next, also where its turn differs.
+    -- Each leg goes the shorter way around.
     RETURN (SELECT ST_Multi(ST_CollectionHomogenize(ST_Collect(_wrapped(l.leg))))
             FROM (SELECT _drawn(ST_MakeLine(n.first, ST_Translate(
                              n.last, -360 * (abs(n.turn) > 180)::integer * round(n.turn / 360), 0)), p_plane) AS leg
@@ -216,16 +217,16 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _drawn_path(geometry, text) IS
-'A path as _drawn has it, cut at the seam where it crosses that.';
+'Adds points to long legs of a path, as _drawn does, and splits it at the antimeridian.';
 
 CREATE OR REPLACE FUNCTION _shown(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Up to this length (22 km of a meridian) and latitude (degrees) _drawn puts no point on an edge, in a plane around
-    -- its middle. Farther from the middle of a gnomonic plane, where it would, edges bend no more than there.
+    -- Shorter edges (22 km along a meridian) at lower latitudes (degrees) get no point from _drawn near the middle of
+    -- its plane, and need none farther from the middle of a gnomonic plane.
     c_edge_deg CONSTANT double precision := 0.2;
     c_latitude_deg CONSTANT double precision := 75;
-    -- As far apart as _from_gnomonic puts points.
+    -- The same spacing as in _from_gnomonic.
     c_side_m CONSTANT double precision := 25000;
     v_shape geometry;
 BEGIN
@@ -234,8 +235,8 @@ BEGIN
         IF ST_NPoints(ST_Segmentize(p_geometry, c_edge_deg)) = ST_NPoints(p_geometry) THEN
             RETURN ST_Force2D(p_geometry);
         END IF;
-        -- Great circles in the longitude and latitude of a sphere, without PROJ, which takes milliseconds to read how.
-        -- What is less than half a turn wide crosses no seam, and has no pole in it.
+        -- Great circles computed on the sphere, without PROJ, which takes milliseconds to parse its string. A geometry
+        -- narrower than half a turn does not cross the antimeridian and contains no pole.
         IF p_plane NOT IN ('wgs84', 'sphere') AND ST_XMax(p_geometry) - ST_XMin(p_geometry) <= 170 THEN
             RETURN ST_Segmentize(ST_Force2D(p_geometry)::geography, c_side_m)::geometry;
         END IF;
@@ -245,13 +246,13 @@ BEGIN
     ELSE
         v_shape := _drawn(p_geometry, p_plane);
     END IF;
-    -- Cutting returns a collection, also for multilines.
+    -- Splitting returns a collection, also for multilines.
     RETURN ST_CollectionExtract(_wrapped(v_shape), ST_Dimension(v_shape) + 1);
 END
 $$;
 COMMENT ON FUNCTION _shown(geometry, text) IS
-'A footprint or path (longitude and latitude, straight in the plane of a scene) as layers of map programs have it: '
-'with points on its long edges, within +-180 degrees, cut at the seam.';
+'A footprint or path (longitude and latitude, straight in the scene''s plane) as a map layer: points on long edges, '
+'within +-180 degrees, split at the antimeridian.';
 
 CREATE OR REPLACE FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -262,14 +263,14 @@ DECLARE
     v_clipped geometry := p_geometry;
     v_shape geometry;
 BEGIN
-    -- Web Mercator ends at 85.06 degrees.
+    -- Web Mercator ends at 85.06 degrees of latitude.
     IF ST_YMin(p_geometry) < -85.5 OR ST_YMax(p_geometry) > 85.5 THEN
         v_clipped := ST_ClipByBox2D(p_geometry, ST_MakeEnvelope(-720, -85.5, 720, 85.5, 4326));
     END IF;
     IF ST_IsEmpty(v_clipped) THEN
         RETURN NULL;
     END IF;
-    -- The plane of the sphere, at another size.
+    -- Mercator on the sphere, rescaled.
     v_shape := ST_SetSRID(ST_Scale(_to_plane(v_clipped, 'sphere'), c_size, c_size), 3857);
     v_shape := (SELECT CASE count(*) WHEN 1 THEN ST_GeometryN(ST_Collect(t.shape), 1)
                                      ELSE ST_CollectionHomogenize(ST_Collect(t.shape)) END
@@ -280,10 +281,10 @@ BEGIN
         RETURN NULL;
     END IF;
     v_shape := ST_Simplify(v_shape, v_unit_m / 2, true);
-    -- What is thinner than a unit is a line, what is smaller a point: nothing vanishes.
+    -- A polygon thinner than a unit becomes a line, a smaller one a point, so that nothing vanishes.
     RETURN coalesce(
         ST_AsMVTGeom(v_shape, v_tile, 4096, 64, true),
-        -- A ring that runs back on itself would vanish too; its halves do not.
+        -- A ring that runs back on itself would vanish; its halves do not.
         CASE WHEN ST_Dimension(v_shape) = 2 THEN ST_AsMVTGeom(
             (SELECT ST_Collect(ST_LineSubstring(ST_ExteriorRing(d.geom), half, half + 0.5))
              FROM ST_Dump(v_shape) d CROSS JOIN (VALUES (0.0), (0.5)) t (half) WHERE ST_Dimension(d.geom) = 2),
@@ -293,8 +294,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_shape(geometry, integer, integer, integer) IS
-'What a tile shows of a geometry (longitude and latitude, degrees), in units of the tile (4096, and 64 around), '
-'simplified by half a unit at most; null if nothing.';
+'The part of a geometry (longitude and latitude, degrees) that a tile shows, in tile units (4096, margin 64), '
+'simplified by at most half a unit; null if there is none.';
 
 CREATE OR REPLACE FUNCTION _tile_measures(
     p_z integer, p_x integer, p_y integer, p_plane text,
@@ -303,9 +304,9 @@ CREATE OR REPLACE FUNCTION _tile_measures(
 )
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- By how many metres of a map, at most, a line straight in a plane leaves one that is straight on Web Mercator, for
-    -- each square of a degree that it is long: e^2 a (1 degree)^2 / 8 for a rhumb line, a (1 degree)^2 / 8 for a great
-    -- circle, and a fifth more for what is of higher order.
+    -- Greatest deviation, metres on the map, between a line straight in the plane and one straight in Web Mercator, per
+    -- squared degree of length: e^2 a (1 degree)^2 / 8 for a rhumb line, a (1 degree)^2 / 8 for a great circle, plus a
+    -- fifth for terms of higher order.
     c_rhumb_m CONSTANT double precision := 2;
     c_circle_m CONSTANT double precision := 300;
     v_is_rhumb boolean := p_plane IN ('wgs84', 'sphere');
@@ -321,10 +322,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tile_measures(integer, integer, integer, text) IS
-'What all objects of a tile are drawn by: its bounds (EPSG:3857); its unit; the size (degrees of the equator) up to '
-'which they look alike straight on the map and in the plane of the scene, to half a unit; the size from which they '
-'are large, and a box (degrees) that the corners of whatever else is shown meet; the longitude beyond which the seam '
-'is.';
+'Constants of a tile. bounds: EPSG:3857. shown: box (degrees) that meets the corners of all smaller objects shown. '
+'unit_m, unit_deg: size of a unit. plain_deg: size (degrees at the equator) up to which edges may be drawn straight, '
+'to half a unit. large_deg: size above which objects are checked without shown. edge_deg: longitude of the margin '
+'before the antimeridian.';
 
 CREATE OR REPLACE FUNCTION _is_plain(p_box box3d, p_size_deg double precision, p_edge_deg double precision)
 RETURNS boolean
@@ -337,7 +338,7 @@ BEGIN ATOMIC
                <= p_size_deg * cosd(greatest(abs(ST_YMin(p_box)), abs(ST_YMax(p_box))));
 END;
 COMMENT ON FUNCTION _is_plain(box3d, double precision, double precision) IS
-'Whether what is in a box (degrees) is on the map in one piece as its corners say.';
+'Whether objects in a box (degrees) can be drawn from their corners alone: small, no pole, no antimeridian.';
 
 CREATE OR REPLACE FUNCTION _tile_plain(
     p_geometry geometry, p_box box3d, p_bounds geometry, p_unit_m double precision, p_unit_deg double precision
@@ -353,8 +354,7 @@ BEGIN ATOMIC
         p_bounds, 4096, 64, true);
 END;
 COMMENT ON FUNCTION _tile_plain(geometry, box3d, geometry, double precision, double precision) IS
-'What _tile_shape has of something plain, in a twentieth of the time; null also for an area that is thinner than a '
-'unit.';
+'As _tile_shape, for objects that are _is_plain, twenty times as fast; null also for an area thinner than a unit.';
 
 CREATE OR REPLACE FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -371,7 +371,7 @@ BEGIN
                           THEN coalesce(_tile_plain(a.footprint, b.box, w.bounds, w.unit_m, w.unit_deg),
                                         _tile_shape(a.footprint, z, x, y))
                           ELSE _tile_shape(_drawn(a.footprint, v.plane), z, x, y) END AS shape
-              -- By the key of each object (OFFSET): nobody knows beforehand how few they are.
+              -- OFFSET 0 forces lookups by id, as the number of objects is unknown to the planner.
               FROM _tile_objects(v.scene_id, 0::smallint, v.plane, z, x, y, v.span) o (area_id)
               CROSS JOIN LATERAL (SELECT n.* FROM area n WHERE n.area_id = o.area_id OFFSET 0) a
               CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
@@ -387,7 +387,7 @@ END
 $$;
 COMMENT ON FUNCTION tile_areas(integer, integer, integer, json) IS
 'Vector tile of the areas of a scene, for pg_tileserv and martin: layer areas (key, name, floor_m, ceiling_m, start_s '
-'and end_s in Unix seconds, absent if unbounded). query_params: scene, and if wanted at, or from and to (ISO 8601 with '
+'and end_s in Unix seconds, absent if unbounded). query_params: scene; optional: at, or from and to (ISO 8601 with '
 'offset), floor_m, ceiling_m.';
 
 CREATE OR REPLACE FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
@@ -418,8 +418,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION tile_tracks(integer, integer, integer, json) IS
-'Vector tile of the paths of a scene''s tracks: layer tracks, fields and query_params as tile_areas. A track under way '
-'during the time asked about shows its whole path; its heights are those of all its legs.';
+'Vector tile of the paths of tracks: layer tracks, attributes and query_params as in tile_areas. A track under way '
+'during the requested time shows its whole path; its heights include all legs.';
 
 CREATE OR REPLACE FUNCTION tile_havens(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -444,8 +444,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION tile_havens(integer, integer, integer, json) IS
-'Vector tile of where the havens of a scene''s tracks are at an instant: layer havens (key, name, floor_m and '
-'ceiling_m then). query_params as tile_areas; at must be given.';
+'Vector tile of havens at an instant: layer havens (key, name, floor_m and ceiling_m at that instant). query_params as '
+'in tile_areas; at is required.';
 
 CREATE OR REPLACE FUNCTION tile_conflicts(z integer, x integer, y integer, query_params json DEFAULT '{}') RETURNS bytea
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -454,13 +454,13 @@ DECLARE
     v_tile bytea;
 BEGIN
     WITH place AS MATERIALIZED (
-        -- Regions lie within +-180 degrees. First contact points lie in them, but for the tolerance.
+        -- Regions lie within +-180 degrees and contain the first contact points, up to the tolerance.
         SELECT ST_Expand(ST_Translate(_tile_degrees(z, x, y), 360 * turn, 0), 1e-4) AS box
         FROM generate_series(-1, 1) turn
     ), shown AS MATERIALIZED (
         SELECT DISTINCT ON (c.conflict_id) c.*
         FROM place p
-        -- By the index for each place, as in _tile_objects.
+        -- OFFSET 0 forces one index search per place, as in _tile_objects.
         CROSS JOIN LATERAL (SELECT f.* FROM conflicts f
                             WHERE f.scene = v.scene AND f.region && p.box AND f.periods && v.span OFFSET 0) c
         WHERE (v.verdicts IS NULL OR c.verdict = ANY (v.verdicts))
@@ -494,10 +494,10 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
-'Vector tile of the conflicts of a scene: layers conflicts (regions) and first_contacts (points), each with the number '
-'of the conflict as its id, a_key, a_kind, b_key, b_kind, verdict, is_current, start_s and end_s (of all periods, Unix '
-'seconds, absent if unbounded). query_params as tile_areas, and verdict: of conflict, grazing, unresolved, with commas '
-'between. Of heights, those that both objects have in common count.';
+'Vector tile of the conflicts of a scene: layers conflicts (regions) and first_contacts (points), both with '
+'conflict_id as feature id, a_key, a_kind, b_key, b_kind, verdict, is_current, start_s and end_s (of all periods, Unix '
+'seconds, absent if unbounded). query_params as in tile_areas, and verdict: a comma-separated list of conflict, '
+'grazing, unresolved. Heights apply to those that both objects share.';
 
 CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
@@ -508,17 +508,17 @@ SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
            AS footprint
 FROM area a JOIN scene s USING (scene_id);
 
-COMMENT ON VIEW map_areas IS 'Areas as a layer of a map program such as QGIS.';
-COMMENT ON COLUMN map_areas.area_id IS 'Unique; the key of the layer.';
+COMMENT ON VIEW map_areas IS 'Areas as a layer of map programs such as QGIS.';
+COMMENT ON COLUMN map_areas.area_id IS 'Unique key of the layer.';
 COMMENT ON COLUMN map_areas.scene IS 'Name of the scene.';
 COMMENT ON COLUMN map_areas.key IS 'Key of the area.';
-COMMENT ON COLUMN map_areas.name IS 'Its name; null if it has none.';
-COMMENT ON COLUMN map_areas.floor_m IS 'Lower limit, metres; null is unbounded.';
-COMMENT ON COLUMN map_areas.ceiling_m IS 'Upper limit, metres; null is unbounded.';
-COMMENT ON COLUMN map_areas.starts_at IS 'From when it is there; null: since ever.';
-COMMENT ON COLUMN map_areas.ends_at IS 'Until when it is there; null: for ever.';
+COMMENT ON COLUMN map_areas.name IS 'Display name; null: none.';
+COMMENT ON COLUMN map_areas.floor_m IS 'Lowest height, metres, inclusive; null: no limit.';
+COMMENT ON COLUMN map_areas.ceiling_m IS 'Highest height, metres, exclusive; null: no limit.';
+COMMENT ON COLUMN map_areas.starts_at IS 'Start of its activity; null: unbounded.';
+COMMENT ON COLUMN map_areas.ends_at IS 'End of its activity, exclusive; null: unbounded.';
 COMMENT ON COLUMN map_areas.footprint IS
-'Longitude and latitude in degrees, cut at the seam, with points on long edges so that they bend as they should.';
+'Longitude and latitude in degrees, split at the antimeridian, with points on long edges so that they curve correctly.';
 
 CREATE OR REPLACE VIEW map_tracks WITH (security_invoker = true) AS
 SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
@@ -527,17 +527,17 @@ SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
            t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
 FROM track t JOIN scene s USING (scene_id);
 
-COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of a map program such as QGIS.';
-COMMENT ON COLUMN map_tracks.track_id IS 'Unique; the key of the layer.';
+COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of map programs such as QGIS.';
+COMMENT ON COLUMN map_tracks.track_id IS 'Unique key of the layer.';
 COMMENT ON COLUMN map_tracks.scene IS 'Name of the scene.';
 COMMENT ON COLUMN map_tracks.key IS 'Key of the track.';
-COMMENT ON COLUMN map_tracks.name IS 'Its name; null if it has none.';
-COMMENT ON COLUMN map_tracks.floor_m IS 'Lower limit of all its legs, metres; null is unbounded.';
-COMMENT ON COLUMN map_tracks.ceiling_m IS 'Upper limit of all its legs, metres; null is unbounded.';
-COMMENT ON COLUMN map_tracks.starts_at IS 'When it sets out.';
-COMMENT ON COLUMN map_tracks.ends_at IS 'When it arrives.';
+COMMENT ON COLUMN map_tracks.name IS 'Display name; null: none.';
+COMMENT ON COLUMN map_tracks.floor_m IS 'Lowest height of all legs, metres, inclusive; null: no limit.';
+COMMENT ON COLUMN map_tracks.ceiling_m IS 'Highest height of all legs, metres, exclusive; null: no limit.';
+COMMENT ON COLUMN map_tracks.starts_at IS 'Time of the first waypoint.';
+COMMENT ON COLUMN map_tracks.ends_at IS 'Time of the last waypoint.';
 COMMENT ON COLUMN map_tracks.path IS
-'Longitude and latitude in degrees, cut at the seam, with points on long legs so that they bend as they should.';
+'Longitude and latitude in degrees, split at the antimeridian, with points on long legs so that they curve correctly.';
 
 CREATE OR REPLACE VIEW map_conflicts WITH (security_invoker = true) AS
 SELECT (c.conflict_id << 20) + p.n AS period_id, c.conflict_id,
@@ -550,20 +550,21 @@ CROSS JOIN LATERAL unnest(c.periods) WITH ORDINALITY p (period, n)
 WHERE c.verdict <> 'near';
 
 COMMENT ON VIEW map_conflicts IS
-'Conflicts as layers of a map program such as QGIS, regions or points of first contact: a row for each period.';
+'Conflicts as layers of map programs such as QGIS, by regions or first contact points: one row per period.';
 COMMENT ON COLUMN map_conflicts.period_id IS
-'Unique; the key of the layer: 2^20 times the number of the conflict, and which of its periods it is, from 1.';
-COMMENT ON COLUMN map_conflicts.conflict_id IS 'Number of the conflict, as in the view conflicts.';
+'Unique key of the layer: 2^20 times conflict_id plus the number of the period, from 1.';
+COMMENT ON COLUMN map_conflicts.conflict_id IS 'Id of the conflict, as in the view conflicts.';
 COMMENT ON COLUMN map_conflicts.scene IS 'Name of the scene.';
 COMMENT ON COLUMN map_conflicts.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN map_conflicts.a_kind IS 'area or track.';
 COMMENT ON COLUMN map_conflicts.b_key IS 'Key of the second object.';
 COMMENT ON COLUMN map_conflicts.b_kind IS 'area or track.';
 COMMENT ON COLUMN map_conflicts.verdict IS 'conflict, grazing or unresolved, as in the view conflicts.';
-COMMENT ON COLUMN map_conflicts.starts_at IS 'Start of the period; null: since ever.';
-COMMENT ON COLUMN map_conflicts.ends_at IS 'End of the period; null: for ever.';
-COMMENT ON COLUMN map_conflicts.time_error_s IS 'Bound on the error of both, seconds.';
+COMMENT ON COLUMN map_conflicts.starts_at IS 'Start of the period; null: unbounded.';
+COMMENT ON COLUMN map_conflicts.ends_at IS 'End of the period, inclusive; null: unbounded.';
+COMMENT ON COLUMN map_conflicts.time_error_s IS 'Error bound of both, seconds.';
 COMMENT ON COLUMN map_conflicts.region IS
-'Where, during all periods: longitude and latitude in degrees, cut at the seam; empty where it is a line or a point.';
+'Region during all periods: longitude and latitude in degrees, split at the antimeridian; empty if it is a line or '
+'point.';
 COMMENT ON COLUMN map_conflicts.first_contact_point IS
-'Where they first touch, in the first period: longitude and latitude in degrees; null if not computed.';
+'First contact, in the first period: longitude and latitude in degrees; null if not computed.';

@@ -1,9 +1,9 @@
--- What the page of `conflictdb map` asks beside tiles (82_tiles.sql): whole lists of a scene, each in one answer.
+-- Lists for the page of `conflictdb map`, besides its tiles (82_tiles.sql): each a whole scene in one answer.
 
 CREATE OR REPLACE FUNCTION _map_conflicts(p_scene text) RETURNS TABLE (head text, numbers bytea)
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
-    -- The aggregates take the rows in their order: nothing is between them and the ORDER BY.
+    -- The aggregates receive the rows in order, directly from the subquery with ORDER BY.
     SELECT json_build_object(
                'a', coalesce(json_agg(c.a_key), '[]'), 'b', coalesce(json_agg(c.b_key), '[]'),
                'acknowledged', coalesce(
@@ -30,11 +30,11 @@ BEGIN ATOMIC
           ORDER BY nth) c;
 END;
 COMMENT ON FUNCTION _map_conflicts(text) IS
-'The conflicts of a scene for a list and a timeline, earliest first. head is JSON: keys (a, b), and of those that are '
-'acknowledged which (from 0), by whom, for what and until when. numbers has for each, the highest byte first: its '
-'number (eight bytes), verdict (two: 0 conflict, 1 grazing, 2 unresolved), whether it is current (two), the error of '
-'its times in seconds, first contact in degrees (NaN: not known), west, south, east and north of its region (four '
-'bytes each), how many periods it has (four), and their starts and ends in Unix seconds.';
+'Conflicts of a scene for a list and a timeline, earliest first. head: JSON with keys a and b and, for acknowledged '
+'conflicts, [index from 0, user, reason, expiry]. numbers, big-endian, for each conflict: conflict_id (8 bytes), '
+'verdict (2: 0 conflict, 1 grazing, 2 unresolved), is_current (2), time error in seconds (8), first contact in degrees '
+'(2 x 8, NaN: not computed), west, south, east, north of the region (4 each), number of periods (4), and their starts '
+'and ends in Unix seconds (8 each).';
 
 CREATE OR REPLACE FUNCTION _map_areas(p_scene text) RETURNS TABLE (
     area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
@@ -54,7 +54,7 @@ BEGIN ATOMIC
            ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint),
            ST_X(i.place), ST_Y(i.place)
     FROM place p JOIN area a USING (scene_id)
-    -- As it is drawn: the edges of what is wide bend.
+    -- As drawn: edges of a wide area curve.
     CROSS JOIN LATERAL (
         SELECT CASE WHEN greatest(ST_XMax(a.footprint) - ST_XMin(a.footprint),
                                   ST_YMax(a.footprint) - ST_YMin(a.footprint)) <= 1 THEN a.footprint
@@ -69,14 +69,14 @@ BEGIN ATOMIC
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _map_areas(text) IS
-'The areas of a scene: when (Unix seconds, null: no limit) and in what box (degrees, not wrapped) they are, and, of '
-'those that the middle of their box is not within, a place that is.';
+'Areas of a scene: span (Unix seconds, null: no limit), bounding box (degrees, not wrapped) and, if its middle is '
+'outside the area, a point inside.';
 
 CREATE OR REPLACE FUNCTION _map_overview(p_scene text) RETURNS bytea
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
-    -- Half a pixel where the areas are 16 times as high as a screen of 1,000 pixels. What is wider than plain_deg bends
-    -- by more than that (_tile_measures has how).
+    -- unit_deg: half a pixel if the areas are 16 times as high as a screen of 1,000 pixels. Areas wider than plain_deg
+    -- curve by more than that (see _tile_measures).
     WITH place AS MATERIALIZED (
         SELECT s.scene_id, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane
         FROM scene s WHERE s.scene_id = _scene_id(p_scene)
@@ -97,9 +97,8 @@ BEGIN ATOMIC
     FROM measure m JOIN area a USING (scene_id);
 END;
 COMMENT ON FUNCTION _map_overview(text) IS
-'The outlines of the areas of a scene as they are seen from afar: of each its number (eight bytes, the highest first) '
-'and a multipolygon, longitude and latitude in degrees, not wrapped, as well-known binary (little-endian); null '
-'without any.';
+'Simplified outlines of all areas of a scene: for each area_id (8 bytes, big-endian) and a multipolygon, longitude and '
+'latitude in degrees, not wrapped, as WKB (little-endian); null if there are no areas.';
 
 CREATE OR REPLACE FUNCTION _map_tracks(p_scene text) RETURNS TABLE (
     track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
@@ -112,7 +111,7 @@ BEGIN ATOMIC
     FROM track t WHERE t.scene_id = _scene_id(p_scene) ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _map_tracks(text) IS
-'The tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as well-known binary.';
+'Tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as WKB (little-endian).';
 
 CREATE OR REPLACE FUNCTION _map_shapes(p_scene text, p_keys text[]) RETURNS TABLE (
     layer text, feature_id bigint, key text, shape text
@@ -129,7 +128,7 @@ BEGIN ATOMIC
     WHERE c.scene = p_scene AND p_keys IS NULL AND NOT ST_IsEmpty(c.region);
 END;
 COMMENT ON FUNCTION _map_shapes(text, text[]) IS
-'GeoJSON of areas, paths and conflict regions of a scene, as maps show them; or of its objects of some keys.';
+'GeoJSON of areas, paths and conflict regions of a scene as drawn on maps; p_keys: only these objects, no regions.';
 
 CREATE OR REPLACE FUNCTION _map_may_acknowledge() RETURNS boolean
 LANGUAGE sql STABLE

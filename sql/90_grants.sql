@@ -1,12 +1,12 @@
--- Who may do what. Nothing is granted to PUBLIC; each role can do what the one before it can (05_roles.sql).
+-- Privileges. Nothing is granted to PUBLIC; each role includes the previous one (05_roles.sql).
 
 REVOKE ALL ON SCHEMA conflictdb FROM PUBLIC;
 REVOKE ALL ON ALL TABLES IN SCHEMA conflictdb FROM PUBLIC;
 REVOKE ALL ON ALL SEQUENCES IN SCHEMA conflictdb FROM PUBLIC;
 REVOKE ALL ON ALL ROUTINES IN SCHEMA conflictdb FROM PUBLIC;
 
--- Readers see everything. Query functions run as their caller, so that the planner can look into them; what they read
--- must be readable.
+-- Readers see everything. Query functions run as their caller, so that they can be inlined; so the tables must be
+-- readable.
 GRANT USAGE ON SCHEMA conflictdb TO conflictdb_reader;
 GRANT SELECT ON ALL TABLES IN SCHEMA conflictdb TO conflictdb_reader;
 GRANT EXECUTE ON ALL ROUTINES IN SCHEMA conflictdb TO conflictdb_worker;
@@ -14,15 +14,15 @@ DO $$
 DECLARE
     v_routine regprocedure;
 BEGIN
-    -- A function that does not write is a query; it comes with the helpers it calls.
+    -- Functions that do not write are queries or their helpers.
     FOR v_routine IN
         SELECT p.oid FROM pg_catalog.pg_proc p
         WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile <> 'v' LOOP
         EXECUTE format('GRANT EXECUTE ON FUNCTION %s TO conflictdb_reader', v_routine);
     END LOOP;
-    -- Who may execute what triggers call may make triggers of it on tables of his own, and have it act as its owner on
-    -- rows that he made up. Triggers of the tables here ask for no such right. Those of attached tables do: their
-    -- owners make them (41_attached_changes.sql).
+    -- EXECUTE on a trigger function would let a role use it on its own tables, and make it act as its owner on
+    -- arbitrary rows. Triggers of our tables do not need it. Those of attached tables do: their owners create them
+    -- (41_attached_changes.sql).
     FOR v_routine IN
         SELECT p.oid FROM pg_catalog.pg_proc p
         WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.prorettype = 'trigger'::regtype
@@ -32,17 +32,17 @@ BEGIN
 END
 $$;
 
--- Waiting sees what others commit meanwhile, and who works on a scene changes too, so these are no queries; they write
--- nothing all the same. The view `queue` calls the second.
+-- These are VOLATILE because they see what other sessions change meanwhile, but they write nothing. The view `queue`
+-- calls _scene_holders.
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
--- Who reads may ask; what somebody asked, nobody else but the workers sees (79_probes.sql).
+-- Readers may send probes; only the asking role and workers see them (79_probes.sql).
 GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes, _notify, _wake_workers
     TO conflictdb_reader;
 
--- The types of PostGIS have names too, in whatever schema it lives. Who may not grant them is told by
--- conflictdb.db.schema.missing_grants. In the script of an extension a grant would make all grants on that schema those
--- of the extension, which dumps leave out: there it is said instead.
+-- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.db.schema.missing_grants
+-- reports that. In an extension script the grant would make all grants on that schema part of the extension, which
+-- dumps omit; so there is only a warning.
 DO $$
 DECLARE
     v_schema regnamespace := (SELECT e.extnamespace FROM pg_catalog.pg_extension e WHERE e.extname = 'postgis');
@@ -62,11 +62,11 @@ BEGIN
 END
 $$;
 
--- Editors change the input. Marks and keys are kept by triggers that run as their owner.
+-- Editors change the input. Triggers that run as their owner maintain marks and keys.
 GRANT DELETE ON scene, area, track, attachment, attached_change, attached_object, scene_share TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
--- Column by column: only the database gives numbers and versions. An id ahead of its sequence would block the rows of
--- others, and a first_version would claim the conflicts of a removed object.
+-- By column, without ids and versions: an id ahead of its sequence would block rows of others, and first_version would
+-- claim the conflicts of a removed object.
 DO $$
 DECLARE
     v_table regclass;
@@ -95,10 +95,10 @@ GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, requ
                           _ensure_centre, _first_version, _begin_load, _load, _mark_all, share_scene, unshare_scene,
                           give_scene
     TO conflictdb_editor;
--- What they mark is detected again, which does no harm: nothing depends on the version of a mark.
+-- A superfluous mark only causes another detection.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
--- Attaching a table, and taking its rows over. Who writes to the table needs nothing of this.
+-- Attaching tables and taking their rows over. Writers of the tables need none of this.
 GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
                           _close_attached_schema, _map_expression, _create_attached_rows,
                           _create_attached_triggers, _create_note, _hold_attached, _attached_rows,
@@ -107,18 +107,18 @@ GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachme
     TO conflictdb_editor;
 GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 
--- Editors acknowledge, each in their own name and at the time it is.
+-- Editors acknowledge in their own name and at the current time.
 GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,
               closest_error_m),
       UPDATE (ended_by, ended_at) ON acknowledgement TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
     TO conflictdb_editor;
 
--- Workers keep the derived tables.
+-- Workers write the derived tables.
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, history, probe_request, probe_reply
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
 GRANT DELETE ON acknowledgement TO conflictdb_worker;
 GRANT USAGE ON SEQUENCE conflict_seq, conflict_event_conflict_event_id_seq TO conflictdb_worker;
--- Who may update a row may lock it: nobody else can keep a scene from being detected.
+-- Updating a row includes locking it: only workers can block the detection of a scene.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

@@ -1,16 +1,15 @@
--- What of the tables a role sees and changes, once scenes are protected (66_sharing.sql): rows of scenes that are its
--- own or shared with it. Workers see all, and so do, by the rules of PostgreSQL, the owner of the tables, superusers
--- and roles with BYPASSRLS.
+-- Row-level security, active once scenes are protected (66_sharing.sql): a role sees and changes rows of scenes that it
+-- owns or that are shared with it. Workers see all; so do the owner of the tables, superusers and roles with BYPASSRLS.
 --
--- A subquery that depends on no row is asked once in a statement. Restrictive about writing: for each command its own
--- policy, so that those who edit are asked once too.
+-- Subqueries do not depend on rows, so they run once per statement. One policy per command, so that editors run only
+-- one.
 
 DO $$
 DECLARE
     c_readable CONSTANT text := 'scene_id IN (SELECT conflictdb._readable_scenes())';
     c_writable CONSTANT text := 'scene_id IN (SELECT conflictdb._writable_scenes())';
     c_owned CONSTANT text := 'scene_id IN (SELECT conflictdb._own_scenes())';
-    -- A scene that was made just now is in no view yet.
+    -- A scene inserted by the same statement is not visible to the functions yet.
     c_mine CONSTANT text := '%s IN (SELECT conflictdb._my_roles())';
     c_attached CONSTANT text := 'attachment_id IN (SELECT a.attachment_id FROM conflictdb.attachment a WHERE %s)';
     v_table regclass;
@@ -48,7 +47,7 @@ BEGIN
                     || coalesce(' WITH CHECK (' || v_one.check_rule || ')', '');
         END LOOP;
     END LOOP;
-    -- Shares are the owners' whether they matter yet or not; and tables that are new are protected as the others are.
+    -- Shares are always protected; new tables are protected like the others.
     ALTER TABLE scene_share ENABLE ROW LEVEL SECURITY;
     IF _is_protected() THEN
         PERFORM protect_scenes();

@@ -1,4 +1,4 @@
--- What stepped aside in 06_retired.sql goes, now that nothing is bound to it any more.
+-- Drops the routines renamed in 06_retired.sql, as nothing uses them any more.
 
 DO $$
 DECLARE
