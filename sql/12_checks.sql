@@ -203,7 +203,7 @@ BEGIN
                         format('crosses itself when its edges are %s (%s)',
                                CASE WHEN p_plane LIKE '+proj=gnom%' THEN 'great circles' ELSE 'rhumb lines' END,
                                split_part(v_reason, '[', 1)),
-                        'footprint_valid_in_plane', 'Points on the long edges make them what is meant.');
+                        'footprint_valid_in_plane', 'Add points to the long edges.');
     END IF;
 END
 $$;
@@ -293,7 +293,7 @@ BEGIN
                         'path_in_calendar', 'M is Unix seconds.');
     ELSIF FOUND THEN
         PERFORM _refuse('ZC002', p_who, 'path', format('times[%s] %s', v_bad.n, v_bad.rule),
-                        'path_time_increasing', 'M is Unix seconds, told apart to the microsecond.');
+                        'path_time_increasing', 'M is Unix seconds, precise to the microsecond.');
     END IF;
 END
 $$;
@@ -340,7 +340,7 @@ BEGIN
         PERFORM _refuse('ZC002', p_who, 'path',
                         format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.n,
                                round(v_bad.kn::numeric), v_most_kn), 'path_speed_possible',
-                        'If that is meant, raise the setting conflictdb.max_speed_kn.');
+                        'If it is intended, raise the setting conflictdb.max_speed_kn.');
     END IF;
 END
 $$;
@@ -393,7 +393,7 @@ BEGIN
     IF (p_grow_mps BETWEEN 0 AND 1e6) IS NOT TRUE THEN
         PERFORM _refuse('ZC006', p_who, 'grow_mps',
                         format('must be a number of metres per second from 0 to 1e6; got %s', p_grow_mps),
-                        'track_growth_in_range', 'A haven that shrinks takes outlines.');
+                        'track_growth_in_range', 'Use outlines for a shrinking haven.');
     END IF;
     IF p_grow_mps > 0 AND p_outlines IS NOT NULL THEN
         PERFORM _refuse('ZC006', p_who, 'grow_mps', 'must not be given together with outlines',
@@ -403,7 +403,7 @@ BEGIN
     IF p_grow_mps > 0 AND (SELECT bool_or((c.dx ^ 2 + c.dy ^ 2 <= 1 / sind(0.5) ^ 2) IS NOT TRUE)
                            FROM _corners(p_outline) c) THEN
         PERFORM _refuse('ZC006', p_who, 'outline', 'has a corner sharper than 1 degree, which would grow into a spike',
-                        'outline_not_sharp', 'Blunt it, or give outlines instead of grow_mps.');
+                        'outline_not_sharp', 'Cut off the corner, or give outlines instead of grow_mps.');
     END IF;
     IF p_outlines IS NULL THEN
         RETURN;

@@ -43,7 +43,7 @@ BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.area_id <> OLD.area_id THEN
-            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the object and put it anew',
+            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
@@ -98,7 +98,7 @@ BEGIN
     IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
        OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
         PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
-                        'Leave an end out where there is none.');
+                        'Leave out a bound if there is none.');
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(0::smallint, NEW.area_id);
@@ -143,7 +143,7 @@ BEGIN
     END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
-            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the object and put it anew',
+            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
@@ -256,7 +256,7 @@ BEGIN
        AND (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
         PERFORM _refuse('42501', p_who, 'history_kept',
                         format('can be changed by the owner of the scene only, not by role %I', current_user),
-                        'history_owned', 'A shorter time removes history, also that of others.');
+                        'history_owned', 'A shorter time would remove history, also for other roles.');
     END IF;
 END
 $$;
@@ -274,7 +274,7 @@ BEGIN
                         'scene_name_valid');
     END IF;
     IF TG_OP = 'UPDATE' AND NEW.scene_id <> OLD.scene_id THEN
-        PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change; remove the scene and create it anew',
+        PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the scene and create it again',
                         'scene_stays');
     END IF;
     PERFORM _check_owner(v_who, CASE TG_OP WHEN 'UPDATE' THEN OLD.owner ELSE NEW.owner END, NEW.owner,

@@ -36,7 +36,7 @@ BEGIN
         END IF;
         IF v_turns > 1 THEN
             PERFORM _refuse('42501', format('scene %L', p_name), 'name',
-                            format('is that of a scene which role %I may not read', current_user), 'scene_name_unique');
+                            format('is used by a scene that role %I may not read', current_user), 'scene_name_unique');
         END IF;
         v_turns := v_turns + 1;
         INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)

@@ -78,7 +78,7 @@ BEGIN
     IF NOT _may_change(p_scene_id) THEN
         PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
                         format('lets role %I read it, but not change it', current_user), 'scene_changeable',
-                        format('Who owns it may run: SELECT conflictdb.share_scene(%L, %L, ''write'')', p_scene,
+                        format('Its owner may run: SELECT conflictdb.share_scene(%L, %L, ''write'')', p_scene,
                                current_user));
     END IF;
 END
@@ -123,8 +123,8 @@ CREATE OR REPLACE FUNCTION _check_role(p_who text, p_role text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
 BEGIN
     IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles r WHERE r.rolname::text = p_role) THEN
-        PERFORM _refuse('ZC009', p_who, 'role', format('%s is no role of this server', quote_nullable(p_role)),
-                        'role_known', 'Names are taken as they are: without quotes, and no letter is made small.');
+        PERFORM _refuse('ZC009', p_who, 'role', format('%s is not a role of this server', quote_nullable(p_role)),
+                        'role_known', 'Names are used literally: no quotes, case is kept.');
     END IF;
 END
 $$;

@@ -46,7 +46,7 @@ BEGIN
         PERFORM _refuse('ZC009', p_who, v_field, 'must be the name of a column or an SQL expression', 'map_expression');
     END IF;
     IF NOT p_map ? 'key' THEN
-        PERFORM _refuse('ZC009', p_who, 'key', 'is missing: which object a row is about', 'map_key');
+        PERFORM _refuse('ZC009', p_who, 'key', 'is missing: it identifies the object of a row', 'map_key');
     END IF;
     v_ways := CASE
         WHEN p_kind = 0 AND NOT p_map ? 'footprint' THEN 'footprint'
@@ -56,7 +56,7 @@ BEGIN
         PERFORM _refuse('ZC009', p_who, 'map', 'must give ' || v_ways, 'map_shape');
     END IF;
     IF p_map ?| '{position,time}' AND p_map ?| '{path,times,outlines,floors_m,ceilings_m}' THEN
-        PERFORM _refuse('ZC009', p_who, 'map', 'gives waypoints one by one, and what holds for a whole path too',
+        PERFORM _refuse('ZC009', p_who, 'map', 'must not mix fields of single waypoints and of whole paths',
                         'map_one_shape', 'With a row for each waypoint, outline and heights may differ by row.');
     END IF;
     IF p_map ? 'order' AND NOT p_map ? 'position' THEN
@@ -69,7 +69,7 @@ BEGIN
     IF p_kind = 1 AND NOT (p_map ?| '{outline,outlines}' OR p_map ?& '{fore_m,aft_m,port_m,starboard_m}') THEN
         PERFORM _refuse('ZC009', p_who, 'map',
                         'must give outline, outlines, or all of fore_m, aft_m, port_m, starboard_m', 'map_haven',
-                        'Constants will do: fore_m=50. A size of 0 everywhere is a point.');
+                        'Constants are accepted: fore_m=50. Sizes of 0 give a point.');
     END IF;
     IF p_map ?| '{outline,outlines}' AND p_map ?| '{fore_m,aft_m,port_m,starboard_m}' THEN
         PERFORM _refuse('ZC009', p_who, 'map', 'gives the haven twice, as an outline and as sizes', 'map_one_haven');
@@ -169,8 +169,8 @@ BEGIN
         END IF;
         PERFORM _refuse('ZC009', p_who, p_field, format('%s cannot be used: %s', quote_literal(p_text), SQLERRM),
                         'map_expression',
-                        'An expression of the columns of one row. Names that are no plain identifiers take double '
-                        'quotes, functions outside of pg_catalog, PostGIS and conflictdb their schema.');
+                        'Use an expression of the columns of one row. Quote names that are not plain identifiers; '
+                        'qualify functions outside of pg_catalog, PostGIS and conflictdb with their schema.');
     END;
     SELECT r.ev_action::text INTO v_tree FROM pg_catalog.pg_rewrite r WHERE r.ev_class = c_probe::regclass;
     v_rule := CASE
@@ -185,8 +185,7 @@ BEGIN
             JOIN pg_catalog.pg_proc p ON p.oid = f[1]::oid
             WHERE p.provolatile = 'v' OR p.provolatile = 's' AND p.pronamespace = 'pg_catalog'::regnamespace
                   AND NOT _depends_on_settings_alone(p.proname, p.proargtypes))
-            THEN 'must depend on nothing but the row: a volatile function, the time, a setting or the user change '
-                 'without it'
+            THEN 'must depend only on the row, not on a volatile function, the time, a setting or the user'
         -- 'now', 'today' and 'tomorrow' are valid instants.
         WHEN v_tree ~ '\{COERCEVIAIO ' AND EXISTS (
             SELECT FROM regexp_matches(v_tree, ':resulttype (\d+)', 'g') f
@@ -207,7 +206,7 @@ BEGIN
             CASE WHEN v_type IS NULL OR _cast_to(v_type, p_wanted) THEN ''
                  WHEN p_wanted = 'geometry'::regtype THEN 'ST_GeomFromText, ST_GeomFromGeoJSON or ST_Point make one.'
                  WHEN p_wanted = 'timestamptz'::regtype THEN
-                     'COLUMN AT TIME ZONE ''UTC'' says which instant a time is, to_timestamp(COLUMN) what seconds are.'
+                     'COLUMN AT TIME ZONE ''UTC'' converts a time without zone, to_timestamp(COLUMN) Unix seconds.'
                  WHEN p_wanted = 'tstzrange'::regtype THEN
                      'Or give start and end. tstzrange(lower(COLUMN) AT TIME ZONE ''UTC'', …) says which instants.'
                  ELSE '' END);

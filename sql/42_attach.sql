@@ -100,7 +100,8 @@ BEGIN
         PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
     END IF;
     IF v_table.nspname IN ('conflictdb', 'pg_catalog', 'information_schema') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'is none of a mission''s', 'attached_is_foreign');
+        PERFORM _refuse('ZC009', p_who, 'table', 'must not be a system table or belong to conflictdb',
+                        'attached_is_foreign');
     END IF;
     IF NOT has_table_privilege(p_table, 'SELECT') THEN
         PERFORM _refuse('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
@@ -108,7 +109,7 @@ BEGIN
     END IF;
     IF row_security_active(p_table) THEN
         PERFORM _refuse('ZC009', p_who, 'table',
-                        format('hides rows from role %I by row-level security, and others may be hidden tomorrow',
+                        format('hides rows from role %I by row-level security',
                                current_user), 'attached_whole',
                         'Attach it as its owner, as a role with BYPASSRLS, or attach a view of a role that sees all.');
     END IF;
@@ -119,7 +120,7 @@ BEGIN
             PERFORM _refuse('ZC009', p_who, 'table',
                             format('has a foreign partition, %s, whose changes no trigger sees', v_other),
                             'attached_watchable',
-                            'Say how often to look for changes in place of triggers: every.');
+                            'Give every, the interval at which to compare all rows instead.');
         END IF;
     END IF;
     PERFORM _check_attached_owner(p_who, p_table, p_has_triggers);
@@ -167,7 +168,7 @@ BEGIN
             FROM _map_expression(p_who, v_one.field, p_table, v_one.given, v_one.wanted) x;
     END LOOP;
     IF cardinality(identity_columns) = 0 OR array_position(identity_columns, NULL) IS NOT NULL THEN
-        PERFORM _refuse('ZC009', p_who, 'key', 'must be made of columns of the table, and name them', 'map_key');
+        PERFORM _refuse('ZC009', p_who, 'key', 'must be an expression of columns of the table', 'map_key');
     END IF;
     v_identity := _identity_of('t', identity_columns);
     -- All names written out from here on are qualified.

@@ -88,7 +88,7 @@ BEGIN
         WHEN v_role IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
         WHEN NOT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
                          WHERE n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name)
-            THEN 'there is no table of that name any more: detach it'
+            THEN 'the table no longer exists: detach it'
         WHEN p_attachment.has_triggers AND NOT _is_watched(p_attachment.attachment_id, p_attachment.table_schema,
                                                            p_attachment.table_name)
             THEN 'triggers are missing or disabled, maybe on a new partition: detach, and attach again'

@@ -174,7 +174,7 @@ BEGIN
         IF clock_timestamp() >= v_until THEN
             PERFORM _refuse('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
                             (SELECT s.remark FROM _scene_state(p_scene) s)), 'scene_current_in_time',
-                            'Is a worker running, and does the last run of the scene tell of an error?');
+                            'Is a worker running? Did the last run of the scene fail?');
         END IF;
         PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
     END LOOP;

@@ -10,8 +10,8 @@ BEGIN
        AND (v_owner IN (SELECT m.role FROM _my_role m)) IS NOT TRUE THEN
         PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
                         format('is %s, not role %I', coalesce('role ' || quote_ident(v_owner), 'nobody'), current_user),
-                        'scene_owned', 'Only who owns a scene shares it and gives it away, or who owns the database''s '
-                        'schema conflictdb.');
+                        'scene_owned', 'Only the owner of the scene or of schema conflictdb may share it or give '
+                        'it away.');
     END IF;
     RETURN v_scene_id;
 END
@@ -43,7 +43,7 @@ BEGIN
             SET may_write = excluded.may_write, shared_by = excluded.shared_by, shared_at = excluded.shared_at;
     IF NOT _is_protected() THEN
         RAISE NOTICE 'scenes are not protected in this database: every reader reads, and every editor changes, all'
-            USING HINT = 'Who owns schema conflictdb may run: SELECT conflictdb.protect_scenes()';
+            USING HINT = 'The owner of schema conflictdb may run: SELECT conflictdb.protect_scenes()';
     END IF;
 END
 $$;

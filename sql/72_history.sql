@@ -76,7 +76,7 @@ BEGIN
                            p_instant)
              FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL HAVING count(*) > 0),
             'asks for conflicts of a scene that was never detected'), 'history_reaches_instant',
-            'What was not detected is not known: that is not the same as no conflicts.');
+            'Before a detection, conflicts are unknown; there may be some.');
     END IF;
     IF coalesce(v_run_id, 0) < v_first_run_id THEN
         PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', format(

@@ -97,7 +97,7 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is no track of scene %L', p_scene),
+        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
     END IF;
     -- A waypoint belongs to the leg that starts there; the last waypoint to none.
@@ -139,7 +139,7 @@ BEGIN
     END IF;
     IF (p_step > interval '0') IS NOT TRUE THEN
         PERFORM _refuse('ZC003', c_who, 'p_step',
-                        format('must be longer than nothing; got %s', coalesce(p_step::text, 'null')),
+                        format('must be positive; got %s', coalesce(p_step::text, 'null')),
                         'havens_step_positive');
     END IF;
     -- In the SELECT list, where LIMIT stops the series; in FROM all rows would be computed first.

@@ -150,11 +150,11 @@ BEGIN
         v_by := CASE WHEN v_is_static THEN 'their shapes, while both are there' ELSE 'their motion' END;
         v_why := CASE v_conflict.verdict
             WHEN 'conflict' THEN CASE WHEN v_scene.separation_m > 0
-                                      THEN 'they come nearer than the separation that is wanted' ELSE 'they meet' END
-            WHEN 'grazing' THEN 'they come so close to the limit that it is too close to call within the tolerance'
+                                      THEN 'they come closer than the required separation' ELSE 'they meet' END
+            WHEN 'grazing' THEN 'they are within the tolerance of the limit: too close to call'
             WHEN 'near' THEN 'they do not meet, but come within nearest_m'
             ELSE CASE WHEN a.is_covered OR b.is_covered
-                      THEN 'one of them could not be cut into pieces: all that is known is when and how high it is'
+                      THEN 'one of them could not be cut into pieces: only its times and heights are known'
                       WHEN v_stage < 4 THEN format('method %s ends with stage %s, which cannot decide', v_method,
                                                    v_stage)
                       ELSE 'neither a contact nor a distance could be proven' END
@@ -176,7 +176,7 @@ BEGIN
         ELSIF NOT a.box && b.box THEN
             v_stage := 1;
             v_by := 'space';
-            v_why := 'the boxes around all that each of them ever covers do not meet';
+            v_why := 'the bounding boxes of all that they ever cover do not overlap';
         ELSIF v_left.in_boxes = 0 THEN
             v_stage := 1;
             v_by := 'space, time and height together';
@@ -184,11 +184,11 @@ BEGIN
         ELSIF v_left.in_hulls = 0 THEN
             v_stage := 2;
             v_by := 'space';
-            v_why := 'boxes of theirs meet, but nothing that pieces of both sweep at the same time';
+            v_why := 'boxes of their pieces overlap, but no hulls that they sweep at the same time';
         ELSE
             v_stage := v_last_stage;
             v_by := CASE WHEN v_is_static THEN 'their shapes' ELSE 'their motion' END;
-            v_why := 'they are proven to stay further apart than what counts as a conflict';
+            v_why := 'they are proven to stay further apart than the limit of a conflict';
         END IF;
         -- Only exact and nlp prove distances, and only for pairs that share time and heights.
         IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' THEN
@@ -230,7 +230,7 @@ BEGIN
                          'left to stage 4: with a separation nothing is decided in closed form'
                      WHEN v_method = 'exact' THEN
                          'asked of pieces that move evenly, in closed form; the others are left to stage 4'
-                     ELSE 'asked; what it said of each pair of pieces is not kept' END),
+                     ELSE 'done; results of single pairs of pieces are not stored' END),
             jsonb_build_object('stage', 4, 'asks', 'exactly when do they meet?', 'says',
                 CASE WHEN v_left.in_hulls = 0 THEN 'not asked: nothing was left'
                      WHEN v_last_stage < 4 THEN
@@ -275,7 +275,7 @@ BEGIN ATOMIC
             || coalesce(', at ' || _shown((j #>> '{closest,at}')::timestamptz), ''),
             CASE WHEN (j ->> 'are_never_together')::boolean THEN 'never there at the same time and height' END,
             'further apart than ' || (j ->> 'further_than_m') || ' m',
-            'not kept; `conflictdb explain` finds it out, a detection with nearest_m keeps it'),
+            'not stored; `conflictdb explain` computes it, a detection with nearest_m stores it'),
         '  decided by stage ' || (j #>> '{decided_by,stage}') || ': ' || (j #>> '{decided_by,by}'),
         (SELECT string_agg(format('  stage %s: %s %s', s ->> 'stage', s ->> 'asks',
                                   coalesce(s ->> 'says', format('%s of %s pairs of pieces', s ->> 'left',

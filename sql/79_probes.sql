@@ -76,7 +76,7 @@ BEGIN
     END IF;
     -- Infinite instants cannot be converted to microseconds.
     IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
-        PERFORM _refuse('ZC003', c_who, 'span', 'must not begin or end for ever', 'span_finite');
+        PERFORM _refuse('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');
     END IF;
 END
 $$;
@@ -129,7 +129,7 @@ DECLARE
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
     IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
-        PERFORM _refuse('ZC013', c_who, 'answered_at', 'is for workers to say', 'probe_unanswered');
+        PERFORM _refuse('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
     IF NEW.object_kind = 0 THEN
@@ -219,7 +219,7 @@ BEGIN
         SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
             FROM probe_request p WHERE p.probe_id = p_probe_id;
         IF NOT FOUND THEN
-            PERFORM _refuse('ZC011', v_who, 'probe_id', 'is no question that this role asked in the last hour',
+            PERFORM _refuse('ZC011', v_who, 'probe_id', 'is not a request of this role within the last hour',
                             'probe_known');
         END IF;
         EXIT WHEN v_request.answered_at IS NOT NULL;

@@ -266,7 +266,7 @@ COMMENT ON COLUMN acknowledgement.ended_at IS 'When it was withdrawn or replaced
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it for its transaction. Only workers may lock it.';
 COMMENT ON COLUMN scene_lock.scene_id IS 'Scene.';
-COMMENT ON COLUMN scene_lock.taken IS 'Number of detections that committed work under this lock.';
+COMMENT ON COLUMN scene_lock.taken IS 'Number of transactions that took the lock and committed.';
 
 COMMENT ON TABLE attachment IS 'Tables attached to scenes. Query the view attachments.';
 COMMENT ON COLUMN attachment.attachment_id IS 'Id, part of the names of its triggers and function.';
@@ -307,4 +307,4 @@ COMMENT ON COLUMN attached_object.reason IS
 'Why the current rows do not make an object; null if they do.';
 COMMENT ON COLUMN attached_object.is_taken IS
 'Whether another object has its key; it is retried when the key is free.';
-COMMENT ON COLUMN attached_object.since IS 'When the current result or reason was first recorded.';
+COMMENT ON COLUMN attached_object.since IS 'When the object was last made, or since when it cannot be made.';

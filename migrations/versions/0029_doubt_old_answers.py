@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "30837437928a42b13a3b32fa65968522d15ce098d48cb1da77caf814f087b6a2"
+routines_sha256 = "37158c8dc1c34bfb1d3a1aaf355c32055bf825e9f299cf855aae45926dbf93cd"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
