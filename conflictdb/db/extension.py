@@ -12,9 +12,6 @@ from typing import Final
 from conflictdb.db import schema
 from conflictdb.errors import ServerError
 
-# The first revision that was there as an extension: none earlier needs an update script.
-FIRST_VERSION: Final = "0022"
-
 _CONTROL: Final = """\
 comment = 'which plans interfere, where, and exactly when: moving and static areas'
 default_version = '{version}'
@@ -111,7 +108,7 @@ def files() -> Iterator[tuple[str, str]]:
     yield "conflictdb.control", _CONTROL.format(version=newest)
     yield f"conflictdb--{newest}.sql", _install_script()
     for earlier in schema.revisions():
-        if FIRST_VERSION <= earlier < newest:
+        if earlier < newest:
             yield f"conflictdb--{earlier}--{newest}.sql", _update_script(earlier)
 
 

@@ -38,6 +38,11 @@ _SAY_AFTER_S: Final = 5.0
 _LOOK_EVERY_S: Final = 0.1
 # Alembic keeps what it does in global variables: one thread at a time. Other programs wait at the database's lock.
 _ALEMBIC: Final = threading.Lock()
+# Revisions made before the first release were squashed into 0001 and 0002: databases at one of them are not upgraded.
+_FROM_BEFORE_RELEASE: Final = (
+    "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
+    "EXTENSION conflictdb), then `conflictdb init`, and load them"
+)
 _HOLDERS: Final = """
 SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
 FROM pg_catalog.pg_stat_activity a
@@ -308,6 +313,8 @@ def upgrade(dsn: str) -> str:
         if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
             return found
         store.require_writable(conn)
+        if found is not None:
+            _check_released(conn)
         if _is_extension(conn):
             _update_extension(conn, str(found))
             return head()
@@ -520,7 +527,17 @@ def _check_known(found: str, database: str) -> None:
     if found not in revisions():
         raise SchemaTooNew(
             f"the conflictdb schema of database {database!r} is at revision {found}, which this program does not know "
-            f"(it knows up to {head()}): install a newer conflictdb"
+            f"(it knows up to {head()}): install a newer conflictdb, or if the database was made before the first "
+            f"release, {_FROM_BEFORE_RELEASE}"
+        )
+
+
+def _check_released(conn: psycopg.Connection[Any]) -> None:
+    """Raise SchemaOutdated for a schema at a former revision 0001 or 0002; the present ones have all tables."""
+    if _one(conn, "SELECT to_regclass('conflictdb.scene_share') IS NULL") is True:
+        raise SchemaOutdated(
+            f"the conflictdb schema of database {conn.info.dbname!r} was made before the first release: "
+            f"{_FROM_BEFORE_RELEASE}"
         )
 
 

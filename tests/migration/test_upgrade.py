@@ -122,31 +122,6 @@ def test_stepwise_upgrade_is_the_fresh_install(empty_dsn: str, other_dsn: str, n
         assert conn.execute("SELECT conflictdb.scene_note('0001')").fetchone() == ("none: 100% :x",)
 
 
-def test_history_begins_with_what_is_known_at_the_upgrade(empty_dsn: str) -> None:
-    """A conflict that was there opened when it was found; what else was known before nobody can tell."""
-    alembic_do(empty_dsn, alembic.command.upgrade, "0023")
-    with psycopg.connect(empty_dsn) as conn:
-        conn.execute("INSERT INTO conflictdb.scene (name) VALUES ('s')")
-        conn.execute(
-            """INSERT INTO conflictdb.run (scene_id, started_at, finished_at, method, settings, objects, conflicts)
-               SELECT 1, t, t, 'exact', '{}', 2, 1 FROM unnest('{2026-01-01, 2026-01-02}'::timestamptz[]) t"""
-        )
-        conn.execute(
-            """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id,
-                                                b_version, b_key, periods, verdict, method, time_error_s, found_at)
-               VALUES (1, 1, 0, 1, 1, 'A', 0, 2, 2, 'B', '{(,)}', 'conflict', 'exact', 0, '2025-12-31')"""
-        )
-    schema.upgrade(empty_dsn)
-    known = "SELECT a_key, b_key, opened_at = '2025-12-31' FROM conflictdb.conflicts_known_at('s', %s)"
-    with psycopg.connect(empty_dsn) as conn:
-        assert conn.execute(known, ["2026-01-02"]).fetchall() == [("A", "B", True)]
-        assert conn.execute("SELECT changed_at, opened_at = found_at FROM conflictdb.conflicts").fetchall() == [
-            (None, True)
-        ]
-        with pytest.raises(psycopg.Error, match="is before what is kept of its history, which begins at 2026-01-02"):
-            conn.execute(known, ["2026-01-01"])
-
-
 @pytest.mark.parametrize("revision", schema.revisions()[:-1])
 def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
     empty_dsn: str, revision: str, capsys: pytest.CaptureFixture[str]
@@ -285,6 +260,28 @@ def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
         schema.check(conn)
     with pytest.raises(SchemaTooNew, match="install a newer conflictdb"):
         schema.upgrade(dsn)
+
+
+@pytest.mark.parametrize("revision", ["0003", "0028", "0029"])
+def test_a_revision_from_before_the_first_release_is_refused(dsn: str, revision: str) -> None:
+    """Revisions 0001 to 0029 of then are 0001 and 0002 now; the message says how to go on."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", [revision])
+    with pytest.raises(SchemaTooNew, match="before the first release, export its scenes .* DROP SCHEMA .* init"):
+        schema.upgrade(dsn)
+
+
+@pytest.mark.parametrize("revision", ["0001", "0002"])
+def test_a_former_revision_of_the_same_number_is_refused(dsn: str, revision: str) -> None:
+    """It lacks tables that the present revision 0001 has."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute("DROP TABLE conflictdb.scene_share CASCADE")
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", [revision])
+        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
+    with pytest.raises(SchemaOutdated, match="made before the first release: export its scenes .* DROP SCHEMA"):
+        schema.upgrade(dsn)
+    with psycopg.connect(dsn) as conn:
+        assert schema.revision(conn) == revision
 
 
 def test_missing_schema_is_said(empty_dsn: str) -> None:

@@ -2,8 +2,8 @@
 
 from alembic import op
 
-revision = "0029"
-down_revision = "0028"
+revision = "0002"
+down_revision = "0001"
 branch_labels = None
 depends_on = None
 
@@ -13,7 +13,7 @@ routines_sha256 = "37158c8dc1c34bfb1d3a1aaf355c32055bf825e9f299cf855aae45926dbf9
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
 
-# Their arguments or results change; sql/ makes what follows them.
+# Their arguments or results change; sql/ creates the new ones.
 REPLACED_ROUTINES = (
     "_approaches(text, boolean, text[])",
     "_conflicts(text, timestamptz, boolean, text[])",
