@@ -100,7 +100,7 @@ BEGIN
         PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
     END IF;
     IF v_table.nspname IN ('conflictdb', 'pg_catalog', 'information_schema') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'must not be a system table or belong to conflictdb',
+        PERFORM _refuse('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
                         'attached_is_foreign');
     END IF;
     IF NOT has_table_privilege(p_table, 'SELECT') THEN

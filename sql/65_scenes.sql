@@ -55,9 +55,9 @@ COMMENT ON COLUMN scenes.scene IS 'Name of the scene.';
 COMMENT ON COLUMN scenes.motion IS 'Shape of tracks and edges between their points: rhumb or great_circle.';
 COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere.';
 COMMENT ON COLUMN scenes.centre_lon IS
-'great_circle: longitude of the centre, degrees; null for rhumb, and until the first object.';
+'great_circle: longitude of the centre, degrees; null for rhumb, and until it is given or the first object sets it.';
 COMMENT ON COLUMN scenes.centre_lat IS
-'great_circle: latitude of the centre, degrees; null for rhumb, and until the first object.';
+'great_circle: latitude of the centre, degrees; null for rhumb, and until it is given or the first object sets it.';
 COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, exact or nlp.';
 COMMENT ON COLUMN scenes.tolerance_m IS
 'Tolerance, metres: pairs whose clearance is within it may be reported as grazing.';

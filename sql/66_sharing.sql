@@ -49,8 +49,8 @@ END
 $$;
 COMMENT ON FUNCTION share_scene(text, text, text) IS
 'Lets a role and its members read, or also change (p_access write), a scene; role public: every role. Takes effect '
-'once scenes are protected (protect_scenes). Only for the owner of the scene. The role also needs conflictdb_reader, '
-'or conflictdb_editor to write.';
+'once scenes are protected (protect_scenes). Only for the owner of the scene or of schema conflictdb. The role also '
+'needs conflictdb_reader, or conflictdb_editor to write.';
 
 CREATE OR REPLACE FUNCTION unshare_scene(p_scene text, p_role text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
@@ -63,7 +63,7 @@ END
 $$;
 COMMENT ON FUNCTION unshare_scene(text, text) IS
 'Withdraws a share from a role, even if the role no longer exists; returns whether there was one. Only for the owner '
-'of the scene.';
+'of the scene or of schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION give_scene(p_scene text, p_role text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$

@@ -11,9 +11,9 @@ COMMENT ON COLUMN scene.motion IS 'Shape of tracks and edges between their point
 COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
 COMMENT ON COLUMN scene.centre_lon IS
 'great_circle: longitude of the gnomonic plane''s centre, degrees; all objects lie within 60 degrees of it. Null for '
-'rhumb, and until the first object.';
+'rhumb, and until it is given or the first object sets it.';
 COMMENT ON COLUMN scene.centre_lat IS
-'great_circle: latitude of the centre, degrees. Null for rhumb, and until the first object.';
+'great_circle: latitude of the centre, degrees. Null for rhumb, and until it is given or the first object sets it.';
 COMMENT ON COLUMN scene.method IS
 'Where a detection stops: screen (who might meet), exact (certified times), '
 'nlp (certified times, found by the published program).';
@@ -145,7 +145,8 @@ COMMENT ON COLUMN run.window_pairs IS
 'Pairs of pieces that stage 3 leaves, which shows the others apart, and pairs of areas; null if the run failed.';
 COMMENT ON COLUMN run.solved_pairs IS 'Pairs of pieces that stage 4 decided; null if the run failed.';
 COMMENT ON COLUMN run.conflicts IS 'Conflicts of the scene after the run; null if it failed.';
-COMMENT ON COLUMN run.unresolved IS 'Unresolved pairs among these conflicts; null if the run failed.';
+COMMENT ON COLUMN run.unresolved IS
+'Unresolved pairs among the conflicts of the scene after the run; null if the run failed.';
 COMMENT ON COLUMN run.opened IS 'New conflicts; null if the run failed.';
 COMMENT ON COLUMN run.changed IS
 'Conflicts whose verdict or a key changed, or whose periods changed by more than their error; null if the run failed.';

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "37158c8dc1c34bfb1d3a1aaf355c32055bf825e9f299cf855aae45926dbf93cd"
+routines_sha256 = "af81457291bcbf99e3232fe1fe9cd90312c1d187949f79f5b4c12e2d8b03e335"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
