@@ -267,7 +267,7 @@ def test_a_revision_from_before_the_first_release_is_refused(dsn: str, revision:
     """Revisions 0001 to 0029 of then are 0001 and 0002 now; the message says how to go on."""
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", [revision])
-    with pytest.raises(SchemaTooNew, match="before the first release, export its scenes .* DROP SCHEMA .* init"):
+    with pytest.raises(SchemaTooNew, match=r"before the first release, export its scenes .* DROP SCHEMA .* init"):
         schema.upgrade(dsn)
 
 
@@ -278,7 +278,7 @@ def test_a_former_revision_of_the_same_number_is_refused(dsn: str, revision: str
         conn.execute("DROP TABLE conflictdb.scene_share CASCADE")
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", [revision])
         conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
-    with pytest.raises(SchemaOutdated, match="made before the first release: export its scenes .* DROP SCHEMA"):
+    with pytest.raises(SchemaOutdated, match=r"made before the first release: export its scenes .* DROP SCHEMA"):
         schema.upgrade(dsn)
     with psycopg.connect(dsn) as conn:
         assert schema.revision(conn) == revision
