@@ -149,7 +149,7 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
         assert db.connection.execute(state).fetchall() == [(True, 2, 0)]
 
 
-# A scene of the release before 0029, detected by a method that is gone.
+# A scene of the release before 0002, detected by a method that is gone.
 OF_WINDOW = """
 ALTER TABLE conflictdb.scene DISABLE TRIGGER USER;
 ALTER TABLE conflictdb.scene DROP CONSTRAINT scene_method_known;
@@ -160,7 +160,7 @@ UPDATE conflictdb.run SET method = 'window';
 UPDATE conflictdb.conflict SET method = 'window';
 ALTER TABLE conflictdb.scene ENABLE TRIGGER USER;
 DELETE FROM conflictdb.change;
-UPDATE conflictdb.alembic_version SET version_num = '0028';
+UPDATE conflictdb.alembic_version SET version_num = '0001';
 """
 
 
